@@ -36,7 +36,7 @@ import numpy as np
 import rclpy
 from arguments import at_least
 from console_runs.scene import camera_like
-from console_runs.watchers import page_of, relay, taker
+from console_runs.watchers import page_of, receiver, relay
 from diagnostic_msgs.msg import DiagnosticArray
 from frame_loss import SIZES, START_TIMEOUT, Camera, moving_over, play
 from node_runs.processes import bare_command, cpu_ms, process
@@ -168,7 +168,7 @@ def turn_of(
         if way == NO_BROWSER:
             return measure(frames, seconds, tracker, console)
         if way == ELSEWHERE:
-            with taker(PORT):
+            with receiver(PORT):
                 return measure(frames, seconds, tracker, console)
         with page_of(browser, PORT if way == BROWSER else RELAY_PORT) as page:
             return measure(frames, seconds, tracker, console, page)

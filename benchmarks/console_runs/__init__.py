@@ -1,1 +1,1 @@
-"""Who looks at the console's page, and how."""
+"""Camera, links and browsers of the console's benchmarks."""

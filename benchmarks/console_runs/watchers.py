@@ -18,7 +18,7 @@ import aiohttp
 from playwright.sync_api import Browser
 
 LINK_BYTES = 5e6 / 8
-# Seconds that a page takes to draw a picture.
+# Seconds that a page needs to draw a picture.
 DRAWING = 0.02
 NOTE_FRAMES = """() => {
   window.ages = [];
@@ -32,14 +32,14 @@ NOTE_FRAMES = """() => {
 
 @contextmanager
 def relay(port: int, console: int) -> Iterator[None]:
-    """A link of 5 Mbit/s from one port to that of the console, as long as it is open."""
+    """A relay with 5 Mbit/s from a port to the console's, while the context is open."""
     server = socket.create_server(("127.0.0.1", port))
 
     def forward(source: socket.socket, sink: socket.socket, rate: float) -> None:
         with contextlib.suppress(OSError), source, sink:
-            while octets := source.recv(4096):
-                time.sleep(len(octets) / rate)
-                sink.sendall(octets)
+            while data := source.recv(4096):
+                time.sleep(len(data) / rate)
+                sink.sendall(data)
 
     def accept() -> None:
         with contextlib.suppress(OSError):
@@ -47,7 +47,7 @@ def relay(port: int, console: int) -> Iterator[None]:
                 browser, _ = server.accept()
                 server_side = socket.socket()
                 server_side.bind(("127.0.0.2", 0))
-                # What waits in buffers is old when it comes.
+                # A large buffer would add latency.
                 server_side.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)
                 server_side.connect(("127.0.0.1", console))
                 for ends in ((server_side, browser, LINK_BYTES), (browser, server_side, 1e9)):
@@ -60,12 +60,12 @@ def relay(port: int, console: int) -> Iterator[None]:
         server.close()
 
 
-def take_pictures(port: int, taken: Synchronized[int]) -> None:
-    """Take and count every picture as the page does, and draw none."""
+def receive_pictures(port: int, count: Synchronized[int]) -> None:
+    """Receive, count and acknowledge every picture, without drawing it."""
 
-    async def take() -> None:
+    async def receive() -> None:
         origin = f"http://127.0.0.1:{port}"
-        # An address that is not the console's, as one elsewhere has.
+        # Another address than the console's, so that it counts as a remote browser.
         connector = aiohttp.TCPConnector(local_addr=("127.0.0.2", 0))
         async with (
             aiohttp.ClientSession(connector=connector) as session,
@@ -73,35 +73,35 @@ def take_pictures(port: int, taken: Synchronized[int]) -> None:
         ):
             async for message in page:
                 if message.type == aiohttp.WSMsgType.BINARY:
-                    taken.value += 1
+                    count.value += 1
                     await asyncio.sleep(DRAWING)
-                    await page.send_json({"type": "shown"})
+                    await page.send_json({"type": "frame_ack"})
                 elif json.loads(message.data)["type"] == "welcome":
-                    await page.send_json({"type": "welcomed"})
+                    await page.send_json({"type": "welcome_ack"})
                     await page.send_json({"type": "view", "width": 1280})
 
-    asyncio.run(take())
+    asyncio.run(receive())
 
 
 @contextmanager
-def taker(port: int) -> Iterator[None]:
-    """Somebody who takes the pictures, in a process of its own."""
+def receiver(port: int) -> Iterator[None]:
+    """A browser without drawing, in a process of its own."""
     context = multiprocessing.get_context("spawn")
-    taken = context.Value("l", 0)
-    process = context.Process(target=take_pictures, args=(port, taken))
+    count = context.Value("l", 0)
+    process = context.Process(target=receive_pictures, args=(port, count))
     process.start()
     try:
         yield
     finally:
         process.kill()
         process.join()
-    if not taken.value:
+    if not count.value:
         raise RuntimeError("the console sent no pictures")
 
 
 @contextmanager
 def page_of(browser: Browser, port: int) -> Iterator[Any]:
-    """A page of the console that notes when it has drawn what."""
+    """A page of the console that records the time and age of each drawn frame."""
     page = browser.new_page()
     page.goto(f"http://127.0.0.1:{port}/")
     page.evaluate(NOTE_FRAMES)

@@ -1,1 +1,1 @@
-"""What the web pages of this package share: who may use them, how they are served, drawing."""
+"""Shared by the web pages of this package: access control, serving, the box editor."""

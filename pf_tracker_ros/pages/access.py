@@ -1,8 +1,10 @@
-"""Who may use the page: which names it answers to, which pages may talk to it, with which token.
+"""Access control of the web pages, against cross-site requests and DNS rebinding.
 
-A page of any other origin can make a browser send requests here, and a name that an attacker owns
-can be made to lead to this machine. So each request has to name this machine in its `Host`, and
-what drives the tracker has to come from a page that was served under that same name.
+1. The header `Host` of each request has to name this machine. This stops DNS rebinding, where an
+   attacker's name resolves to this machine's address.
+2. A request that controls the tracker needs the header `Origin` of a page served under the same
+   name. This stops requests from pages of other sites in the same browser.
+3. Beyond the loopback, each request needs the access token.
 """
 
 from __future__ import annotations
@@ -24,14 +26,14 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Sent with every answer."""
+"""Sent with every response."""
 
 
 class Access:
-    """Decides on requests by what their headers say.
+    """Decides on requests by their headers.
 
     Attributes:
-        token: That a browser has to bring; empty where only this machine can reach the page.
+        token: The required access token; empty if only this machine can reach the page.
 
     Args:
         host: Address or name that the page is served on.
@@ -44,7 +46,7 @@ class Access:
         self._names = {host.lower(), machine, f"{machine.partition('.')[0]}.local"}
 
     def host_refusal(self, host: str) -> str:
-        """Why a request is refused for its `Host` header, or empty.
+        """The reason to refuse a request for its `Host` header, or empty.
 
         Args:
             host: The header, with or without a port.
@@ -56,7 +58,7 @@ class Access:
         return f"this page is not served under the name {host!r}; open it by {allowed}"
 
     def origin_refusal(self, origin: str | None, host: str) -> str:
-        """Why a request that could drive the tracker is refused for where it comes from, or empty.
+        """The reason to refuse a controlling request for its `Origin` header, or empty.
 
         Args:
             origin: The header `Origin`, None without one.
@@ -69,23 +71,23 @@ class Access:
                 parts = urlsplit("")
             if parts.scheme in ("http", "https") and parts.netloc.lower() == host.lower():
                 return ""
-        named = origin.encode(errors="backslashreplace").decode() if origin else "unknown origin"
-        return f"a page of {named} may not drive this one"
+        name = origin.encode(errors="backslashreplace").decode() if origin else "unknown origin"
+        return f"a page of {name} may not control this one"
 
     def admits(self, token: str | None) -> bool:
-        """Whether a token, None without one, is the one that is asked for, if any is."""
+        """Whether a token is valid, or none is required."""
         if not self.token:
             return True
         given = (token or "").encode(errors="surrogatepass")
         return secrets.compare_digest(given, self.token.encode())
 
     def _is_own(self, name: str) -> bool:
-        # An address cannot be made to lead elsewhere, as a name can.
+        # Any address is safe: DNS rebinding needs a name.
         return name in self._names or _address(name) is not None
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a name or address without a port is that of the loopback."""
+    """Whether a name or address, without a port, is of the loopback."""
     if host.lower() == "localhost":
         return True
     address = _address(host)
@@ -93,10 +95,10 @@ def is_loopback(host: str) -> bool:
 
 
 def host_name(host: str) -> str:
-    """The name or address in a `Host` header, in lower case; empty if it holds none."""
+    """The name or address in a `Host` header, in lower case; empty if the header is invalid."""
     try:
         parts = urlsplit(f"//{host}")
-        # Raises where the port is none.
+        # Raises for an invalid port.
         _ = parts.port
     except ValueError:
         return ""

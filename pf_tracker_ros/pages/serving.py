@@ -1,4 +1,4 @@
-"""Serves the files of a page, and what else a page asks for, to whoever may have it."""
+"""A web application with the files of a page and access control for every request."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _INDEX = "index.html"
 
 
 class Site:
-    """A page with all that is asked of its server; everything is guarded alike.
+    """The web application of a page.
 
     Attributes:
-        application: Further routes go in here.
-        port: That it is served on, 0 before.
+        application: Takes further routes.
+        port: The port that it is served on, 0 before.
 
     Args:
-        access: Who may use it.
-        page: Folder with the files of the page, to which those come that all pages share.
+        access: Access control.
+        page: Folder with the files of the page; the shared files are added.
     """
 
     def __init__(self, access: Access, page: Path) -> None:
@@ -38,17 +38,17 @@ class Site:
         self._access = access
         for path in sorted([*page.iterdir(), *_SHARED.iterdir()]):
             name = "" if path.name == _INDEX else path.name
-            self.application.router.add_get(f"/{name}", _file(path))
+            self.application.router.add_get(f"/{name}", _file_handler(path))
 
     async def serve(self, host: str, port: int) -> web.AppRunner:
-        """Begin to serve.
+        """Start to serve.
 
         Args:
             host: Address or name to serve on.
-            port: To serve on; 0 takes a free one.
+            port: To serve on; 0 selects a free one.
 
         Returns:
-            What ends it when it is cleaned up.
+            The runner; its `cleanup` stops the server.
 
         Raises:
             OSError: The address cannot be served on.
@@ -64,10 +64,10 @@ class Site:
         return runner
 
     def check_origin(self, request: web.Request) -> None:
-        """Refuse what only a page that was served here may ask for.
+        """Refuse a request of another origin.
 
         Raises:
-            HTTPForbidden: Another page asks for it.
+            HTTPForbidden: The request has another origin, or none.
         """
         host = request.headers.get("Host", "")
         if refusal := self._access.origin_refusal(request.headers.get("Origin"), host):
@@ -79,31 +79,30 @@ class Site:
         request: web.Request,
         handler: Callable[[web.Request], Awaitable[web.StreamResponse]],
     ) -> web.StreamResponse:
-        """Let nobody in who may not be."""
+        """Check the host and the token of every request."""
         host = request.headers.get("Host", "")
         if refusal := self._access.host_refusal(host):
             raise web.HTTPForbidden(text=refusal)
         cookie = f"console_{self.port}"
         given = request.query.get("token")
         if given is not None and self._access.token and self._access.admits(given):
-            answer = web.HTTPSeeOther("/")
-            answer.set_cookie(cookie, self._access.token, httponly=True, samesite="Lax")
-            raise answer
+            redirect = web.HTTPSeeOther("/")
+            redirect.set_cookie(cookie, self._access.token, httponly=True, samesite="Lax")
+            raise redirect
         if not self._access.admits(request.cookies.get(cookie)):
             raise web.HTTPUnauthorized(
-                text="This page asks for an access token: open the link that the console wrote on "
-                "its terminal."
+                text="This page needs an access token: open the link in the log of the console."
             )
         return await handler(request)
 
 
-def _file(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:
+def _file_handler(path: Path) -> Callable[[web.Request], Awaitable[web.Response]]:
     content, kind = path.read_bytes(), _KINDS[path.suffix]
 
-    async def answer(request: web.Request) -> web.Response:
+    async def handle(request: web.Request) -> web.Response:
         return web.Response(body=content, content_type=kind, charset="utf-8")
 
-    return answer
+    return handle
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:

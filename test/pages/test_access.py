@@ -1,4 +1,4 @@
-"""Which requests are let in, by their headers alone."""
+"""Access control by the headers of a request."""
 
 import pytest
 
@@ -8,8 +8,8 @@ OWN = "127.0.0.1:8642"
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1:8642", "[::1]:9000", "LOCALHOST:1"])
-def test_the_loopback_is_let_in_under_its_names_and_any_port(host):
-    """Another port is that of a tunnel, such as `ssh -L 9000:localhost:8642` makes."""
+def test_the_loopback_is_admitted_under_its_names_and_any_port(host):
+    """A tunnel has another port, such as with `ssh -L 9000:localhost:8642`."""
     assert Access("127.0.0.1").host_refusal(host) == ""
 
 
@@ -28,11 +28,11 @@ def test_the_loopback_is_let_in_under_its_names_and_any_port(host):
         "localhost/..",
     ],
 )
-def test_a_name_that_was_made_to_lead_here_is_refused(host):
+def test_other_host_names_are_refused(host):
     assert repr(host) in Access("127.0.0.1").host_refusal(host)
 
 
-def test_opened_wider_it_answers_to_addresses_and_to_its_own_name_alone(monkeypatch):
+def test_beyond_the_loopback_addresses_and_own_names_are_admitted(monkeypatch):
     monkeypatch.setattr("socket.gethostname", lambda: "Robot.example.org")
     access = Access("0.0.0.0")
     for host in ("192.168.1.5:8642", "robot.example.org", "robot.local:8642", "localhost:8642"):
@@ -41,7 +41,7 @@ def test_opened_wider_it_answers_to_addresses_and_to_its_own_name_alone(monkeypa
         assert access.host_refusal(host)
 
 
-def test_only_a_page_of_the_same_origin_may_drive():
+def test_only_the_same_origin_may_control_the_tracker():
     access = Access("127.0.0.1")
     assert access.origin_refusal(f"http://{OWN}", OWN) == ""
     assert access.origin_refusal(f"HTTPS://{OWN}", OWN) == ""
@@ -55,21 +55,21 @@ def test_only_a_page_of_the_same_origin_may_drive():
         f"http://{OWN}.attacker.example",
         f"file://{OWN}",
         "http://[",
-        # As octets come that are no UTF-8.
+        # Bytes that are not UTF-8.
         "http://\udcff\udcfe",
     ):
-        assert b"may not drive" in access.origin_refusal(origin, OWN).encode()
+        assert b"may not control" in access.origin_refusal(origin, OWN).encode()
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "127.1.2.3", "::1", "localhost"])
-def test_the_loopback_asks_for_no_token(host):
+def test_the_loopback_needs_no_token(host):
     access = Access(host)
     assert access.token == ""
     assert access.admits(None)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.5", "robot.local"])
-def test_anything_wider_asks_for_a_token_that_is_new_each_time(host):
+def test_beyond_the_loopback_a_new_token_is_required_each_time(host):
     access = Access(host)
     assert len(access.token) >= 32
     assert access.token != Access(host).token
@@ -78,13 +78,13 @@ def test_anything_wider_asks_for_a_token_that_is_new_each_time(host):
         assert not access.admits(wrong)
 
 
-def test_the_policy_lets_nothing_in_from_elsewhere_and_nothing_inline():
+def test_the_policy_allows_no_other_origin_and_nothing_inline():
     rules = dict(rule.split(" ", 1) for rule in CONTENT_SECURITY_POLICY.split("; "))
     assert rules["default-src"] == "'none'"
     assert set(rules.values()) == {"'none'", "'self'"}
 
 
-def test_a_header_with_more_than_a_name_holds_none():
+def test_a_header_with_more_than_a_host_is_invalid():
     assert host_name("Localhost:80") == "localhost"
     assert host_name("[::1]:80") == "::1"
     for host in ("user@localhost", "localhost:99999999", "localhost?x", "localhost#x"):

@@ -1,4 +1,4 @@
-"""The targets drawn on a page: `track --draw`, by HTTP and in a real headless Chromium."""
+"""`track --draw`: targets drawn on a page, by HTTP and in a real headless Chromium."""
 
 import http.client
 import json
@@ -39,11 +39,11 @@ sys.exit(main(sys.argv[1:]))
 """
 
 
-class Desk:
-    """A `track --draw` that waits for a target; without any ROS.
+class DrawCommand:
+    """A `track --draw` that waits for a target; without ROS.
 
     Attributes:
-        process: Of the command.
+        process: The command.
         address: Of its page.
     """
 
@@ -61,18 +61,18 @@ class Desk:
         self.address = found[0]
 
     def ask(self, path, method="GET", body=None, **headers):
-        """Status, headers and body of the answer to a request."""
+        """Status, headers and body of the response to a request."""
         parts = urlsplit(self.address)
         connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=DEADLINE)
         try:
             connection.request(method, path, body, headers)
-            answer = connection.getresponse()
-            return answer.status, dict(answer.getheaders()), answer.read()
+            response = connection.getresponse()
+            return response.status, dict(response.getheaders()), response.read()
         finally:
             connection.close()
 
     def send(self, path, body="", origin=None):
-        """Status and text of the answer to what a page sends."""
+        """Status and text of the response to a POST request."""
         origin = origin or self.address.strip("/")
         status, _, text = self.ask(path, "POST", body, Origin=origin)
         return status, text.decode()
@@ -84,44 +84,44 @@ class Desk:
         return self.send("/targets", json.dumps({"targets": targets}))
 
     def end(self):
-        """Exit code, output and errors, once it has ended."""
-        said, errors = self.process.communicate(timeout=DEADLINE)
-        return self.process.returncode, said, errors
+        """Wait for the end, and return exit code, output and errors."""
+        output, errors = self.process.communicate(timeout=DEADLINE)
+        return self.process.returncode, output, errors
 
 
 @pytest.fixture
-def ask_for_target():
-    """Starts the command; what still runs after the test is killed."""
-    desks = []
+def start_draw():
+    """A function that starts the command; it is killed after the test."""
+    commands = []
 
     def start(*arguments):
-        desks.append(Desk(*arguments))
-        return desks[-1]
+        commands.append(DrawCommand(*arguments))
+        return commands[-1]
 
     yield start
-    for desk in desks:
-        desk.process.kill()
-        desk.process.communicate()
+    for command in commands:
+        command.process.kill()
+        command.process.communicate()
 
 
 @pytest.fixture
 def images(moving_square_sequence):
-    """A recording without any target."""
+    """A recording without a target."""
     return moving_square_sequence / "img"
 
 
 @pytest.fixture
-def open_desk(browser):
-    """Opens the page of a desk; at the end, none may have complained."""
+def open_page(browser):
+    """A function that opens the page of a command; complaints fail the test."""
     contexts, complaints = [], []
 
-    def open_one(desk):
+    def open_one(command):
         context = browser.new_context()
         contexts.append(context)
         page = context.new_page()
         page.on("console", lambda message: complaints.append(message.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.goto(desk.address)
+        page.goto(command.address)
         page.locator("#overlay[data-frame='0']").wait_for(state="attached")
         return page
 
@@ -132,7 +132,7 @@ def open_desk(browser):
 
 
 def on_screen(page, x, y):
-    """Where a pixel of the picture of 160 x 120 px is on the page."""
+    """Position on the page of a pixel of the picture of 160 x 120 px."""
     area = page.locator("#overlay").bounding_box()
     return area["x"] + x * area["width"] / 160, area["y"] + y * area["height"] / 120
 
@@ -150,39 +150,33 @@ def first_box(rows, folder):
     return int(row["frame"]), [float(row[name]) for name in ("x", "y", "width", "height")]
 
 
-def test_the_note_tells_of_another_target_and_of_a_box_that_is_missing(
-    ask_for_target, open_desk, images
-):
-    desk = ask_for_target(images, "--output", images.parents[1] / "out")
-    page = open_desk(desk)
+def test_the_note_offers_another_target_and_reports_a_missing_box(start_draw, open_page, images):
+    command = start_draw(images, "--output", images.parents[1] / "out")
+    page = open_page(command)
     note = page.locator("#note")
-    assert note.inner_text().endswith("; A keeps it and asks for another target")
+    assert note.inner_text().endswith("; A keeps it and adds another target")
     page.keyboard.press("Enter")
     missing = page.get_by_text("there is no box yet: drag one around the target, or press R")
     missing.wait_for()
     assert note.get_attribute("data-level") == "error"
     page.keyboard.press("r")
     page.get_by_text("drag a box around the target").wait_for()
-    assert note.inner_text().endswith("; A keeps it and asks for another target")
+    assert note.inner_text().endswith("; A keeps it and adds another target")
     assert note.get_attribute("data-level") == "ok"
 
 
-def test_where_there_may_be_one_target_the_note_tells_of_no_other(
-    ask_for_target, open_desk, images
-):
-    desk = ask_for_target(
+def test_with_max_targets_1_the_note_offers_no_other_target(start_draw, open_page, images):
+    command = start_draw(
         images, "--output", images.parents[1] / "out", "--parameter", "max_targets=1"
     )
-    note = open_desk(desk).locator("#note")
+    note = open_page(command).locator("#note")
     assert note.inner_text().endswith("Enter starts, Escape drops it")
 
 
-def test_a_box_is_drawn_put_right_by_a_corner_and_tracked(
-    ask_for_target, open_desk, rows, track, images
-):
+def test_a_box_is_drawn_corrected_and_tracked(start_draw, open_page, rows, track, images):
     tmp_path = images.parents[1]
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    page = open_desk(desk)
+    command = start_draw(images, "--output", tmp_path / "out")
+    page = open_page(command)
     assert page.locator("#name").inner_text() == "img"
     drag(page, (20, 30), (60, 70))
     assert page.locator("#handles circle:visible").count() == 4
@@ -190,25 +184,25 @@ def test_a_box_is_drawn_put_right_by_a_corner_and_tracked(
     page.keyboard.press("Enter")
     page.get_by_text("tracking begins; this page can be closed").wait_for()
     assert page.locator("#send").is_disabled()
-    code, said, errors = desk.end()
+    code, output, errors = command.end()
     assert (code, errors) == (0, "")
     file = images.parent / "img.target.yaml"
-    assert f"saved as {file}" in said
+    assert f"saved as {file}" in output
     frame, found = first_box(rows, tmp_path / "out")
     assert (frame, found) == (0, pytest.approx(BOX, abs=0.5))
     saved = yaml.safe_load(file.read_text())
     assert (saved["frame"], saved["stamp"]) == (0, 10**9)
     assert (saved["recording"], saved["image_size"]) == ("img", [160, 120])
-    # What was saved is the same target.
+    # The saved target gives the same boxes.
     assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
     assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
 
 
-def test_another_frame_is_chosen_and_a_box_is_dropped_and_placed_by_keys(
-    ask_for_target, open_desk, rows, images, tmp_path
+def test_a_box_is_drawn_on_another_frame_and_placed_by_keys(
+    start_draw, open_page, rows, images, tmp_path
 ):
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    page = open_desk(desk)
+    command = start_draw(images, "--output", tmp_path / "out")
+    page = open_page(command)
     for number in range(1, 4):
         page.keyboard.press("n")
         page.locator(f"#overlay[data-frame='{number}']").wait_for(state="attached")
@@ -220,17 +214,15 @@ def test_another_frame_is_chosen_and_a_box_is_dropped_and_placed_by_keys(
         page.locator(f"#box-{name}").fill(str(value))
     page.locator("#send").click()
     page.get_by_text("tracking begins").wait_for()
-    assert desk.end()[0] == 0
+    assert command.end()[0] == 0
     assert first_box(rows, tmp_path / "out") == (3, [32.0, 36.0, 24.0, 24.0])
     assert [row["state"] for row in rows(tmp_path / "out")[:4]] == ["idle"] * 3 + ["tracking"]
 
 
-def test_several_targets_are_drawn_taken_back_and_tracked(
-    ask_for_target, open_desk, rows, track, images
-):
+def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, rows, track, images):
     tmp_path = images.parents[1]
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    page = open_desk(desk)
+    command = start_draw(images, "--output", tmp_path / "out")
+    page = open_page(command)
     assert page.locator("#send").is_disabled()
     assert page.locator("#add").is_disabled()
     assert page.locator("#undo").is_disabled()
@@ -243,7 +235,7 @@ def test_several_targets_are_drawn_taken_back_and_tracked(
     page.keyboard.press("a")
     page.keyboard.press("u")
     assert page.locator("#list li").count() == 1
-    # What is taken back while one is drawn is that one.
+    # Undo removes the box that is being edited first.
     drag(page, (100, 20), (140, 60))
     page.keyboard.press("u")
     assert page.locator("#drawn:not([hidden])").count() == 0
@@ -251,18 +243,18 @@ def test_several_targets_are_drawn_taken_back_and_tracked(
     for number in range(1, 3):
         page.keyboard.press("n")
         page.locator(f"#overlay[data-frame='{number}']").wait_for(state="attached")
-    # Those of another frame are in the list alone.
+    # Targets of another frame are only in the list.
     assert page.locator("#kept rect").count() == 0
     assert page.locator("#list li").inner_text().startswith("\u00e4: 'square', frame 0: 20")
     page.keyboard.press("r")
     page.keyboard.press("ArrowRight")
     page.keyboard.press("Enter")
     page.get_by_text("tracking begins").wait_for()
-    code, said, errors = desk.end()
+    code, output, errors = command.end()
     assert (code, errors) == (0, "")
     file = images.parent / "img.target.yaml"
-    assert said.splitlines()[0].startswith("targets ")
-    assert f"saved as {file}" in said
+    assert output.splitlines()[0].startswith("targets ")
+    assert f"saved as {file}" in output
     saved = yaml.safe_load(file.read_text())
     assert saved["recording"] == "img"
     first, second = saved["targets"]
@@ -273,15 +265,15 @@ def test_several_targets_are_drawn_taken_back_and_tracked(
     found = rows(tmp_path / "out")
     assert {row["id"] for row in found} == {"1", "2"}
     assert next(row["frame"] for row in found if row["id"] == "2") == "2"
-    # What was saved are the same targets.
+    # The saved targets give the same boxes.
     assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
     assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
 
 
-def test_as_many_targets_are_drawn_as_there_may_be(ask_for_target, open_desk, rows, images):
+def test_at_most_max_targets_are_drawn(start_draw, open_page, rows, images):
     output = images.parent / "out"
-    desk = ask_for_target(images, "--output", output, "--parameter", "max_targets=2")
-    page = open_desk(desk)
+    command = start_draw(images, "--output", output, "--parameter", "max_targets=2")
+    page = open_page(command)
     drag(page, (20, 30), (44, 54))
     page.keyboard.press("a")
     drag(page, (100, 20), (140, 60))
@@ -289,20 +281,20 @@ def test_as_many_targets_are_drawn_as_there_may_be(ask_for_target, open_desk, ro
     page.keyboard.press("a")
     assert page.locator("#list li").count() == 1
     page.keyboard.press("Escape")
-    # Those that are kept are tracked without another one.
+    # The kept targets are tracked without another box.
     page.keyboard.press("Enter")
     page.get_by_text("tracking begins").wait_for()
-    assert desk.end()[0] == 0
+    assert command.end()[0] == 0
     assert {row["id"] for row in rows(output)} == {"1"}
     assert first_box(rows, output)[1] == pytest.approx(BOX, abs=0.5)
 
 
-def test_given_up_on_the_page_nothing_is_tracked(ask_for_target, open_desk, images, tmp_path):
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    page = open_desk(desk)
+def test_cancel_on_the_page_ends_without_tracking(start_draw, open_page, images, tmp_path):
+    command = start_draw(images, "--output", tmp_path / "out")
+    page = open_page(command)
     page.locator("#cancel").click()
     page.get_by_text("nothing is tracked; this page can be closed").wait_for()
-    code, _, errors = desk.end()
+    code, _, errors = command.end()
     assert code == 2
     assert errors.startswith("track: error: no target was drawn")
     assert not (tmp_path / "out").exists()
@@ -310,111 +302,107 @@ def test_given_up_on_the_page_nothing_is_tracked(ask_for_target, open_desk, imag
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_while_drawing_ends_it(ask_for_target, images, tmp_path, number, code):
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    assert desk.ask("/")[0] == 200
-    desk.process.send_signal(number)
-    found, _, errors = desk.end()
+def test_a_signal_while_drawing_ends_it(start_draw, images, tmp_path, number, code):
+    command = start_draw(images, "--output", tmp_path / "out")
+    assert command.ask("/")[0] == 200
+    command.process.send_signal(number)
+    found, _, errors = command.end()
     assert found == code
     assert errors.count("\n") == 1
     assert errors.endswith("ed before a target was drawn; nothing was tracked\n")
     assert not (tmp_path / "out").exists()
 
 
-def test_only_a_page_that_was_served_here_may_draw(ask_for_target, images, tmp_path):
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    for path in ("/", "/draw.js", "/drawing.js", "/page.css", "/recording", "/frame?number=0"):
-        status, headers, _ = desk.ask(path)
+def test_only_the_same_origin_may_draw(start_draw, images, tmp_path):
+    command = start_draw(images, "--output", tmp_path / "out")
+    for path in ("/", "/draw.js", "/box_editor.js", "/page.css", "/recording", "/frame?number=0"):
+        status, headers, _ = command.ask(path)
         assert status == 200
         assert headers.items() >= HEADERS.items()
     body = json.dumps({"targets": [{"frame": 0, "box": BOX}]})
     for origin in ("http://attacker.example", "null", "http://127.0.0.1:1"):
         for path in ("/targets", "/cancel"):
-            assert desk.send(path, body, origin)[0] == 403
-    assert desk.ask("/targets", "POST", body)[0] == 403
-    assert desk.ask("/", Host="attacker.example")[0] == 403
-    assert desk.ask("/../pictures.py")[0] == 404
-    assert desk.draw(BOX)[0] == 200
-    assert desk.end()[0] == 0
+            assert command.send(path, body, origin)[0] == 403
+    assert command.ask("/targets", "POST", body)[0] == 403
+    assert command.ask("/", Host="attacker.example")[0] == 403
+    assert command.ask("/../server.py")[0] == 404
+    assert command.draw(BOX)[0] == 200
+    assert command.end()[0] == 0
 
 
-@pytest.mark.parametrize(("error", "said"), [(OSError, RecordingError), (ValueError, ValueError)])
-def test_a_page_that_cannot_be_served_is_told_whatever_is_in_the_way(
-    images, monkeypatch, error, said
-):
+@pytest.mark.parametrize(("error", "raised"), [(OSError, RecordingError), (ValueError, ValueError)])
+def test_a_page_that_cannot_be_served_is_an_error(images, monkeypatch, error, raised):
     async def fail(*address):
         raise error("no loopback")
 
     monkeypatch.setattr("pf_tracker_ros.recordings.drawing.server.Site.serve", fail)
-    with pytest.raises(said, match="no loopback"):
+    with pytest.raises(raised, match="no loopback"):
         prompt_for_targets(open_recording(images), 1, print)
 
 
-def test_what_cannot_be_tracked_is_refused_and_may_be_put_right(ask_for_target, images, tmp_path):
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    for box, said in (
+def test_invalid_targets_are_refused_and_can_be_corrected(start_draw, images, tmp_path):
+    command = start_draw(images, "--output", tmp_path / "out")
+    for box, message in (
         ([900, 30, 24, 24], "is outside the image, 160 x 120 px"),
         ([1, 2, 3, 0], "too small"),
         ([1, 2, 3], "expected four finite numbers"),
         (None, "expected four finite numbers"),
         ("box", "expected four finite numbers"),
     ):
-        status, text = desk.draw(box)
-        assert (status, said in text) == (422, True), text
-    assert desk.draw(BOX, frame=400) == (422, "there is no picture in frame 400 or after it")
-    assert desk.draw(BOX, frame="1") == (422, "target 1: the request tells no frame")
+        status, text = command.draw(box)
+        assert (status, message in text) == (422, True), text
+    assert command.draw(BOX, frame=400) == (422, "there is no image in frame 400 or after it")
+    assert command.draw(BOX, frame="1") == (422, "target 1: its 'frame' is no integer")
     for body in ("", "[]", '{"targets": [1]}', '{"targets": []}', "{}", "\x00", "[" * 4000):
-        assert desk.send("/targets", body)[0] == 422
+        assert command.send("/targets", body)[0] == 422
     for label in (3, "\x00", "\ud800", "x" * 101):
-        status, text = desk.draw_all({"frame": 0, "box": BOX, "label": label})
-        assert (status, "its label is not allowed" in text) == (422, True)
-    status, text = desk.draw_all(*[{"frame": 0, "box": BOX}] * 33)
+        status, text = command.draw_all({"frame": 0, "box": BOX, "label": label})
+        assert (status, "its label is invalid" in text) == (422, True)
+    status, text = command.draw_all(*[{"frame": 0, "box": BOX}] * 33)
     assert (status, text) == (422, "there are 33 targets; allowed: 32")
-    status, text = desk.draw_all({"frame": 0, "box": BOX}, {"frame": 0, "box": [1, 2, 3, 0]})
+    status, text = command.draw_all({"frame": 0, "box": BOX}, {"frame": 0, "box": [1, 2, 3, 0]})
     assert (status, text.startswith("target 2: ")) == (422, True)
-    assert desk.ask("/frame?number=-1")[0] == 400
-    assert desk.ask(f"/frame?number={'9' * 5000}")[0] == 400
-    assert desk.ask("/frame?number=20")[0] == 404
-    status, headers, _ = desk.ask("/frame?number=19")
+    assert command.ask("/frame?number=-1")[0] == 400
+    assert command.ask(f"/frame?number={'9' * 5000}")[0] == 400
+    assert command.ask("/frame?number=20")[0] == 404
+    status, headers, _ = command.ask("/frame?number=19")
     assert (status, headers["X-Frame"], headers["X-Size"]) == (200, "19", "160 120")
-    assert desk.draw(BOX)[0] == 200
-    assert desk.end()[0] == 0
+    assert command.draw(BOX)[0] == 200
+    assert command.end()[0] == 0
 
 
-def test_a_request_is_read_to_its_end_however_many_pieces_it_comes_in(
-    ask_for_target, rows, images, tmp_path
-):
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    status, text = desk.send("/targets", " " * 2**18 + json.dumps({"targets": [FIRST]}))
+def test_a_request_in_several_pieces_is_read_to_its_end(start_draw, rows, images, tmp_path):
+    command = start_draw(images, "--output", tmp_path / "out")
+    status, text = command.send("/targets", " " * 2**18 + json.dumps({"targets": [FIRST]}))
     assert (status, text) == (200, "tracking begins; this page can be closed")
-    assert desk.end()[0] == 0
+    assert command.end()[0] == 0
     assert rows(tmp_path / "out")[0]["state"] == "tracking"
 
 
-def test_a_target_file_is_never_overwritten(ask_for_target, rows, images, tmp_path):
+def test_a_target_file_is_never_overwritten(start_draw, rows, images, tmp_path):
     file = images.parent / "img.target.yaml"
     file.write_text("target_box: [1, 2, 30, 40]")
-    desk = ask_for_target(images, "--output", tmp_path / "out")
-    assert desk.draw(BOX)[0] == 200
-    code, said, _ = desk.end()
+    command = start_draw(images, "--output", tmp_path / "out")
+    assert command.draw(BOX)[0] == 200
+    code, output, _ = command.end()
     assert code == 0
-    assert f"not saved, as {file} is there already" in said
+    assert f"not saved, as {file} is there already" in output
     assert file.read_text() == "target_box: [1, 2, 30, 40]"
     assert first_box(rows, tmp_path / "out") == (0, BOX)
 
 
-def test_what_is_refused_anyway_is_refused_before_the_page(track, images, monkeypatch, tmp_path):
+def test_other_errors_are_reported_before_the_page(track, images, monkeypatch, tmp_path):
     output = tmp_path / "out"
     output.mkdir()
     (output / "boxes.csv").write_text("mine")
     draw = (images, "--output", output, "--draw")
-    code, said, errors = track(*draw)
-    assert (code, said) == (4, "")
+    code, printed, errors = track(*draw)
+    assert (code, printed) == (4, "")
     assert "boxes.csv exists already" in errors
     assert track(*draw, "--box", "1,2,3,4")[0] == 2
     none = (images, "--output", tmp_path / "a", "--draw", "--detections", tmp_path / "none.csv")
-    code, said, errors = track(*none)
-    assert (code, said) == (8, "")
+    code, printed, errors = track(*none)
+    assert (code, printed) == (8, "")
     assert "none.csv" in errors
     code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
     assert code == 2
@@ -426,37 +414,35 @@ def test_what_is_refused_anyway_is_refused_before_the_page(track, images, monkey
     assert len(errors.splitlines()) == 1
 
 
-def test_a_bag_without_any_image_that_can_be_decoded_has_no_page(
-    track, make_stamped, write_bag, tmp_path
-):
+def test_a_bag_without_a_decodable_image_is_an_error(track, make_stamped, write_bag, tmp_path):
     kind = "sensor_msgs/msg/CompressedImage"
     message = make_stamped(kind, 1, format="jpeg", data=np.zeros(9, np.uint8))
     bag = write_bag(tmp_path / "bag", [("/eye", kind, 1, message)])
     code, _, errors = track(bag, "--output", tmp_path / "out", "--draw")
     assert code == 2
-    assert "bag cannot be drawn on: there is no picture in frame 0 or after it" in errors
+    assert "bag cannot be drawn on: there is no image in frame 0 or after it" in errors
 
 
-def test_without_any_target_it_says_that_one_can_be_drawn(track, images, tmp_path):
+def test_without_a_target_the_error_mentions_draw(track, images, tmp_path):
     code, _, errors = track(images, "--output", tmp_path / "out")
     assert code == 2
     assert "or draw the target with --draw" in errors
 
 
-def test_the_page_is_told_how_many_targets_there_may_be(track, images, monkeypatch, tmp_path):
-    asked = []
+def test_the_page_gets_max_targets(track, images, monkeypatch, tmp_path):
+    limits = []
 
-    def draw(recording, most, announce):
-        asked.append(most)
+    def draw(recording, max_targets, announce):
+        limits.append(max_targets)
         return (Target(tuple(BOX), 10**9, 0, (160, 120), "the page"),)
 
     monkeypatch.setattr(server, "prompt_for_targets", draw)
-    # What is drawn needs no SciPy; detections alone do.
+    # Only detections need SciPy.
     monkeypatch.setitem(sys.modules, "scipy", None)
     assert track(images, "--output", tmp_path / "many", "--draw", *QUICK)[0] == 0
     few = ("--parameter", "max_targets=3")
     assert track(images, "--output", tmp_path / "few", "--draw", *QUICK, *few)[0] == 0
-    assert asked == [32, 3]
-    # One that is drawn is a single target, unless it is said that there may be more.
+    assert limits == [32, 3]
+    # One drawn target has the columns of a single target, unless `max_targets` is given.
     heads = [(tmp_path / n / "boxes.csv").read_text().splitlines()[0] for n in ("many", "few")]
     assert [head.endswith(",label") for head in heads] == [False, True]

@@ -1,1 +1,1 @@
-"""The node `console`: a web page that shows what the tracker sees, and drives it."""
+"""The node `console`: a web page that shows the tracker's output and controls it."""

@@ -1,4 +1,7 @@
-"""Brings browsers and the tracker together; everything here runs in the web server's event loop."""
+"""Connects browsers with the tracker: topics to messages, requests to topics and services.
+
+Everything here runs in the web server's event loop.
+"""
 
 from __future__ import annotations
 
@@ -29,124 +32,128 @@ from pf_tracker_ros.node.console.tracker_services import TrackerError
 from pf_tracker_ros.node.console.tuning import parameter_file, parameter_from_json
 from pf_tracker_ros.tracking.input_checks import check_box
 
-# How often is looked at what does not come by itself: silence, and frames without an answer.
+# Polling interval, seconds, for silence and for frames without a status.
 _TICK = 0.1
-# For so long, in seconds, frames are still taken once the last browser has gone: it may come back,
-# as by a reload, and where subscriptions come and go quickly a take in Fast DDS may never end.
+# The subscriptions stay for so long, in seconds, after the last browser has gone. A page that is
+# reloaded comes back, and a take in Fast DDS may hang where subscriptions change quickly.
 _LINGER = 5.0
-# What browsers may ask; each is done by the method of its name. Those of the second kind are about
-# the browser that asks.
+# Requests of browsers, each handled by the method of its name. The second group concerns only the
+# browser that sends it.
 _REQUESTS = ("target", "click", "select", "stop", "stop_target", "enable", "reset")
-_OWN_REQUESTS = ("welcomed", "shown", "view", "set", "heat")
+_OWN_REQUESTS = ("welcome_ack", "frame_ack", "view", "set", "heatmap")
 
 
 class ConsoleBridge:
-    """Hands on what the tracker says to the browsers, and what they ask to the tracker.
+    """Forwards the tracker's messages to the browsers, and their requests to the tracker.
 
     Args:
-        link: To the tracker.
-        recording: That is played to it, if one is.
+        link: Topics and services of the tracker.
+        recording: The recording that the console plays, if any.
     """
 
     def __init__(self, link: TrackerLink, recording: PlayedRecording | None = None) -> None:
         self._link = link
-        self._pairing = FrameSynchronizer()
-        self._browsers = Browsers(lambda: self._pairing.latest)
-        self._heated: set[Browser] = set()
-        self._watched_at = float("-inf")
-        self._wanted = {"particles": False, "likelihood": False}
+        self._synchronizer = FrameSynchronizer()
+        self._browsers = Browsers(lambda: self._synchronizer.latest)
+        self._heatmap_browsers: set[Browser] = set()
+        self._last_watched_at = float("-inf")
+        self._required_parts = {"particles": False, "likelihood": False}
         self._health = TrackerHealth(link.name)
-        self._told_health: Json = {}
-        self._picker = TargetRequester(link, self._tell_verdict)
+        self._last_health: Json = {}
+        self._requester = TargetRequester(link, self._broadcast_response)
         self._player: Player | None = None
         if recording:
             self._player = Player(
-                recording, link, self._picker, self._browsers.broadcast, lambda: self._is_for_one
+                recording,
+                link,
+                self._requester,
+                self._browsers.broadcast,
+                lambda: self._is_single_target,
             )
         self._parameters: list[Json] = []
-        self._reading: asyncio.Task[None] | None = None
-        self._parameters_are_old = True
+        self._parameter_task: asyncio.Task[None] | None = None
+        self._parameters_outdated = True
         self._tasks: set[asyncio.Task[None]] = set()
         if self._player:
-            self._watch()
+            self._update_subscriptions()
 
     async def run(self) -> None:
-        """Notice silence, until canceled."""
+        """Poll until canceled, so that silence is noticed."""
         while True:
-            await self._look()
-            self._watch()
+            await self._poll()
+            self._update_subscriptions()
             await asyncio.sleep(_TICK)
 
     def close(self) -> None:
-        """Encode no more."""
+        """Stop the encoder."""
         self._browsers.close()
 
     def parameter_file(self) -> str:
-        """The preset and what differs from it, as a ROS parameter file.
+        """A ROS parameter file with the preset and each value that differs from it.
 
         Raises:
             RequestError: The tracker's parameters are not known.
         """
-        self._known("preset")
+        self._parameter("preset")
         return parameter_file(self._link.name, self._parameters)
 
-    # What comes from the tracker
+    # From the tracker
 
     def receive(self, kind: str, stamp: int, content: Any) -> None:
-        """Take what the link received; see `TrackerLink`."""
+        """Process a message of the link; see `TrackerLink`."""
         now = time.monotonic()
         if kind == "image":
-            self._pairing.add_image(stamp, content, now)
+            self._synchronizer.add_image(stamp, content, now)
         elif kind == "parameters":
-            self._parameters_are_old = True
+            self._parameters_outdated = True
         elif kind == "fault":
             self._health.take_fault(content, now)
         elif kind == "detections":
-            told = {"type": "detections", "stamp": str(stamp), "boxes": content}
-            self._soon(self._browsers.broadcast(told))
+            message = {"type": "detections", "stamp": str(stamp), "boxes": content}
+            self._run_soon(self._browsers.broadcast(message))
         elif kind == "health":
             self._health.take_diagnostics(content, now)
             self._link.set_image_topic(str(content["values"].get("image_topic", "")))
-            self._picker.check_diagnostics(content, now)
+            self._requester.check_diagnostics(content, now)
         else:
-            self._pairing.add_result(stamp, kind, content, now)
+            self._synchronizer.add_result(stamp, kind, content, now)
         if kind == "status":
             self._health.take_status(content, now)
-            self._picker.check_status(content)
-        self._soon(self._look())
+            self._requester.check_status(content)
+        self._run_soon(self._poll())
 
-    async def _look(self) -> None:
-        """Tell the browsers what is new."""
+    async def _poll(self) -> None:
+        """Send news to the browsers, and resend lost targets."""
         now = time.monotonic()
-        if self._pairing.choose(now):
+        if self._synchronizer.choose(now):
             await self._browsers.notify_new_frame()
-        health = self._told_by_health(now)
-        if health != self._told_health:
-            self._told_health = health
+        health = self._health_summary(now)
+        if health != self._last_health:
+            self._last_health = health
             await self._browsers.broadcast(health)
         if self._player:
-            await self._player.poll(now, has_picture=self._pairing.latest is not None)
-        if health["tracker"] != "heard":
-            # It may come back with others.
-            self._parameters_are_old = True
-        elif self._parameters_are_old and self._browsers and not self._reading:
-            self._parameters_are_old = False
-            self._reading = asyncio.ensure_future(self._read_parameters())
-        self._picker.poll(
+            await self._player.poll(now, has_picture=self._synchronizer.latest is not None)
+        if health["tracker"] != "alive":
+            # The tracker may come back with other values.
+            self._parameters_outdated = True
+        elif self._parameters_outdated and self._browsers and not self._parameter_task:
+            self._parameters_outdated = False
+            self._parameter_task = asyncio.ensure_future(self._read_parameters())
+        self._requester.poll(
             self._health.last_status_at,
             now,
             may_resend=self._player is None,
-            recording_paused=self._stands_still,
+            recording_paused=self._recording_paused,
         )
 
     @property
-    def _stands_still(self) -> bool:
+    def _recording_paused(self) -> bool:
         return self._player is not None and self._player.recording_paused
 
-    def _told_by_health(self, now: float) -> Json:
+    def _health_summary(self, now: float) -> Json:
         return self._health.summary(
             now,
-            recording_paused=self._stands_still,
+            recording_paused=self._recording_paused,
             others=self._link.available_trackers,
             graph_faults=self._link.graph_faults,
         )
@@ -154,12 +161,12 @@ class ConsoleBridge:
     # Browsers
 
     async def welcome(self, browser: Browser) -> None:
-        """Show everything to a browser, until canceled."""
+        """Send a browser the current state and then every frame, until canceled."""
         self._browsers.add(browser)
-        self._watch()
+        self._update_subscriptions()
         news = [
-            {"type": "welcome", "tracker": self._link.name, "draws_when_told": browser.is_local},
-            self._told_by_health(time.monotonic()),
+            {"type": "welcome", "tracker": self._link.name, "draw_on_request": browser.is_local},
+            self._health_summary(time.monotonic()),
             *([self._player.state] if self._player else []),
             {"type": "parameters", "parameters": self._parameters},
         ]
@@ -167,11 +174,11 @@ class ConsoleBridge:
             await self._browsers.stream(browser, news)
         finally:
             self._browsers.remove(browser)
-            self._heated.discard(browser)
-            self._watch()
+            self._heatmap_browsers.discard(browser)
+            self._update_subscriptions()
 
     async def handle(self, browser: Browser, message: Any) -> None:
-        """Do what a browser asks; what goes wrong is told to it alone."""
+        """Carry out a request of a browser; errors go to this browser alone."""
         kind = message.get("type") if isinstance(message, dict) else None
         name = kind if isinstance(kind, str) else ""
         try:
@@ -180,56 +187,56 @@ class ConsoleBridge:
             elif name in _REQUESTS:
                 await getattr(self, f"_on_{name}")(message)
             elif name not in player.REQUESTS:
-                raise RequestError(f"there is no request {kind!r}")
+                raise RequestError(f"unknown request {kind!r}")
             elif self._player:
                 await self._player.handle(name, message)
             else:
-                raise RequestError("there is no recording; start the console with one")
+                raise RequestError("the console plays no recording; start it with 'source'")
         except (RequestError, TrackerError) as error:
             await browser.send_json(note(name or None, str(error), ok=False))
 
-    def _watch(self) -> None:
-        """Let the tracker publish what somebody looks at, and no more."""
+    def _update_subscriptions(self) -> None:
+        """Subscribe to the watched topics only."""
         now = time.monotonic()
-        # A recording's first frame comes once, perhaps before the first browser.
+        # A recording's first frame is sent once, perhaps before the first browser connects.
         is_watched = len(self._browsers) > 0 or self._player is not None
         if is_watched:
-            self._watched_at = now
-        is_watched |= now - self._watched_at < _LINGER
-        wanted = {"particles": is_watched, "likelihood": bool(self._heated)}
-        if wanted != self._wanted:
-            self._wanted = wanted
+            self._last_watched_at = now
+        is_watched |= now - self._last_watched_at < _LINGER
+        required = {"particles": is_watched, "likelihood": bool(self._heatmap_browsers)}
+        if required != self._required_parts:
+            self._required_parts = required
             self._link.watch(is_watched)
-            self._link.watch_likelihood(bool(self._heated))
-            self._pairing.required_parts = {part for part, is_wanted in wanted.items() if is_wanted}
+            self._link.watch_likelihood(bool(self._heatmap_browsers))
+            self._synchronizer.required_parts = {part for part, is_on in required.items() if is_on}
 
-    async def _on_welcomed(self, browser: Browser, message: Json) -> None:
+    async def _on_welcome_ack(self, browser: Browser, message: Json) -> None:
         self._browsers.end_round_trip(browser)
 
-    async def _on_shown(self, browser: Browser, message: Json) -> None:
+    async def _on_frame_ack(self, browser: Browser, message: Json) -> None:
         self._browsers.acknowledge(browser)
 
     async def _on_view(self, browser: Browser, message: Json) -> None:
         await self._browsers.set_width(browser, number_of(message, "width"))
 
-    async def _on_heat(self, browser: Browser, message: Json) -> None:
-        """Show the likelihood around the target, or hide it."""
+    async def _on_heatmap(self, browser: Browser, message: Json) -> None:
+        """Show or hide the likelihood around the target."""
         if message.get("shown") is True and browser in self._browsers:
-            self._heated.add(browser)
+            self._heatmap_browsers.add(browser)
             text = ""
-            latest = self._pairing.latest
-            status = latest.answer.get("status") if latest else None
-            if self._told_health.get("state") == "idle":
-                text = "the heat comes with a target"
+            latest = self._synchronizer.latest
+            status = latest.results.get("status") if latest else None
+            if self._last_health.get("state") == "idle":
+                text = "the heat map needs a target"
             elif status and status["targets"] and not status["selected"]:
-                text = "the heat is that of the selected target; click one to select it"
-            elif self._stands_still:
-                text = "the heat comes with the next frame: press N for it, or play"
+                text = "the heat map shows the selected target; click a target to select it"
+            elif self._recording_paused:
+                text = "the heat map comes with the next frame: press N, or play"
             if text:
-                await browser.send_json(note("heat", text))
+                await browser.send_json(note("heatmap", text))
         else:
-            self._heated.discard(browser)
-        self._watch()
+            self._heatmap_browsers.discard(browser)
+        self._update_subscriptions()
 
     # Targets
 
@@ -238,15 +245,15 @@ class ConsoleBridge:
         stamp = stamp_in(message)
         box = (x, y, width, height)
         self._check_tracker()
-        if not self._player or not await self._is_tried(self._player, box, stamp):
-            await self._picker.send(partial(self._link.send_target, box, stamp))
+        if not self._player or not await self._start_in_recording(self._player, box, stamp):
+            await self._requester.send(partial(self._link.send_target, box, stamp))
 
-    async def _is_tried(self, player: Player, box: Box, stamp: int) -> bool:
-        """Whether the recording goes on from the frame that a target was drawn on."""
-        latest = self._pairing.latest
+    async def _start_in_recording(self, player: Player, box: Box, stamp: int) -> bool:
+        """Whether the recording starts a target on its frame; else the target has to be sent."""
+        latest = self._synchronizer.latest
         image_size = latest.size if latest else None
         if image_size:
-            # The target there is would be gone before the tracker refuses this one.
+            # Checked here: the restart stops the present target before the tracker can refuse.
             try:
                 check_box(box, image_size)
             except ValueError as error:
@@ -257,33 +264,33 @@ class ConsoleBridge:
         x, y = numbers_of(message, "point", 2)
         stamp = stamp_in(message)
         if self._player:
-            # To be tried again, it has to be a box.
-            size = self._known("click_size")["value"]
+            # The player stores targets as boxes.
+            size = self._parameter("click_size")["value"]
             box = [x - size / 2, y - size / 2, size, size]
             await self._on_target({"box": box, "stamp": message["stamp"]})
             return
         self._check_tracker()
-        await self._picker.send(partial(self._link.send_click, x, y, stamp))
+        await self._requester.send(partial(self._link.send_click, x, y, stamp))
 
     def _check_tracker(self) -> None:
-        """Refuse a target that nobody is there for; what DDS knows of one that has ended is old."""
-        if self._told_health.get("tracker") == "silent":
+        """Refuse a target for a silent tracker; DDS may still list a node that has ended."""
+        if self._last_health.get("tracker") == "silent":
             raise RequestError(
-                "nothing was sent: the tracker has fallen silent; Enter sends it again"
+                "nothing was sent: the tracker is silent; press Enter to send it again"
             )
 
     async def _on_stop(self, message: Json) -> None:
-        due = self._player.clear_targets() if self._player else ""
-        answer = await self._link.services.stop()
-        await self._browsers.broadcast(note("stop", due or answer))
+        discarded = self._player.clear_targets() if self._player else ""
+        reply = await self._link.services.stop()
+        await self._browsers.broadcast(note("stop", discarded or reply))
 
     async def _on_stop_target(self, message: Json) -> None:
-        await self._name_target("stop_target", message, "is to stop")
+        await self._send_id("stop_target", message, "will stop")
 
     async def _on_select(self, message: Json) -> None:
-        await self._name_target("select", message, "is to be selected")
+        await self._send_id("select", message, "will be selected")
 
-    async def _name_target(self, topic: str, message: Json, what: str) -> None:
+    async def _send_id(self, topic: str, message: Json, what: str) -> None:
         id = str(message.get("id"))
         try:
             self._link.send_id(topic, id)
@@ -294,24 +301,24 @@ class ConsoleBridge:
 
     async def _on_enable(self, message: Json) -> None:
         enabled = boolean_of(message, "enabled")
-        answer = await self._link.services.enable(enabled)
-        await self._browsers.broadcast(note("enable", answer))
+        reply = await self._link.services.enable(enabled)
+        await self._browsers.broadcast(note("enable", reply))
 
-    def _tell_verdict(self, verdict: TargetResponse) -> None:
-        if self._player and verdict.outcome == "refused":
+    def _broadcast_response(self, response: TargetResponse) -> None:
+        if self._player and response.outcome == "refused":
             self._player.remove_last_target()
-        told = {"type": "verdict", "outcome": verdict.outcome, "text": verdict.text}
-        self._soon(self._browsers.broadcast(told))
+        message = {"type": "target_response", "outcome": response.outcome, "text": response.text}
+        self._run_soon(self._browsers.broadcast(message))
 
     # Parameters
 
     async def _on_set(self, browser: Browser, message: Json) -> None:
-        """Set a parameter; a refusal is for the field that it was given in."""
+        """Set a parameter; a refusal goes to the field that it was entered in."""
         name = message.get("name")
-        known = self._known(name, f"there is no parameter {name!r}")
+        known = self._parameter(name, f"unknown parameter {name!r}")
         try:
-            wanted = parameter_from_json(known, message.get("value"))
-            refusal = await self._link.services.set_parameter(wanted)
+            parameter = parameter_from_json(known, message.get("value"))
+            refusal = await self._link.services.set_parameter(parameter)
         except (ValueError, TrackerError) as error:
             refusal = str(error)
         else:
@@ -319,42 +326,48 @@ class ConsoleBridge:
         await browser.send_json({"type": "set", "name": name, "refusal": refusal})
 
     async def _on_reset(self, message: Json) -> None:
-        """Take the preset in force anew, and so all values of it."""
-        known = self._known("preset")
+        """Set the preset to its present value, which restores all values of the preset."""
+        known = self._parameter("preset")
         if refusal := await self._link.services.set_parameter(
             parameter_from_json(known, known["value"])
         ):
             raise RequestError(refusal)
-        text = f"the tracker's values are those of the preset {known['value']}"
-        text += "; the node's own stay as they are"
+        text = f"the tracker has the values of the preset {known['value']}"
+        text += "; the node's own parameters are unchanged"
         await self._browsers.broadcast(note("reset", text))
 
     @property
-    def _is_for_one(self) -> bool:
+    def _is_single_target(self) -> bool:
         return not any(
             one["name"] == "max_targets" and one["value"] > 1 for one in self._parameters
         )
 
-    def _known(self, name: Any, unless: str = "the tracker's parameters are not known yet") -> Json:
-        """A parameter by its name, by default one that every tracker has."""
+    def _parameter(
+        self, name: Any, error: str = "the tracker's parameters are not known yet"
+    ) -> Json:
+        """A parameter of the tracker by its name.
+
+        Raises:
+            RequestError: There is none; the message is `error`.
+        """
         for one in self._parameters:
             if one["name"] == name:
                 return one
-        raise RequestError(unless)
+        raise RequestError(error)
 
     async def _read_parameters(self) -> None:
         try:
             self._parameters = await self._link.services.parameters()
         except TrackerError:
-            self._parameters_are_old = True
+            self._parameters_outdated = True
             await asyncio.sleep(_TICK)
         else:
             await self._browsers.broadcast({"type": "parameters", "parameters": self._parameters})
         finally:
-            self._reading = None
+            self._parameter_task = None
 
-    def _soon(self, action: Coroutine[Any, Any, None]) -> None:
-        # The loop itself keeps no task from being collected.
+    def _run_soon(self, action: Coroutine[Any, Any, None]) -> None:
+        # The loop keeps only weak references to tasks.
         task = asyncio.ensure_future(action)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)

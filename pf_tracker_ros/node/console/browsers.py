@@ -1,4 +1,4 @@
-"""The pages that are open: each gets the newest frame at its own pace, all get the same news."""
+"""The connected browsers: each gets the newest frame at its own rate, all get the same news."""
 
 from __future__ import annotations
 
@@ -19,44 +19,44 @@ from pf_tracker_ros.node.console.json_conversions import Json, pack_frame
 from pf_tracker_ros.node.console.rate_controller import RateController
 from pf_tracker_ros.stamps import NANOSECONDS
 
-# A picture that none follows for so long, in seconds, is sent in all its detail: that is the one to
-# draw on, and the link has nothing else to do.
-_STANDS_STILL = 0.5
-# Where frames come closer, in seconds, a browser here that draws one at once is still at it when
-# the tracker needs its time for the next one.
-_LEAVES_TIME = 0.05
+# A picture with no successor for so long, in seconds, is sent again in full quality: users draw
+# targets on it, and the link is idle.
+_STILL_AFTER = 0.5
+# With frames closer than this, in seconds, a local browser that draws at once would compete with
+# the tracker for the CPU during the next frame.
+_DELAYED_BELOW = 0.05
 
 
 class Browser(Protocol):
-    """One page that is open."""
+    """A browser with the page."""
 
     @property
     def is_local(self) -> bool:
-        """Whether it is on this machine."""
+        """Whether it runs on this machine."""
 
     async def send_json(self, message: Json) -> None:
-        """Send a message; one to a browser that has gone is lost."""
+        """Send a message; it is lost if the browser has gone."""
 
     async def send_bytes(self, message: bytes) -> None:
         """Send a frame."""
 
 
 class _Viewer:
-    """What is known of a browser: its pace, the frame it got last, and its window's width."""
+    """State of a browser: rate, last frame, and width of its window."""
 
     def __init__(self) -> None:
-        self.pace = RateController(time.monotonic())
+        self.rate = RateController(time.monotonic())
         self.number = self.stamp = 0
-        # Whether that frame had all the detail there is.
+        # Whether that frame had the best quality for the window.
         self.is_sharp = True
         self.width: float | None = None
 
 
 class Browsers:
-    """The browsers, from their welcome until they are gone.
+    """The connected browsers.
 
     Args:
-        newest: Gives the frame to show, None before the first.
+        newest: Returns the frame to show, None before the first.
     """
 
     def __init__(self, newest: Callable[[], DisplayFrame | None]) -> None:
@@ -74,79 +74,79 @@ class Browsers:
         return browser in self._viewers
 
     def close(self) -> None:
-        """Encode no more."""
+        """Stop the encoder."""
         self._encoder.shutdown(wait=False, cancel_futures=True)
 
     def add(self, browser: Browser) -> None:
-        """Take a browser in; `remove` lets it go."""
+        """Add a browser."""
         self._viewers[browser] = _Viewer()
 
     def remove(self, browser: Browser) -> None:
-        """Forget a browser."""
+        """Remove a browser."""
         self._viewers.pop(browser, None)
 
     async def stream(self, browser: Browser, news: Sequence[Json]) -> None:
-        """Give a browser first the news and then every frame that it bears, until canceled.
+        """Send a browser first the news, then frames at its own rate, until canceled.
 
-        One on this machine is told when to draw a frame that it has got.
+        A local browser draws a frame only on request, see `_DELAYED_BELOW`.
         """
         viewer = self._viewers[browser]
-        viewer.pace.start_round_trip(time.monotonic())
+        viewer.rate.start_round_trip(time.monotonic())
         for message in news:
             await browser.send_json(message)
         while True:
-            stands_still = not await self._has_newer(
-                viewer, within=None if viewer.is_sharp else _STANDS_STILL
+            is_still = not await self._has_newer(
+                viewer, within=None if viewer.is_sharp else _STILL_AFTER
             )
-            await viewer.pace.acquire()
-            shown = self._newest()
-            assert shown is not None
-            ahead = shown.number - viewer.number if viewer.number else 0
-            interval = (shown.stamp - viewer.stamp) / ahead / NANOSECONDS if ahead else 0.0
-            viewer.number, viewer.stamp = shown.number, shown.stamp
-            detail = self._for_window(viewer, viewer.pace.quality_level)
+            await viewer.rate.acquire()
+            frame = self._newest()
+            assert frame is not None
+            ahead = frame.number - viewer.number if viewer.number else 0
+            interval = (frame.stamp - viewer.stamp) / ahead / NANOSECONDS if ahead else 0.0
+            viewer.number, viewer.stamp = frame.number, frame.stamp
+            level = self._for_window(viewer, viewer.rate.quality_level)
             sharpest = self._for_window(viewer, QUALITY_LEVELS[0])
-            if stands_still:
-                detail = sharpest
-            viewer.is_sharp = detail == sharpest
-            frame = await self._encode(shown, detail)
+            if is_still:
+                level = sharpest
+            viewer.is_sharp = level == sharpest
+            packed = await self._encode(frame, level)
             if not browser.is_local:
-                viewer.pace.send(max(0, ahead - 1), time.monotonic())
-                await browser.send_bytes(frame)
+                viewer.rate.send(max(0, ahead - 1), time.monotonic())
+                await browser.send_bytes(packed)
                 continue
-            await browser.send_bytes(frame)
-            if 0.0 < interval < _LEAVES_TIME:
-                # Once the next frame is answered, there is time until the one after it.
+            await browser.send_bytes(packed)
+            if 0.0 < interval < _DELAYED_BELOW:
+                # Draw once the tracker has finished the next frame.
                 await self._has_newer(viewer, within=interval)
-            viewer.pace.send(max(0, ahead - 1), time.monotonic())
+            viewer.rate.send(max(0, ahead - 1), time.monotonic())
             await browser.send_json({"type": "draw"})
 
     async def notify_new_frame(self) -> None:
-        """There is another frame to show."""
+        """Wake the streams: there is a new frame."""
         async with self._changed:
             self._changed.notify_all()
 
     async def broadcast(self, message: Json) -> None:
-        """Tell all of them something."""
+        """Send a message to all browsers."""
         await asyncio.gather(*(browser.send_json(message) for browser in list(self._viewers)))
 
     def end_round_trip(self, browser: Browser) -> None:
-        """A browser has answered its welcome."""
+        """Process a browser's acknowledgment of its welcome."""
         if viewer := self._viewers.get(browser):
-            viewer.pace.end_round_trip(time.monotonic())
+            viewer.rate.end_round_trip(time.monotonic())
 
     def acknowledge(self, browser: Browser) -> None:
-        """A browser has drawn a frame."""
+        """Process a browser's acknowledgment of a frame that it has drawn."""
         if viewer := self._viewers.get(browser):
-            viewer.pace.acknowledge(time.monotonic())
+            viewer.rate.acknowledge(time.monotonic())
 
     async def set_width(self, browser: Browser, width: float) -> None:
-        """Note how wide a browser shows the picture, in pixels of its screen."""
+        """Set the width of the picture in a browser, in pixels of its screen."""
         if viewer := self._viewers.get(browser):
             is_wider = viewer.width is not None and width > viewer.width
             viewer.width = width
             if is_wider:
-                # A picture that stands still is to be as sharp as one that moves.
+                # A still picture is sent again, sharp enough for the wider window.
                 viewer.number = 0
                 await self.notify_new_frame()
 
@@ -156,10 +156,10 @@ class Browsers:
         return newest.number if newest else 0
 
     async def _has_newer(self, viewer: _Viewer, within: float | None) -> bool:
-        """Wait for a frame that a browser has not got, for some seconds or as long as it takes.
+        """Wait for a frame that is newer than the browser's, at most `within` seconds if given.
 
         Returns:
-            False where there was none.
+            False if there was none in time.
         """
 
         async def wait() -> None:
@@ -172,33 +172,33 @@ class Browsers:
             return False
         return True
 
-    def _for_window(self, viewer: _Viewer, detail: QualityLevel) -> QualityLevel:
-        """A detail, and no more of it than the window shows."""
+    def _for_window(self, viewer: _Viewer, level: QualityLevel) -> QualityLevel:
+        """A quality level with no more pixels than the window shows."""
         if viewer.width is None:
-            return detail
-        scale = min(detail.scale, scale_for(self._image_width, viewer.width))
-        return QualityLevel(detail.quality, scale)
+            return level
+        scale = min(level.scale, scale_for(self._image_width, viewer.width))
+        return QualityLevel(level.quality, scale)
 
-    async def _encode(self, shown: DisplayFrame, detail: QualityLevel) -> bytes:
-        """A frame as it is sent, made once for all browsers that get it in the same detail."""
-        key = (shown.number, detail)
+    async def _encode(self, frame: DisplayFrame, level: QualityLevel) -> bytes:
+        """An encoded frame; encoded once for all browsers with the same quality level."""
+        key = (frame.number, level)
         if key not in self._encoded:
-            self._encoded = {k: v for k, v in self._encoded.items() if k[0] == shown.number}
+            self._encoded = {k: v for k, v in self._encoded.items() if k[0] == frame.number}
             loop = asyncio.get_running_loop()
-            self._encoded[key] = loop.run_in_executor(self._encoder, _encoded, shown, detail)
-        self._image_width, frame = await asyncio.shield(self._encoded[key])
-        return frame
+            self._encoded[key] = loop.run_in_executor(self._encoder, _encoded, frame, level)
+        self._image_width, packed = await asyncio.shield(self._encoded[key])
+        return packed
 
 
-def _encoded(shown: DisplayFrame, detail: QualityLevel) -> tuple[int, bytes]:
-    """The width of the image, and the frame."""
-    picture = encode_image(shown.image, detail)
+def _encoded(frame: DisplayFrame, level: QualityLevel) -> tuple[int, bytes]:
+    """The width of the image, pixels, and the packed frame."""
+    picture = encode_image(frame.image, level)
     header = {
-        "stamp": str(shown.stamp),
+        "stamp": str(frame.stamp),
         "width": picture.width,
         "height": picture.height,
-        "quality": detail.quality,
+        "quality": level.quality,
         "error": picture.error,
-        **shown.answer,
+        **frame.results,
     }
     return picture.width, pack_frame(header, picture.jpeg)

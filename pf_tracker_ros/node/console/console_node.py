@@ -23,22 +23,23 @@ from pf_tracker_ros.pages.access import is_loopback
 from pf_tracker_ros.parameters import build
 
 NICENESS = 10
-"""Of the console's process: the machine is the tracker's first."""
+"""Niceness of the console's process: the tracker goes first."""
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 
 class ConsoleNode(Node):
-    """Serves the page, and plays the recording, from its start to its end.
+    """Serves the page, and plays the recording.
 
-    Its context is shut down where it cannot.
+    On an error it shuts down its context.
 
     Attributes:
-        exit_code: 1 where the page cannot be served, else 0.
-        url: The address to open, empty where there is none.
+        exit_code: 1 if the page cannot be served, else 0.
+        url: The address to open, empty on an error.
 
     Args:
-        prioritize_dds: Whether the process is the node's alone, and a camera waits for its threads
-            of DDS: these are to have the priority, all that is started from now on gives way.
+        prioritize_dds: Whether to raise the niceness now, after the start of the DDS threads, and
+            to request real-time priority for those: a camera may wait for them. Only for a process
+            of its own.
         **options: Of `rclpy.node.Node`.
     """
 
@@ -63,7 +64,7 @@ class ConsoleNode(Node):
         self._serve(parameters)
 
     def destroy_node(self) -> None:
-        """End the web server, then the node."""
+        """Stop the recording, the web server and the node."""
         if self._recording:
             self._recording.close()
         if self._server:
@@ -81,15 +82,15 @@ class ConsoleNode(Node):
             if not self._recording.is_playable:
                 self._recording.close()
                 self._recording = None
-                self._fail(f"{parameters.source} cannot be played; the node replay has said why")
+                self._fail(f"{parameters.source} cannot be played; see the log of the node replay")
                 return
         try:
             server.start()
         except OSError as error:
             is_taken = error.errno == errno.EADDRINUSE
-            why = "something else is served there" if is_taken else str(error)
+            reason = "the port is in use" if is_taken else str(error)
             self._fail(
-                f"the page cannot be served on {host}:{port}: {why}; give another one (-p "
+                f"the page cannot be served on {host}:{port}: {reason}; give another port (-p "
                 'port:=8643; make console CONSOLE_ARGS="--port 8643")'
             )
             return
@@ -99,8 +100,8 @@ class ConsoleNode(Node):
         log.info(f"the console of {link.name} is at {self.url}")
         if not is_loopback(host):
             log.warning(
-                f"it can be reached from other machines ('host' is {host}): whoever has this link "
-                "can drive the tracker, and the connection is not encrypted"
+                f"other machines can reach the page ('host' is {host}): anybody with this link can "
+                "control the tracker, and the connection is not encrypted"
             )
 
     def _fail(self, reason: str) -> None:
@@ -110,27 +111,27 @@ class ConsoleNode(Node):
 
 
 def main(arguments: list[str] | None = None, source: str | None = None) -> int:
-    """Run the console until it is told to stop.
+    """Run the console until it is shut down.
 
     Args:
-        arguments: The command line with the program's name, by default that of the process.
-        source: In place of the parameter `source`.
+        arguments: Command line with the program's name; by default that of the process.
+        source: Overrides the parameter `source`.
 
     Returns:
-        The exit code: 1 where the page cannot be served.
+        The exit code: 1 if the page cannot be served.
     """
-    # No frame of the tracker is to wait for a picture.
+    # One thread for encoding, so that the tracker keeps the other cores.
     cv2.setNumThreads(1)
-    # Where no profile gives Fast DDS more, the memory that it shares is smaller than an image, and
-    # a camera waits for each of its readers.
-    has_memory = bool(os.environ.get(_PROFILE))
-    if has_memory:
+    # Without a profile, Fast DDS' shared memory is smaller than an image, and a camera waits for
+    # each of its readers.
+    has_profile = bool(os.environ.get(_PROFILE))
+    if has_profile:
         os.nice(NICENESS)
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:
-        given = [] if source is None else [Parameter("source", value=source)]
-        node = ConsoleNode(prioritize_dds=not has_memory, parameter_overrides=given)
+        overrides = [] if source is None else [Parameter("source", value=source)]
+        node = ConsoleNode(prioritize_dds=not has_profile, parameter_overrides=overrides)
         nodes.append(node)
         return node
 

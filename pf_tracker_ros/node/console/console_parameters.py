@@ -9,43 +9,42 @@ from pf_tracker_ros.parameters import declared
 
 @dataclass(frozen=True)
 class ConsoleParameters:
-    """Where the page is served, which tracker it is about, and what it plays."""
+    """Address of the page, name of the tracker, and recording to play."""
 
     source: str = declared(
         "",
         "Recording to play to the tracker from the page: a rosbag2 folder or .mcap file, a video, "
-        "a folder of images, or a sequence folder. Empty takes the images that there are.",
+        "a folder of images, or a sequence folder. If empty, nothing is played.",
         read_only=True,
     )
     bag_topic: str = declared(
         "",
-        "Image topic of the recording, if that is a bag; empty takes the only one that there is.",
+        "Image topic of a recorded bag. Empty selects the only one.",
         read_only=True,
     )
     host: str = declared(
         "127.0.0.1",
-        "Address or name to serve the page on. On any other than this machine's loopback, browsers "
-        "have to bring the access token of the link that is written on the terminal.",
+        "Address or name to serve the page on. Other than on the loopback, browsers need the "
+        "access token in the link that the console logs.",
         read_only=True,
     )
     port: int = declared(
         8642,
-        "Port to serve the page on; 0 takes a free one.",
+        "Port to serve the page on. 0 selects a free one.",
         minimum=0,
         maximum=65_535,
         read_only=True,
     )
     tracker: str = declared(
         "pf_tracker",
-        "Name of the tracker's node, in the console's namespace unless it begins with a slash.",
+        "Name of the tracker's node, relative to the console's namespace unless it is absolute.",
         read_only=True,
     )
     realtime_priority: int = declared(
         0,
-        "Real-time priority (SCHED_RR) of Fast DDS' threads in the process console, where the "
-        "system permits it, so that a camera that publishes reliably waits less for this reader; 0 "
-        "asks for none, 1 is the lowest there is. With a Fast DDS profile no camera waits, and "
-        "there is none.",
+        "Real-time priority (SCHED_RR) of the Fast DDS threads of the console, where the system "
+        "permits it: a reliable camera then waits less for this reader. 1 is the lowest, 0 "
+        "requests none. Without effect with a Fast DDS profile, where no camera waits.",
         minimum=0,
         maximum=99,
         read_only=True,

@@ -1,4 +1,8 @@
-"""The images that the tracker takes, each taken once it has answered, so as not to slow it."""
+"""Image subscription that reads only after the tracker's status, to leave it the machine.
+
+Reading an image of a megabyte costs several copies, just while the tracker reads the same image. So
+images wait for the tracker's next status.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +17,19 @@ from rclpy.node import Node
 
 from pf_tracker_ros.node.tracker.image_subscription import ImageSubscription
 
-# A tracker that has not answered for so long, in seconds, is not waited for.
-_PATIENCE = 0.05
-# Where so many images wait for one answer they come faster than they are answered, and for so long,
-# in seconds, none is made to wait: only the newest are to be taken then.
-_MANY = 3
-_UNHINDERED = 1.0
+# Images do not wait if there has been no status for so long, in seconds.
+_TIMEOUT = 0.05
+# Where so many images wait for one status, the camera is faster than the tracker. Then no image
+# waits for so long, in seconds: the queue keeps only the newest.
+_MAX_WAITING = 3
+_OPEN_FOR = 1.0
 
 
 class _Gate(MutuallyExclusiveCallbackGroup):
-    """Lets the executor take what comes only while it is open.
+    """Lets the executor take messages only while it is open.
 
-    Events of its subscriptions wait, too: who waits for them alone is woken by each message there
-    is, again and again.
+    It blocks the subscriptions' events, too: otherwise waiting messages wake the executor again and
+    again.
     """
 
     def __init__(self) -> None:
@@ -39,17 +43,15 @@ class _Gate(MutuallyExclusiveCallbackGroup):
 
 
 class DeferredImageInput:
-    """Subscribes to the images of the tracker while it is open.
+    """Subscribes to the tracker's images while it is open.
 
-    To take an image of a megabyte is a few of them read and written, at the very moment at which
-    the tracker does the same with it. So images wait until the next answer. They are taken as they
-    come where there is none for 0.05 s, until there is one, and for a second where several have
-    waited for one.
+    Images are taken at once if there has been no status for 0.05 s, and for a second after several
+    images have waited for one status.
 
     Args:
-        node: That subscribes.
-        receive: Called in the executor with each message, an Image or a CompressedImage.
-        report: Called with a sentence if an override of the quality of service is wrong.
+        node: The console's node.
+        receive: Called in the executor with each Image or CompressedImage.
+        report: Called with a sentence if a QoS override is invalid.
     """
 
     def __init__(
@@ -60,9 +62,9 @@ class DeferredImageInput:
         self._report = report
         self._gate = _Gate()
         self._input: ImageSubscription | None = None
-        self._answered_at = self._unhindered_until = float("-inf")
+        self._last_status_at = self._open_until = float("-inf")
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._look = node.create_timer(_PATIENCE, self._lose_patience, clock=clock, autostart=False)
+        self._timer = node.create_timer(_TIMEOUT, self._check_timeout, clock=clock, autostart=False)
 
     @property
     def topic(self) -> str:
@@ -70,7 +72,7 @@ class DeferredImageInput:
         return self._input.topic if self._input else ""
 
     def open(self, topic: str) -> None:
-        """Subscribe to raw or compressed images, whichever the topic has, as they are offered.
+        """Subscribe to raw or compressed images, whichever the topic has.
 
         Args:
             topic: Its name; empty for `image`.
@@ -82,26 +84,26 @@ class DeferredImageInput:
         kinds = dict(self._node.get_topic_names_and_types()).get(topic, [])
         is_compressed = "sensor_msgs/msg/CompressedImage" in kinds
         self._input.open("compressed" if is_compressed else "raw", "auto")
-        self._look.reset()
+        self._timer.reset()
 
     def close(self) -> None:
-        """Give the subscription up."""
-        self._look.cancel()
+        """Destroy the subscription."""
+        self._timer.cancel()
         if self._input:
             self._input.close()
             self._input = None
 
     def on_status(self) -> None:
-        """Take the images that have come until now: the tracker has answered one."""
-        self._answered_at = time.monotonic()
-        self._gate.is_open = self._answered_at < self._unhindered_until
+        """Take the waiting images: the tracker has published a status."""
+        self._last_status_at = time.monotonic()
+        self._gate.is_open = self._last_status_at < self._open_until
         if self._gate.is_open or not self._input:
             return
-        if self._input.take_pending(_MANY) == _MANY:
-            self._unhindered_until = self._answered_at + _UNHINDERED
+        if self._input.take_pending(_MAX_WAITING) == _MAX_WAITING:
+            self._open_until = self._last_status_at + _OPEN_FOR
             self._gate.is_open = True
 
-    def _lose_patience(self) -> None:
-        if time.monotonic() - self._answered_at > _PATIENCE:
-            # The executor looks again what it may take once this is done.
+    def _check_timeout(self) -> None:
+        if time.monotonic() - self._last_status_at > _TIMEOUT:
+            # The executor checks the gate again after this callback.
             self._gate.is_open = True

@@ -1,4 +1,4 @@
-"""Images and what the tracker said of them, brought together by their stamps."""
+"""Matches images with the tracker's results by their stamps."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any
 
 from pf_tracker_ros.node.console.json_conversions import Json
 
-# Images that may wait for an answer: that of a fast camera comes after many others have.
-_MOST_IMAGES = 32
-# Fewer of large ones, octets, but so many in any case.
-_MOST_OCTETS = 2**26
-_FEWEST = 8
-_MOST_ANSWERS = 32
-# An image that nobody has answered for so long, in seconds, is shown as it is; for longer where the
-# answers take long, too.
-_PATIENCE = 0.25
-_TIMES_USUAL = 2.0
-_FORGETTING = 0.9
-# Parts of one answer come together: one that came so much before its status, in seconds, is of
-# another answer to the same stamp.
+# Images that may wait for a result: with a fast camera many come before it.
+_MAX_IMAGES = 32
+# Above so many bytes in total, only so many images wait.
+_MAX_BYTES = 2**26
+_MAX_LARGE_IMAGES = 8
+_MAX_RESULTS = 32
+# An image is shown without results after so long, in seconds, or after this multiple of the
+# tracker's latency. That is a maximum which decays by this factor with each result.
+_TIMEOUT = 0.25
+_LATENCY_FACTOR = 2.0
+_LATENCY_DECAY = 0.9
+# Parts of one result come together: one that is older than its status by more than this, in
+# seconds, belongs to an earlier result of the same stamp.
 _TOGETHER = 0.2
-# A tracker that has been silent for so long is not waited for.
+# Images do not wait for a tracker that has been silent for so long, in seconds.
 _SILENCE = 1.0
 
 
@@ -32,11 +32,11 @@ class DisplayFrame:
     """A frame for the page.
 
     Attributes:
-        number: Counts the frames that were shown, from 1.
+        number: Counts the displayed frames, from 1.
         stamp: Of its header, nanoseconds.
         image: The message.
-        parts: What the tracker said of it, and of an earlier frame of the same stamp: `status`,
-            `boxes`, `particles` and `likelihood`, as far as it did.
+        parts: The tracker's results for this stamp, as far as received: `status`, `boxes`,
+            `particles` and `likelihood`. Some may be of an earlier frame with the same stamp.
     """
 
     number: int
@@ -46,12 +46,12 @@ class DisplayFrame:
 
     @property
     def size(self) -> tuple[int, int] | None:
-        """(width, height) of the image, pixels; None of one that does not tell."""
+        """(width, height) of the image, pixels; None if the message has no size."""
         width, height = getattr(self.image, "width", 0), getattr(self.image, "height", 0)
         return (width, height) if width and height else None
 
     @property
-    def answer(self) -> Json:
+    def results(self) -> Json:
         """The parts that belong to the status."""
         status = self.parts.get("status")
         if status and status["targets"]:
@@ -60,58 +60,57 @@ class DisplayFrame:
 
 
 @dataclass
-class _Answer:
-    """The parts, and when each of them came."""
+class _Results:
+    """The parts of a result, and the arrival time of each."""
 
     parts: Json = field(default_factory=dict)
     times: dict[str, float] = field(default_factory=dict)
 
-    def copy(self) -> _Answer:
-        return _Answer(dict(self.parts), dict(self.times))
+    def copy(self) -> _Results:
+        return _Results(dict(self.parts), dict(self.times))
 
-    def is_complete(self, wanted: Collection[str]) -> bool:
+    def is_complete(self, required: Collection[str]) -> bool:
         status = self.parts.get("status")
         if status is None:
             return False
         since = self.times["status"] - _TOGETHER
         own = {part for part, time in self.times.items() if time >= since}
-        needed = {"boxes", *wanted} if status["targets"] else set()
+        needed = {"boxes", *required} if status["targets"] else set()
         if not status["selected"]:
             needed.discard("likelihood")
         return own >= needed
 
 
 class FrameSynchronizer:
-    """Chooses the frame to show: the newest one that the tracker has answered.
+    """Chooses the frame to show: the newest image with complete results.
 
-    So the boxes always belong to the picture. Images that get no answer are shown without one, late
-    where the tracker is there, at once where it is not. What is older than a frame that has been
-    shown is not shown, unless time went back with the images.
+    So the boxes always belong to the picture. An image without results is shown after a timeout,
+    or at once while there is no tracker. An image older than the displayed one is dropped, unless
+    the stamps of the images went back.
 
     Attributes:
         latest: The frame to show; None before the first.
-        required_parts: Parts of the answer that are waited for besides status and boxes.
+        required_parts: Parts that a result needs besides status and boxes.
     """
 
     def __init__(self) -> None:
         self.latest: DisplayFrame | None = None
         self.required_parts: set[str] = set()
-        # Those that may still be shown, as they came, each with its time.
+        # Candidates in the order of arrival, each with its arrival time.
         self._images: OrderedDict[int, tuple[Any, float]] = OrderedDict()
-        self._answers: OrderedDict[int, _Answer] = OrderedDict()
-        # The answer to the latest.
-        self._known = _Answer()
-        # How long an answer takes, seconds.
-        self._usual = 0.0
-        self._answered_at = float("-inf")
+        self._results: OrderedDict[int, _Results] = OrderedDict()
+        self._latest_results = _Results()
+        # Of the tracker, seconds.
+        self._latency = 0.0
+        self._last_status_at = float("-inf")
 
     def add_image(self, stamp: int, image: Any, now: float) -> None:
-        """Take an image.
+        """Add an image.
 
         Args:
             stamp: Of its header, nanoseconds.
             image: The message.
-            now: When it came, seconds by any clock that is always the same.
+            now: Time of arrival, seconds by a monotonic clock.
         """
         self._images.pop(stamp, None)
         self._images[stamp] = image, now
@@ -119,59 +118,63 @@ class FrameSynchronizer:
             self._images.popitem(last=False)
 
     def _are_too_many(self) -> bool:
-        octets = sum(len(getattr(image, "data", b"")) for image, _ in self._images.values())
-        most = _FEWEST if octets > _MOST_OCTETS else _MOST_IMAGES
-        return len(self._images) > most
+        size = sum(len(getattr(image, "data", b"")) for image, _ in self._images.values())
+        limit = _MAX_LARGE_IMAGES if size > _MAX_BYTES else _MAX_IMAGES
+        return len(self._images) > limit
 
     def add_result(self, stamp: int, part: str, content: Any, now: float) -> None:
-        """Take a part of an answer.
+        """Add a part of a result.
 
         Args:
-            stamp: Of the image that it is about.
+            stamp: Of the image.
             part: `status`, `boxes`, `particles` or `likelihood`.
-            content: As in `DisplayFrame.answer`.
+            content: As in `DisplayFrame.results`.
             now: As for `add_image`.
         """
         if self.latest and self._is_latest(stamp) and stamp not in self._images:
-            # A part that is late, or another answer, as where a frame is played again. What has
-            # come since then is newer.
+            # A late part, or another result as of a replayed frame: show the image again, unless
+            # a newer one has come.
             self._images[stamp] = self.latest.image, now
             self._images.move_to_end(stamp, last=False)
-            self._answers[stamp] = self._known.copy()
-        answer = self._answers.setdefault(stamp, _Answer())
-        answer.parts[part], answer.times[part] = content, now
+            self._results[stamp] = self._latest_results.copy()
+        results = self._results.setdefault(stamp, _Results())
+        results.parts[part], results.times[part] = content, now
         if part == "status":
-            self._answered_at = now
-        while len(self._answers) > _MOST_ANSWERS:
-            self._answers.popitem(last=False)
+            self._last_status_at = now
+        while len(self._results) > _MAX_RESULTS:
+            self._results.popitem(last=False)
 
     def choose(self, now: float) -> bool:
-        """Bring `latest` up to date, and tell whether it is another frame than before."""
-        silent = now - self._answered_at > _SILENCE
+        """Update `latest`.
+
+        Returns:
+            Whether it has changed.
+        """
+        silent = now - self._last_status_at > _SILENCE
         for stamp, (image, arrival) in reversed(self._images.items()):
-            answer = self._answers.get(stamp) or self._known_of(stamp)
-            complete = answer.is_complete(self.required_parts)
+            results = self._results.get(stamp) or self._previous_results(stamp)
+            complete = results.is_complete(self.required_parts)
             if complete:
-                self._usual = max(now - arrival, _FORGETTING * self._usual)
-            patience = max(_PATIENCE, _TIMES_USUAL * self._usual)
-            if complete or silent or now - arrival > patience:
+                self._latency = max(now - arrival, _LATENCY_DECAY * self._latency)
+            timeout = max(_TIMEOUT, _LATENCY_FACTOR * self._latency)
+            if complete or silent or now - arrival > timeout:
                 number = self.latest.number + 1 if self.latest else 1
-                self._known = answer.copy()
-                self.latest = DisplayFrame(number, stamp, image, self._known.parts)
+                self._latest_results = results.copy()
+                self.latest = DisplayFrame(number, stamp, image, self._latest_results.parts)
                 older = None
                 while older != stamp:
                     older, _ = self._images.popitem(last=False)
-                    # Where stamps repeat, as in a loop, this is no answer to the next one.
-                    self._answers.pop(older, None)
+                    # Where stamps repeat, as in a loop, the next image needs its own results.
+                    self._results.pop(older, None)
                 return True
         return False
 
-    def _known_of(self, stamp: int) -> _Answer:
-        """What is known of an image that nothing has been said of since it came.
+    def _previous_results(self, stamp: int) -> _Results:
+        """Results of an image with none since its arrival.
 
-        All there was to say may have come before it, with the image of the same stamp before.
+        All of them may have come before it, with the previous image of the same stamp.
         """
-        return self._known if self._is_latest(stamp) else _Answer()
+        return self._latest_results if self._is_latest(stamp) else _Results()
 
     def _is_latest(self, stamp: int) -> bool:
         return self.latest is not None and stamp == self.latest.stamp

@@ -1,4 +1,4 @@
-"""How the tracker is, in the words of its diagnostics, and whether it is heard at all."""
+"""The health of the tracker: its own diagnostics, or that it is absent or silent."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections.abc import Callable, Sequence
 
 from pf_tracker_ros.node.console.json_conversions import Json
 
-# The diagnostics come once a second; a tracker that says nothing for longer has gone.
+# Seconds without a message until a tracker counts as silent; its diagnostics come once a second.
 _SILENCE = 1.6
 _FAULT_SHOWN = 6.0
-_SHOWN = ("confidence", "image_topic", "image_reliability", "preset", "input_rate")
+_SHOWN_VALUES = ("confidence", "image_topic", "image_reliability", "preset", "input_rate")
 
 
 class TrackerHealth:
-    """What was heard of one tracker. All times are seconds by one clock that never jumps.
+    """Health of one tracker. All times are seconds by a monotonic clock.
 
     Attributes:
-        last_status_at: When it answered a frame last.
+        last_status_at: Time of the last status of a frame.
 
     Args:
         name: Of the tracker's node.
@@ -27,23 +27,23 @@ class TrackerHealth:
         self._name = name
         self._status: Json | None = None
         self._diagnostics: Json | None = None
-        # Of the newer of the two.
+        # The state in the newer of the two.
         self._state: object = None
-        self._heard_at: float | None = None
+        self._received_at: float | None = None
         self._fault, self._fault_at = "", float("-inf")
 
     def take_status(self, status: Json, now: float) -> None:
-        """Take the status of a frame."""
-        self._heard_at = self.last_status_at = now
+        """Process the status of a frame."""
+        self._received_at = self.last_status_at = now
         self._status, self._state = status, status["values"].get("state")
 
     def take_diagnostics(self, diagnostics: Json, now: float) -> None:
-        """Take what the node says of itself once a second."""
-        self._heard_at, self._diagnostics = now, diagnostics
+        """Process the node's diagnostics."""
+        self._received_at, self._diagnostics = now, diagnostics
         self._state = diagnostics["values"].get("state")
 
     def take_fault(self, fault: str, now: float) -> None:
-        """Take what the console itself has to complain about."""
+        """Process a fault that the console has found itself."""
         self._fault, self._fault_at = fault, now
 
     def summary(
@@ -54,44 +54,43 @@ class TrackerHealth:
         others: Callable[[], Sequence[str]] = tuple,
         graph_faults: Sequence[str] = (),
     ) -> Json:
-        """What the page shows.
+        """The `health` message for the page.
 
         Args:
             now: The time.
-            recording_paused: Whether a recording does, so that images are not missed.
-            others: Tells the names of the trackers that there are, for one who asks for another.
-            graph_faults: Of the ROS graph around the console, a sentence each.
+            recording_paused: Whether a recording is paused, so that no images are expected.
+            others: Returns the names of available trackers, which the page suggests.
+            graph_faults: Faults of the ROS graph around the console, a sentence each.
         """
-        said = self._diagnostics or self._status
-        if self._heard_at is None or said is None:
-            there = ", ".join(others())
+        source = self._diagnostics or self._status
+        if self._received_at is None or source is None:
+            names = ", ".join(others())
             cure = (
-                f"there is {there}: start the console with -p tracker:=NAME"
-                if there
+                f"there is {names}: start the console with -p tracker:=NAME"
+                if names
                 else "start it (ros2 run pf_tracker_ros tracker), with the ROS_DOMAIN_ID of the "
                 "console"
             )
-            text = f"no tracker is heard as {self._name}; {cure}"
+            text = f"no tracker {self._name}; {cure}"
             return {"type": "health", "tracker": "absent", "level": "error", "text": text}
-        if now - self._heard_at > _SILENCE:
+        if now - self._received_at > _SILENCE:
             text = (
-                f"{self._name} has fallen silent: it has ended, hangs, or cannot be reached; the "
-                "console goes on with it as soon as it is back"
+                f"{self._name} is silent: it has ended, hangs, or cannot be reached; the console "
+                "continues as soon as it is back"
             )
             return {"type": "health", "tracker": "silent", "level": "error", "text": text}
-        values = said["values"]
+        values = source["values"]
         if self._status and self._state not in (values.get("state"), "skipped"):
-            # It has changed since the diagnostics came, which tell of the one before. Of a single
-            # frame that was skipped, nobody need read.
-            said = self._status
-        text, level = str(said["message"]), said["level"]
+            # The state has changed since the last diagnostics. A single skipped frame is no news.
+            source = self._status
+        text, level = str(source["message"]), source["level"]
         if recording_paused and text.startswith("no image for"):
-            # No fault of anybody.
+            # Expected while paused.
             text, level = text.partition("; ")[2], "ok"
         faults = dict.fromkeys(graph_faults)
         if now - self._fault_at < _FAULT_SHOWN:
             faults[self._fault] = None
         if faults:
             text, level = f"{text}; the console: {'; '.join(faults)}", "error"
-        told = {"type": "health", "tracker": "heard", "level": level, "text": text}
-        return told | {name: values.get(name) for name in _SHOWN} | {"state": self._state}
+        health = {"type": "health", "tracker": "alive", "level": level, "text": text}
+        return health | {name: values.get(name) for name in _SHOWN_VALUES} | {"state": self._state}

@@ -1,4 +1,4 @@
-"""Image messages as JPEG, for browsers."""
+"""Encoding of image messages as JPEG for browsers."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from pf_tracker_ros.decoding.decoder import ImageDecoder
 from pf_tracker_ros.decoding.image_decoding import ImageError
 from pf_tracker_ros.frames.exposure import range_of, sample, to_8_bit
 
-# Wider pictures show no more on a screen, and take their time on the way.
-_WIDEST = 1920
-_LARGEST = 2**25
-# Few sizes, so that one picture serves several windows.
+# Pixels; screens show no more of a wider picture.
+_MAX_WIDTH = 1920
+_MAX_PIXELS = 2**25
+# Few scales, so that one encoding serves several windows.
 _SCALES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.125)
 
 
 @dataclass(frozen=True)
 class QualityLevel:
-    """How much of an image a picture shows.
+    """Quality and size of an encoded image.
 
     Attributes:
-        quality: Of the JPEG, 0 to 100.
-        scale: Of its sides, relative to the image's.
+        quality: JPEG quality, 0 to 100.
+        scale: Side lengths relative to the image.
     """
 
     quality: int
@@ -42,18 +42,18 @@ QUALITY_LEVELS = (
     QualityLevel(40, 0.35),
     QualityLevel(30, 0.25),
 )
-"""From the most on, each about as much less than the one before."""
+"""From the best on; the sizes fall by about the same factor from each to the next."""
 
 
 @dataclass(frozen=True)
 class EncodedImage:
-    """A picture for the page.
+    """An image for the page.
 
     Attributes:
-        width: Of the image that it shows, pixels.
-        height: Of the same.
-        jpeg: Its bytes, of the same aspect ratio; empty where it cannot be shown.
-        error: Why it cannot, or empty.
+        width: Of the original image, pixels.
+        height: Of the original image, pixels.
+        jpeg: The encoded bytes, with the same aspect ratio; empty on an error.
+        error: The error, or empty.
     """
 
     width: int
@@ -62,26 +62,26 @@ class EncodedImage:
     error: str = ""
 
 
-def encode_image(message: Image | CompressedImage, detail: QualityLevel) -> EncodedImage:
+def encode_image(message: Image | CompressedImage, level: QualityLevel) -> EncodedImage:
     """Decode an image message and encode it for the page."""
     try:
-        image = ImageDecoder(_LARGEST).decode(message)
+        image = ImageDecoder(_MAX_PIXELS).decode(message)
         if not image.size:
             return EncodedImage(0, 0, b"", "the image has no pixels")
         if image.dtype != "uint8":
             image = to_8_bit(image, range_of(sample(image), margin=0.0))
         height, width = image.shape[:2]
-        shown = round(min(_WIDEST, max(1.0, width * detail.scale)))
-        if shown < width:
-            size = (shown, max(1, round(height * shown / width)))
+        columns = round(min(_MAX_WIDTH, max(1.0, width * level.scale)))
+        if columns < width:
+            size = (columns, max(1, round(height * columns / width)))
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, detail.quality])
+        _, jpeg = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, level.quality])
     except (ImageError, cv2.error, ValueError) as error:
         return EncodedImage(0, 0, b"", f"the image cannot be shown: {error}")
     return EncodedImage(width, height, jpeg.tobytes())
 
 
 def scale_for(image_width: float, window_width: float) -> float:
-    """The least scale at which an image fills a window; both widths in pixels."""
-    fitting = [scale for scale in _SCALES if image_width * scale >= window_width]
-    return min(fitting, default=1.0)
+    """The smallest scale at which an image fills a window; widths in pixels."""
+    sufficient = [scale for scale in _SCALES if image_width * scale >= window_width]
+    return min(sufficient, default=1.0)

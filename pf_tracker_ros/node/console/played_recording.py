@@ -1,4 +1,4 @@
-"""A recording that the page plays to the tracker, frame by frame and in lockstep."""
+"""The recording that the console plays to the tracker, in lockstep."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets, save_targets
 
-_SETTLING = 30.0
-# A frame that is played twice is a duplicate to the tracker, and its box is gone from the page. No
-# frame is lost on the way, so a tracker that does not answer is a slow one.
-_PATIENCE = 5.0
+_IDLE_TIMEOUT = 30.0
+# Seconds to wait for a status. Resending a frame too early makes it a duplicate, which clears its
+# box on the page; no frame is lost on the way, so a late status means a slow tracker.
+_STATUS_TIMEOUT = 5.0
 
 
 class PlayedRecording:
     """The replay publisher of the console, with a ROS context of its own.
 
     Attributes:
-        is_playable: Whether the source can be read; its node has told why it cannot.
-        replay: That node.
+        is_playable: Whether the source can be read; the replay node logs the reason if not.
+        replay: The replay node.
 
     Args:
-        node: The console's node; images go where it would look for them.
+        node: The console's node; images are published on its topic `image`.
         source: As the parameter `source` of `replay`.
         bag_topic: As the parameter of `replay`.
         tracker: Fully qualified name of the tracker's node.
@@ -44,7 +44,7 @@ class PlayedRecording:
         self._bag_topic = bag_topic
         self._target_file = target_file(self._path)
         self._has_target = False
-        self._look_for_target()
+        self._check_target_file()
         image = node.resolve_topic_name("image")
         remapped = ["-r", f"image:={image}", "-r", f"image/compressed:={image}/compressed"]
         values = {
@@ -52,7 +52,7 @@ class PlayedRecording:
             "bag_topic": bag_topic,
             "lockstep": True,
             "lockstep_rate": 1.0,
-            "lockstep_timeout": _PATIENCE,
+            "lockstep_timeout": _STATUS_TIMEOUT,
             "lockstep_status": f"{tracker}/status",
             "start_paused": True,
             "stay_at_end": True,
@@ -72,71 +72,72 @@ class PlayedRecording:
         self.is_playable = self.replay.has_started
 
     def close(self) -> None:
-        """End it."""
+        """Stop the replay node."""
         self._running.close()
 
     @property
     def state(self) -> Json:
-        """What the page shows of it."""
+        """The recording's part of the `recording` message for the page."""
         return {
             "name": self._path.name,
             "frame": self.replay.position,
-            "frames": self.replay.frame_count,
+            "frame_count": self.replay.frame_count,
             "rate": self.replay.get_parameter("lockstep_rate").value,
-            "target": self._target_file.name if self._has_target else "",
+            "target_file": self._target_file.name if self._has_target else "",
         }
 
     def wait_reason(self, image_topic: str) -> str:
-        """Why it does not go on, and what to do where it and the tracker use other topics.
+        """Why the playback waits, with advice if the tracker subscribes to another topic.
 
         Args:
-            image_topic: That the tracker takes its images from, empty while that is not known.
+            image_topic: Image topic of the tracker, empty while unknown.
 
         Returns:
-            A sentence, empty if nothing is in the way.
+            A sentence, empty if it does not wait.
         """
         if self.replay.failure:
-            return f"the recording cannot go on, start the console anew: {self.replay.failure}"
-        said = self.replay.wait_reason
+            return f"the recording cannot continue: {self.replay.failure}; restart the console"
+        reason = self.replay.wait_reason
         own, other = (
             topic.removesuffix("/compressed") for topic in (self.replay.image_topic, image_topic)
         )
-        if not said or not other or own == other:
-            return said
+        if not reason or not other or own == other:
+            return reason
         return (
-            f"{said}; the tracker takes its images from {other}: start the console "
-            f"with --ros-args -r image:={other}"
+            f"{reason}; the tracker subscribes to {other}: start the console with "
+            f"--ros-args -r image:={other}"
         )
 
     @property
     def frame(self) -> int:
-        """Index of the frame that was played last, 0 before the first."""
+        """Index of the last frame played, 0 before the first."""
         return max(0, self.replay.position)
 
     @property
     def last_frame(self) -> int | None:
-        """Index of the last frame, None where the source does not tell how many there are."""
+        """Index of the recording's last frame, None if its length is unknown."""
         count = self.replay.frame_count
         return None if count is None else max(0, count - 1)
 
     def wait_until_idle(self) -> bool:
-        """Wait until it stands still with every frame answered; whether it does.
-
-        It has to be paused. At most half a minute.
-        """
-        return self.replay.playback.wait_until_held(_SETTLING)
-
-    def set_rate(self, rate: float) -> str:
-        """Set the speed relative to the recording's own, 0 for that of the tracker.
+        """Wait at most 30 s until the paused playback has a status for every frame.
 
         Returns:
-            Why it is refused, or empty.
+            Whether it has.
+        """
+        return self.replay.playback.wait_until_held(_IDLE_TIMEOUT)
+
+    def set_rate(self, rate: float) -> str:
+        """Set the playback rate relative to the recording's own, 0 for as fast as the tracker.
+
+        Returns:
+            The reason of a refusal, or empty.
         """
         (result,) = self.replay.set_parameters([Parameter("lockstep_rate", value=rate)])
         return "" if result.successful else str(result.reason)
 
     def save(self, targets: Sequence[Target]) -> Path:
-        """Write targets beside the recording, over what has been saved before.
+        """Write targets to the recording's sidecar file, replacing an earlier one.
 
         Returns:
             Path of the file.
@@ -145,16 +146,16 @@ class PlayedRecording:
             OSError: It cannot be written.
         """
         path = save_targets(targets, self._path, may_replace=True)
-        self._look_for_target()
+        self._check_target_file()
         return path
 
     def load(self) -> list[Target]:
-        """The targets of the file beside the recording, with the frames that they were drawn on.
+        """The targets of the recording's sidecar file, with their frames.
 
         Reads the recording up to the last of these frames.
 
         Raises:
-            RecordingError: The file is wrong, or of another recording.
+            RecordingError: The file is invalid, or belongs to another recording.
             FootageError: The recording cannot be read that far.
         """
         waiting = list(read_targets(self._target_file, self._path))
@@ -170,5 +171,5 @@ class PlayedRecording:
                     return found
         raise waiting[0].missed()
 
-    def _look_for_target(self) -> None:
+    def _check_target_file(self) -> None:
         self._has_target = lexists(self._target_file)

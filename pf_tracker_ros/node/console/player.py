@@ -1,4 +1,13 @@
-"""Plays the recording for the page, so that a target can be tried again and again."""
+"""Plays the recording for the page, so that targets can be drawn, tried and changed.
+
+A seek restarts the tracker, and a single target drawn on the page is a seek to its frame:
+
+1. The recording pauses, and the tracker stops its targets.
+2. The recording goes to the first target's frame, or to the sought frame if that is earlier.
+3. It steps to the sought frame. Each target is sent just before the frame that it was drawn on.
+
+So the boxes are those of a run in lockstep with the same targets.
+"""
 
 from __future__ import annotations
 
@@ -19,122 +28,122 @@ from pf_tracker_ros.recordings import RecordingError, Target
 from pf_tracker_ros.stamps import NANOSECONDS
 
 _FIRST_FRAME_INTERVAL = 1.0
-# A tracker takes no target of a frame that is a minute ahead of its time.
-_NEAR = 30 * NANOSECONDS
-# Each waits for two seconds.
+# The tracker refuses targets that are a minute ahead of its last image.
+_MAX_AHEAD = 30 * NANOSECONDS
+# Of two seconds each.
 _ATTEMPTS = 3
 
 REQUESTS = ("play", "step", "seek", "rate", "save", "load")
-"""What can be asked of a recording."""
+"""Requests about the recording."""
 
 
 class Player:
-    """Does what browsers ask of the recording.
+    """Carries out the requests of browsers about the recording.
 
     Attributes:
-        targets: The targets that are tried, in the order in which they were drawn.
+        targets: The drawn targets, in the order of drawing.
 
     Args:
-        recording: That is played.
-        link: To the tracker.
-        picker: Sends the target.
-        tell: Tells all browsers something.
-        is_single_target: Whether there may be one target alone.
+        recording: The recording.
+        link: Topics and services of the tracker.
+        requester: Sends targets.
+        broadcast: Sends a message to all browsers.
+        is_single_target: Returns whether `max_targets` is 1.
     """
 
     def __init__(
         self,
         recording: PlayedRecording,
         link: TrackerLink,
-        picker: TargetRequester,
-        tell: Callable[[Json], Awaitable[None]],
+        requester: TargetRequester,
+        broadcast: Callable[[Json], Awaitable[None]],
         is_single_target: Callable[[], bool],
     ) -> None:
         self.targets: list[Target] = []
         self._recording = recording
         self._link = link
-        self._picker = picker
-        self._tell = tell
-        self._is_for_one = is_single_target
-        self._told: Json = {}
-        self._show_first_at = float("-inf")
+        self._requester = requester
+        self._broadcast = broadcast
+        self._is_single_target = is_single_target
+        self._last_state: Json = {}
+        self._show_first_after = float("-inf")
         self._seeking = asyncio.Lock()
-        # What is wanted once a frame that is sought has been found; until then it stands still.
+        # Requests during a seek, which is paused; carried out after it.
         self._plays_after = False
         self._steps_after = 0
-        # The targets to be sent with their frames.
+        # Targets still to be sent with their frames.
         self._due: list[Target] = []
         self._playback = recording.replay.playback
         recording.replay.before_frame = self._send_due
 
     async def handle(self, name: str, message: Json) -> None:
-        """Do one of `REQUESTS`, by the method of its name.
+        """Carry out one of `REQUESTS`, by the method of its name.
 
         Raises:
-            RequestError: It cannot be done.
+            RequestError: The request is invalid or failed.
         """
         await getattr(self, f"_on_{name}")(message)
 
     @property
     def state(self) -> Json:
-        """What the page shows of the recording."""
+        """The `recording` message for the page."""
         return {
             "type": "recording",
-            "saves": bool(self.targets),
+            "can_save": bool(self.targets),
             "problem": self._recording.wait_reason(self._link.image_topic),
             **self._recording.state,
-            "playing": self._plays,
+            "playing": self._is_playing,
         }
 
     @property
-    def _plays(self) -> bool:
-        """Whether it plays, or will as soon as the frame is found that is sought."""
+    def _is_playing(self) -> bool:
+        """Whether it plays, or will after the present seek."""
         return self._plays_after if self._seeking.locked() else not self._playback.paused
 
     @property
     def recording_paused(self) -> bool:
-        """Whether no images are to be expected."""
+        """Whether the recording is paused, so that no images come."""
         return self._playback.paused and not self._recording.wait_reason("")
 
     def clear_targets(self) -> str:
-        """Try no target any more.
+        """Remove all targets.
 
         Returns:
-            What was forgotten where the tracker does not know of it yet; empty where it does.
+            A sentence if the tracker had not received them yet, else empty.
         """
         frames, self.targets = [_frame_of(target) for target in self.targets], []
         if not frames or self._recording.frame >= min(frames):
             return ""
-        return f"the target of frame {min(frames)} is forgotten; waiting for a target"
+        return f"the target of frame {min(frames)} is removed; waiting for a target"
 
     def remove_last_target(self) -> None:
-        """Try the target no more that was drawn last: it was refused."""
+        """Remove the last target, which was refused."""
         self.targets = self.targets[:-1]
 
     async def poll(self, now: float, *, has_picture: bool) -> None:
-        """Tell the browsers what is new.
+        """Broadcast a changed state, and show the first frame.
 
         Args:
-            now: Seconds by a clock that never jumps.
-            has_picture: Whether there is one to draw a target on.
+            now: Seconds by a monotonic clock.
+            has_picture: Whether the page has a picture to draw on.
         """
         state = self.state
-        if state != self._told:
-            self._told = state
-            await self._tell(state)
-        # The first may go by before the console is known to be a subscriber.
+        if state != self._last_state:
+            self._last_state = state
+            await self._broadcast(state)
+        # The first frame may be lost before the console is discovered as a subscriber.
         is_idle = self._playback.paused and not self._seeking.locked()
-        if not has_picture and is_idle and now > self._show_first_at:
-            self._show_first_at = now + _FIRST_FRAME_INTERVAL
+        if not has_picture and is_idle and now > self._show_first_after:
+            self._show_first_after = now + _FIRST_FRAME_INTERVAL
             self._playback.seek(self._recording.frame)
 
     async def start_from_target(
         self, box: Box, stamp: int, image_size: tuple[int, int] | None
     ) -> bool:
-        """Play on from the frame that a target was drawn on.
+        """Restart the playback at the frame of a new target.
 
-        Where there may be several, those before it go on: where the recording stands still, its
-        frame is shown once more, and the target begins on it.
+        With several targets the others continue: a paused recording shows its present frame once
+        more, and the target begins on it.
 
         Args:
             box: (x, y, width, height), pixels.
@@ -142,37 +151,37 @@ class Player:
             image_size: (width, height) of its image, None where that is unknown.
 
         Returns:
-            Whether it does.
+            False if the caller has to send the target itself.
         """
         frame = self._recording.replay.index_of(stamp)
         if frame is None:
             return False
         target = Target(box, stamp, frame, image_size)
-        if self._is_for_one():
+        if self._is_single_target():
             self.targets = [target]
             await self._go_to(frame)
             return True
         self.targets.append(target)
-        return await self._begin_on_the_same_frame(box, stamp, frame)
+        return await self._start_on_shown_frame(box, stamp, frame)
 
-    async def _begin_on_the_same_frame(self, box: Box, stamp: int, frame: int) -> bool:
-        """Show a frame once more, where it stands still there, with a target for it."""
+    async def _start_on_shown_frame(self, box: Box, stamp: int, frame: int) -> bool:
+        """Replay a frame with a target on it; False unless the recording is paused there."""
         is_shown = frame == self._recording.frame and self._playback.paused
         if not is_shown or self._seeking.locked():
             return False
-        async with self._held(plays=False):
-            await self._picker.send(partial(self._link.send_target, box, stamp))
+        async with self._paused(plays=False):
+            await self._requester.send(partial(self._link.send_target, box, stamp))
             await asyncio.to_thread(self._link.wait_for_target_ack)
             self._playback.seek(frame)
             await asyncio.to_thread(self._recording.wait_until_idle)
         return True
 
     @asynccontextmanager
-    async def _held(self, *, plays: bool | None) -> AsyncIterator[None]:
-        """The recording stands still; what is asked of it meanwhile is done afterwards.
+    async def _paused(self, *, plays: bool | None) -> AsyncIterator[None]:
+        """Pause the recording; requests during this time are carried out afterwards.
 
         Args:
-            plays: Whether it plays then, unless something else is asked; None if it does so now.
+            plays: Whether it plays afterwards, unless requested otherwise; None as at present.
         """
         async with self._seeking:
             self._plays_after = not self._playback.paused if plays is None else plays
@@ -219,10 +228,10 @@ class Player:
             path = self._recording.save(self.targets)
         except OSError as error:
             raise RequestError(f"the target cannot be saved: {error}") from error
-        await self._tell(note("save", f"saved as {path.name}, beside the recording"))
+        await self._broadcast(note("save", f"saved as {path.name} beside the recording"))
 
     async def _on_load(self, message: Json) -> None:
-        """Take the targets of the file beside the recording, and go to the frame of the first."""
+        """Load the targets of the recording's sidecar file, and go to the frame of the first."""
         try:
             self.targets = await asyncio.to_thread(self._recording.load)
         except (RecordingError, FootageError) as error:
@@ -230,48 +239,46 @@ class Player:
         await self._go_to(min(map(_frame_of, self.targets)))
 
     async def _approach(self, target: Target) -> None:
-        """Bring the tracker's time near the frame of a target, if it is far before that."""
-        if target.frame and target.stamp - self._recording.replay.stamp > _NEAR:
+        """Send the frame before a target's, if the tracker would refuse the target as too early."""
+        if target.frame and target.stamp - self._recording.replay.stamp > _MAX_AHEAD:
             self._playback.seek(target.frame - 1)
             await asyncio.to_thread(self._recording.wait_until_idle)
 
     def _send_due(self, index: int) -> None:
-        """Send the targets with the frame that they were drawn on, before that goes out.
+        """Send the targets of a frame, before the frame is published.
 
-        Called in another thread, which plays the frame after it.
+        Called in the thread of the playback.
         """
         due = [target for target in self._due if target.frame == index]
         self._due = [target for target in self._due if target.frame != index]
         for target in due:
-            # One that was stopped or refused meanwhile is due no more.
-            if target in self.targets and not self._sends(target):
+            # A target may have been stopped or refused meanwhile.
+            if target in self.targets and not self._send_target(target):
                 return
 
-    def _sends(self, target: Target) -> bool:
-        """Send a target until the tracker has it; False where there is no tracker."""
+    def _send_target(self, target: Target) -> bool:
+        """Send a target until the tracker acknowledges it; False if there is no tracker."""
         assert target.box is not None
         for _ in range(_ATTEMPTS):
             try:
                 self._link.send_target(target.box, target.stamp)
             except TrackerError:
-                # The page tells of a tracker that is not there.
+                # The page shows that there is no tracker.
                 return False
             if self._link.wait_for_target_ack():
                 break
         return True
 
     async def _go_to(self, frame: int, *, plays: bool | None = None) -> None:
-        """Play a frame of the recording so that the boxes are those of a run in lockstep.
-
-        The targets that are tried begin on the frames that they were drawn on.
+        """Go to a frame; its boxes are those of a run in lockstep from the first target on.
 
         Args:
-            frame: Its index, counted from 0.
-            plays: Whether it plays on from there; None if it does so now.
+            frame: Index, counted from 0.
+            plays: Whether it plays on from there; None as at present.
         """
-        async with self._held(plays=plays):
+        async with self._paused(plays=plays):
             if not await asyncio.to_thread(self._recording.wait_until_idle):
-                raise RequestError("the tracker does not answer the recording's last frame")
+                raise RequestError("the tracker has sent no status for the last frame")
             await self._link.services.stop()
             first, self._due = frame, list(self.targets)
             if self.targets:
@@ -280,12 +287,12 @@ class Player:
                 first = min(frame, begins)
                 if frame < begins:
                     text = f"the target begins at frame {begins}, where it was drawn"
-                    await self._tell(note("seek", text))
+                    await self._broadcast(note("seek", text))
                 if first == begins:
                     await self._approach(earliest)
                     assert earliest.box is not None
                     send = partial(self._link.send_target, earliest.box, earliest.stamp)
-                    await self._picker.send(send, is_sent_later=True)
+                    await self._requester.send(send, is_sent_later=True)
             self._playback.seek(first)
             if frame > first:
                 self._playback.step(frame - first)

@@ -1,7 +1,14 @@
-"""What a browser's link bears: how many frames may be under way to it, and how detailed they are.
+"""Congestion control for one browser: the number of frames in flight, and their quality.
 
-All of it is measured by what the page acknowledges, so that a page that draws slowly counts as a
-slow link.
+All measurements come from the acknowledgments of the page, so a page that draws slowly counts as a
+slow link:
+
+1. The round-trip time of the welcome sets how many frames may be in flight.
+2. Every 0.4 s the load of the link and the frame rate are measured.
+3. A full link with too few frames gets a lower quality. If that brings no more frames, the link is
+   not the limit, and the quality goes back.
+4. A link with spare capacity gets a higher quality, after a wait that doubles each time the higher
+   quality was too much.
 """
 
 from __future__ import annotations
@@ -14,32 +21,32 @@ from typing import NamedTuple
 
 from pf_tracker_ros.node.console.image_encoding import QUALITY_LEVELS, QualityLevel
 
-# A frame is under way while the one before is being drawn; more where the way is long.
-_FRAMES_UNDER_WAY = 2
-_MOST_UNDER_WAY = 4
-# Frames a second that are worth less detail, as far as the camera gives so many.
-_WANTED_RATE = 25.0
-_RATE_ENOUGH = 0.9
-# Shares of the time in which something is on its way: the link is full, or has room for more.
-_FULL = 0.85
-_ROOM = 0.4
-# A step of `QUALITY_LEVELS` makes a picture about so much smaller.
+# Frames in flight: one while the previous is drawn, more with a long round trip.
+_MIN_IN_FLIGHT = 2
+_MAX_IN_FLIGHT = 4
+# Target frame rate, Hz, as far as the camera has it; below this share of it quality is reduced.
+_TARGET_RATE = 25.0
+_SUFFICIENT_RATE = 0.9
+# Load, as the share of time with data in flight, of a full link and of one with spare capacity.
+_FULL_LOAD = 0.85
+_SPARE_LOAD = 0.4
+# A step of `QUALITY_LEVELS` makes a picture smaller by about this factor.
 _STEP = 0.7
-# Seconds between two judgments, and for how long there has to be room before a picture gets more
-# detail: longer each time that this was too much within some seconds.
+# Seconds between two updates, and of spare capacity before quality is raised. The latter doubles,
+# up to a maximum, each time that the link was full again within some seconds.
 _INTERVAL = 0.4
-_PATIENCE = 1.5
-_LONGEST_PATIENCE = 40.0
-_TOO_MUCH_WITHIN = 4.0
-# Less detail has to bring so many times the frames. Else something other than the link limits them,
-# such as a browser that has little of its machine; for so many seconds it is not tried again.
-_USEFUL = 1.15
-_USELESS = 20.0
+_RAISE_DELAY = 1.5
+_MAX_RAISE_DELAY = 40.0
+_FULL_WITHIN = 4.0
+# Less quality has to raise the frame rate by this factor. Otherwise something else limits it, such
+# as a busy browser, and quality is not reduced again for so many seconds.
+_MIN_GAIN = 1.15
+_NO_GAIN_PAUSE = 20.0
 
 
 @dataclass
-class _Measured:
-    """What has been acknowledged since some time."""
+class _Measurement:
+    """Counts since a time; `busy` is the time with data in flight, seconds."""
 
     since: float
     frames: int = 0
@@ -47,18 +54,18 @@ class _Measured:
     busy: float = 0.0
 
 
-class _Lowered(NamedTuple):
-    """From which level less detail was given, and how many frames a second it had."""
+class _Reduction(NamedTuple):
+    """The level before a reduction of quality, and its frame rate, Hz."""
 
     level: int
     rate: float
 
 
 class RateController:
-    """Decides when a browser gets a frame, and in which detail.
+    """Decides when a browser gets a frame, and in which quality.
 
-    So a slow link drops frames and detail instead of queuing frames. All times are seconds by one
-    clock that never jumps.
+    So a slow link drops frames and quality instead of queuing frames. All times are seconds by a
+    monotonic clock.
 
     Args:
         now: The time.
@@ -66,20 +73,20 @@ class RateController:
 
     def __init__(self, now: float) -> None:
         self._freed = asyncio.Event()
-        self._taken = 0
+        self._in_flight = 0
         self._sent_at: deque[float] = deque()
-        self._shown_at = now
-        self._greeted_at: float | None = None
+        self._acknowledged_at = now
+        self._round_trip_began: float | None = None
         self._round_trip = math.inf
-        self._most_under_way = _FRAMES_UNDER_WAY
+        self._max_in_flight = _MIN_IN_FLIGHT
         self._level = 0
-        self._measured = _Measured(now)
-        self._roomy_since = now
+        self._measurement = _Measurement(now)
+        self._spare_since = now
         self._raised_at: float | None = None
-        self._patience = _PATIENCE
-        self._lowered: _Lowered | None = None
-        self._useless_until = now
-        self._unjudged = 0
+        self._raise_delay = _RAISE_DELAY
+        self._last_reduction: _Reduction | None = None
+        self._no_gain_until = now
+        self._uncounted = 0
 
     @property
     def quality_level(self) -> QualityLevel:
@@ -87,98 +94,98 @@ class RateController:
         return QUALITY_LEVELS[self._level]
 
     def start_round_trip(self, now: float) -> None:
-        """A short message is sent, which the page answers at once."""
-        self._greeted_at = now
+        """Note that a message is sent which the page acknowledges at once."""
+        self._round_trip_began = now
 
     def end_round_trip(self, now: float) -> None:
-        """It has been answered, which tells how long the way is."""
-        if self._greeted_at is not None:
-            self._round_trip = now - self._greeted_at
-            self._greeted_at = None
-            frames = 1 + math.ceil(self._round_trip * _WANTED_RATE)
-            self._most_under_way = min(_MOST_UNDER_WAY, max(_FRAMES_UNDER_WAY, frames))
+        """Process the acknowledgment, which measures the round-trip time."""
+        if self._round_trip_began is not None:
+            self._round_trip = now - self._round_trip_began
+            self._round_trip_began = None
+            frames = 1 + math.ceil(self._round_trip * _TARGET_RATE)
+            self._max_in_flight = min(_MAX_IN_FLIGHT, max(_MIN_IN_FLIGHT, frames))
 
     @property
     def can_send(self) -> bool:
         """Whether a frame may be sent."""
-        return self._taken < self._most_under_way
+        return self._in_flight < self._max_in_flight
 
     async def acquire(self) -> None:
-        """Wait until a frame may be sent, which it then has to be."""
+        """Wait until a frame may be sent, and reserve its place; `send` has to follow."""
         while not self.can_send:
             self._freed.clear()
             await self._freed.wait()
-        self._taken += 1
+        self._in_flight += 1
 
     def send(self, dropped: int, now: float) -> None:
-        """A frame is sent.
+        """Note that a frame is sent.
 
         Args:
-            dropped: How many there were between it and the last one.
+            dropped: Number of frames dropped between it and the last one.
             now: The time.
         """
         self._sent_at.append(now)
-        self._measured.dropped += dropped
+        self._measurement.dropped += dropped
 
     def acknowledge(self, now: float) -> None:
-        """The oldest frame under way has been drawn."""
+        """Process the acknowledgment of the oldest frame in flight."""
         if not self._sent_at:
             return
         sent_at = self._sent_at.popleft()
-        self._taken -= 1
+        self._in_flight -= 1
         self._freed.set()
         self._round_trip = min(self._round_trip, now - sent_at)
-        if self._unjudged:
-            self._unjudged -= 1
-            self._shown_at = now
-            self._measured = _Measured(now)
+        if self._uncounted:
+            self._uncounted -= 1
+            self._acknowledged_at = now
+            self._measurement = _Measurement(now)
             return
-        measured = self._measured
-        measured.frames += 1
-        # The way itself is no work of the link, nor is what waits behind another frame.
-        began = max(sent_at + self._round_trip, self._shown_at, measured.since)
-        measured.busy += max(0.0, now - began)
-        self._shown_at = now
-        if now - measured.since >= _INTERVAL:
-            self._judge(now)
+        measurement = self._measurement
+        measurement.frames += 1
+        # Neither the round trip nor the wait behind another frame is load.
+        began = max(sent_at + self._round_trip, self._acknowledged_at, measurement.since)
+        measurement.busy += max(0.0, now - began)
+        self._acknowledged_at = now
+        if now - measurement.since >= _INTERVAL:
+            self._update(now)
 
-    def _judge(self, now: float) -> None:
-        measured = self._measured
-        elapsed = now - measured.since
-        self._measured = _Measured(now)
-        load, rate = measured.busy / elapsed, measured.frames / elapsed
-        wanted = min(_WANTED_RATE, (measured.frames + measured.dropped) / elapsed)
-        if self._raised_at is not None and now - self._raised_at > _TOO_MUCH_WITHIN:
-            # The link bears it.
-            self._raised_at, self._patience = None, _PATIENCE
-        if load > _FULL and rate < _RATE_ENOUGH * wanted:
-            self._roomy_since = now
-            self._relieve(rate, wanted, now)
+    def _update(self, now: float) -> None:
+        measurement = self._measurement
+        elapsed = now - measurement.since
+        self._measurement = _Measurement(now)
+        load, rate = measurement.busy / elapsed, measurement.frames / elapsed
+        target = min(_TARGET_RATE, (measurement.frames + measurement.dropped) / elapsed)
+        if self._raised_at is not None and now - self._raised_at > _FULL_WITHIN:
+            # The link carries the raised quality.
+            self._raised_at, self._raise_delay = None, _RAISE_DELAY
+        if load > _FULL_LOAD and rate < _SUFFICIENT_RATE * target:
+            self._spare_since = now
+            self._reduce(rate, target, now)
             return
-        self._lowered = None
-        if load >= _ROOM:
-            self._roomy_since = now
-        elif self._level and now - self._roomy_since >= self._patience:
-            self._raised_at = self._roomy_since = now
-            self._change(self._level - 1)
+        self._last_reduction = None
+        if load >= _SPARE_LOAD:
+            self._spare_since = now
+        elif self._level and now - self._spare_since >= self._raise_delay:
+            self._raised_at = self._spare_since = now
+            self._set_level(self._level - 1)
 
-    def _relieve(self, rate: float, wanted: float, now: float) -> None:
-        """Give less detail, or take that back where it was of no use."""
-        if self._lowered and rate < _USEFUL * self._lowered.rate:
-            self._change(self._lowered.level)
-            self._lowered = None
-            self._useless_until = now + _USELESS
+    def _reduce(self, rate: float, target: float, now: float) -> None:
+        """Reduce the quality, or restore it where the last reduction brought too little."""
+        if self._last_reduction and rate < _MIN_GAIN * self._last_reduction.rate:
+            self._set_level(self._last_reduction.level)
+            self._last_reduction = None
+            self._no_gain_until = now + _NO_GAIN_PAUSE
             return
-        if now < self._useless_until or self._level == len(QUALITY_LEVELS) - 1:
+        if now < self._no_gain_until or self._level == len(QUALITY_LEVELS) - 1:
             return
         if self._raised_at is not None:
-            self._patience = min(_LONGEST_PATIENCE, 2.0 * self._patience)
+            self._raise_delay = min(_MAX_RAISE_DELAY, 2.0 * self._raise_delay)
             self._raised_at = None
-        self._lowered = _Lowered(self._level, rate)
-        steps = max(1, round(math.log(rate / wanted) / math.log(_STEP)))
-        self._change(min(len(QUALITY_LEVELS) - 1, self._level + steps))
+        self._last_reduction = _Reduction(self._level, rate)
+        steps = max(1, round(math.log(rate / target) / math.log(_STEP)))
+        self._set_level(min(len(QUALITY_LEVELS) - 1, self._level + steps))
 
-    def _change(self, level: int) -> None:
+    def _set_level(self, level: int) -> None:
         self._level = level
-        # What is under way is of the level before.
-        self._unjudged = len(self._sent_at)
+        # Frames in flight have the previous level.
+        self._uncounted = len(self._sent_at)

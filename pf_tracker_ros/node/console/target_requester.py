@@ -1,4 +1,4 @@
-"""Targets that are sent to the tracker, and what it makes of them, read from its statuses."""
+"""Sends targets to the tracker, and reads its response from status and diagnostics."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.tracker_services import TrackerError
 
 _REFUSED = "target refused"
-# A frame that is answered so much later, in seconds, would have told of the target.
-_ANSWERED_AFTER = 0.5
-_MOST_ATTEMPTS = 4
-# A target that nothing has been heard of for so long waits for an image.
-_PATIENCE = 3.0
-# The same where no image comes by itself, which a target that is tried needs none of.
-_PATIENCE_STILL = 1.0
+# A target counts as lost if a status follows this much later, in seconds, without a response.
+_LOST_AFTER = 0.5
+_MAX_ATTEMPTS = 4
+# Seconds without a response until the outcome is `waiting`; the same while a recording is paused.
+_TIMEOUT = 3.0
+_TIMEOUT_PAUSED = 1.0
 _TICK = 0.1
-# As of the services.
-_MEETING_TICKS = 50
+# Discovery takes as long as for the services.
+_DISCOVERY_TICKS = 50
 
 
 @dataclass(frozen=True)
 class TargetResponse:
-    """What became of a target.
+    """The tracker's response to a target.
 
     Attributes:
         outcome: `accepted`, `refused` or, before either, `waiting`.
-        text: One sentence, of a refused one the node's own.
+        text: One sentence; of a refusal, the node's own.
     """
 
     outcome: str
@@ -40,20 +39,20 @@ class TargetResponse:
 
 
 def response_from_status(status: Json) -> TargetResponse | None:
-    """The verdict in the status of a frame, None if it has none."""
+    """The response in the status of a frame, None if it has none."""
     message = str(status["message"])
     if _REFUSED in message:
         return TargetResponse("refused", message[message.index(_REFUSED) :])
     if status["values"].get("frame") == "started":
-        return TargetResponse("accepted", "accepted; the tracker follows it")
+        return TargetResponse("accepted", "accepted; the target is tracked")
     return None
 
 
 def response_from_diagnostics(health: Json, sent_for: float) -> TargetResponse | None:
-    """The verdict in the node's diagnostics, which come without images too.
+    """The response in the node's diagnostics, which come without images too.
 
     Args:
-        health: As `answers.diagnostic_status_to_json` gives it.
+        health: As from `json_conversions.diagnostic_status_to_json`.
         sent_for: Seconds since the target was sent.
     """
     values: dict[str, Any] = health["values"]
@@ -63,41 +62,41 @@ def response_from_diagnostics(health: Json, sent_for: float) -> TargetResponse |
 
 
 @dataclass
-class _Pick:
-    """A target that has been sent and not been answered; times by `time.monotonic`."""
+class _PendingTarget:
+    """A target without a response yet; times by `time.monotonic`."""
 
     send: Callable[[], None]
     sent_at: float
-    tried_at: float
+    last_sent_at: float
     attempts: int = 1
     is_waiting: bool = False
 
 
 class TargetRequester:
-    """Sends targets, one after another, and tells what becomes of the last.
+    """Sends targets, and reports the response to the last one.
 
     Args:
-        link: To the tracker.
-        tell: Called with each verdict.
+        link: Topics of the tracker.
+        report: Called with each response.
     """
 
-    def __init__(self, link: TrackerLink, tell: Callable[[TargetResponse], None]) -> None:
+    def __init__(self, link: TrackerLink, report: Callable[[TargetResponse], None]) -> None:
         self._link = link
-        self._tell = tell
-        self._pick: _Pick | None = None
+        self._report = report
+        self._pending: _PendingTarget | None = None
 
     async def send(self, send: Callable[[], None], *, is_sent_later: bool = False) -> None:
-        """Send a target, and expect a verdict on it.
+        """Send a target, and wait for the response in later statuses.
 
         Args:
-            send: Does so, and again where it may have been lost.
-            is_sent_later: Whether somebody else sends it at first, in a moment.
+            send: Sends it; called again if it was lost.
+            is_sent_later: Whether the caller sends it the first time, with its frame.
 
         Raises:
-            TrackerError: Nobody takes targets.
+            TrackerError: No node subscribes to targets.
         """
-        # A tracker that has just been found may not be known to take any yet.
-        for _ in range(_MEETING_TICKS):
+        # The subscriptions of a tracker may be discovered later than the node.
+        for _ in range(_DISCOVERY_TICKS):
             if self._link.has_target_subscribers:
                 break
             await asyncio.sleep(_TICK)
@@ -106,48 +105,47 @@ class TargetRequester:
         else:
             send()
         now = time.monotonic()
-        self._pick = _Pick(send, now, now)
+        self._pending = _PendingTarget(send, now, now)
 
     def check_status(self, status: Json) -> None:
-        """Look for the verdict in the status of a frame."""
+        """Look for the response in the status of a frame."""
         self._conclude(response_from_status(status))
 
     def check_diagnostics(self, health: Json, now: float) -> None:
-        """Look for the verdict in the node's diagnostics, at a time by `time.monotonic`."""
-        if self._pick:
-            self._conclude(response_from_diagnostics(health, now - self._pick.sent_at))
+        """Look for the response in the node's diagnostics; `now` is by `time.monotonic`."""
+        if self._pending:
+            self._conclude(response_from_diagnostics(health, now - self._pending.sent_at))
 
     def poll(
         self, last_status_at: float, now: float, *, may_resend: bool, recording_paused: bool = False
     ) -> None:
-        """Send again what was lost, and tell what waits for an image.
+        """Resend a lost target, and report one that waits for an image.
 
-        What is sent while two sides get to know each other may be lost: frames have been answered
-        since then, and none of them told of it.
+        A message may be lost during discovery: later statuses then have no response to it.
 
         Args:
-            last_status_at: When the last frame was answered, by `time.monotonic`.
+            last_status_at: Time of the last status, by `time.monotonic`.
             now: By the same clock.
             may_resend: Whether the target may be sent again.
-            recording_paused: Whether no image comes until somebody lets the recording go on.
+            recording_paused: Whether a recording is paused, so that no image comes.
         """
-        pick = self._pick
-        if pick is None:
+        pending = self._pending
+        if pending is None:
             return
-        is_lost = last_status_at - pick.tried_at > _ANSWERED_AFTER
-        if may_resend and is_lost and pick.attempts < _MOST_ATTEMPTS:
-            pick.attempts, pick.tried_at = pick.attempts + 1, now
+        is_lost = last_status_at - pending.last_sent_at > _LOST_AFTER
+        if may_resend and is_lost and pending.attempts < _MAX_ATTEMPTS:
+            pending.attempts, pending.last_sent_at = pending.attempts + 1, now
             with contextlib.suppress(TrackerError):
-                pick.send()
-        patience = _PATIENCE_STILL if recording_paused else _PATIENCE
-        if not pick.is_waiting and now - pick.sent_at > patience:
-            pick.is_waiting = True
-            cure = ": press N for it, or play" if recording_paused else ""
-            self._tell(
-                TargetResponse("waiting", f"sent; the tracker answers with the next image{cure}")
+                pending.send()
+        timeout = _TIMEOUT_PAUSED if recording_paused else _TIMEOUT
+        if not pending.is_waiting and now - pending.sent_at > timeout:
+            pending.is_waiting = True
+            hint = ": press N, or play" if recording_paused else ""
+            self._report(
+                TargetResponse("waiting", f"sent; the tracker starts it on the next image{hint}")
             )
 
-    def _conclude(self, verdict: TargetResponse | None) -> None:
-        if verdict and self._pick:
-            self._pick = None
-            self._tell(verdict)
+    def _conclude(self, response: TargetResponse | None) -> None:
+        if response and self._pending:
+            self._pending = None
+            self._report(response)

@@ -1,4 +1,4 @@
-"""The console's side of the tracker's topics; every callback comes from the executor."""
+"""The console's publishers and subscriptions; all callbacks run in the executor."""
 
 from __future__ import annotations
 
@@ -39,31 +39,31 @@ from pf_tracker_ros.stamps import set_stamp, stamp_of
 
 Receive = Callable[[str, int, Any], None]
 
-# A status tells what became of a target: none is to be lost while the executor is busy.
-_ALL = QoSProfile(
+# A status has the response to a target, so none may be lost while the executor is busy.
+_STATUS_QOS = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-# With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
+# With a full history Fast DDS requests an acknowledgment for each message, else only every 3 s.
 _TARGET_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-_PATIENCE = 2.0
+_ACK_TIMEOUT = 2.0
 
 
 class TrackerLink:
-    """What is heard of one tracker, and said to it.
+    """Topics and services of one tracker.
 
     Attributes:
         name: Fully qualified name of the tracker's node.
-        services: Of it.
-        image_topic: That it takes its images from, empty while that is not known.
+        services: Its services.
+        image_topic: Its image topic, empty while unknown.
 
     Args:
         node: The console's node.
-        name: Of the tracker's node, in the console's namespace unless it begins with a slash.
-        receive: Called in the executor with what came, its stamp in nanoseconds (0 without one),
-            and the content: `image`, `boxes`, `particles`, `likelihood`, `status`, `detections`,
-            `health`, `parameters` for a change of these, or `fault`.
+        name: Of the tracker's node, relative to the console's namespace unless it is absolute.
+        receive: Called in the executor with the kind, the stamp in nanoseconds (0 without one) and
+            the content of each message. Kinds: `image`, `boxes`, `particles`, `likelihood`,
+            `status`, `detections`, `health`, `parameters` (on a change) and `fault`.
     """
 
     def __init__(self, node: Node, name: str, receive: Receive) -> None:
@@ -71,35 +71,35 @@ class TrackerLink:
         self._receive = receive
         self.name = node.resolve_topic_name(name, only_expand=True)
         self._actions: deque[Callable[[], None]] = deque()
-        # Works before the node has an executor too.
-        self._guard = node.create_guard_condition(self._act)
+        # A guard condition also works before the node has an executor.
+        self._guard = node.create_guard_condition(self._run_actions)
         self.image_topic = ""
-        self._watching = False
-        self._answers: list[Subscription] = []
+        self._is_watched = False
+        self._result_subscriptions: list[Subscription] = []
         self._likelihood: Subscription | None = None
         self._images = DeferredImageInput(
-            node, self._handing_on("image", lambda message: message), self._report
+            node, self._forward("image", lambda message: message), self._report
         )
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_health, DEFAULT_QOS)
         self._targets = self._advertise("target", PolygonStamped)
         self._clicks = self._advertise("click", PointStamped)
         self._ids = {name: self._advertise(name, UInt32) for name in ("select", "stop_target")}
-        self.services = TrackerServices(node, self.name, self._do)
+        self.services = TrackerServices(node, self.name, self._run_in_executor)
         node.create_subscription(ParameterEvent, "/parameter_events", self._on_parameters, 100)
         self._graph = GraphMonitor(node, self._report)
 
-    # What is said to the tracker; called from any thread
+    # Called from any thread
 
     def watch(self, watched: bool) -> None:
-        """Subscribe to images and what the tracker says of each, as long as anybody looks."""
-        self._do(lambda: self._watch(watched))
+        """Subscribe to images and results, or unsubscribe."""
+        self._run_in_executor(lambda: self._subscribe_results(watched))
 
     def watch_likelihood(self, watched: bool) -> None:
-        """Subscribe to the likelihood around the target, which costs the tracker time."""
-        self._do(partial(self._watch_likelihood, watched))
+        """Subscribe to the likelihood, which costs the tracker time, or unsubscribe."""
+        self._run_in_executor(partial(self._subscribe_likelihood, watched))
 
     def available_trackers(self) -> list[str]:
-        """Names of the nodes that seem to be trackers, by their topics."""
+        """Names of nodes with the topics of a tracker."""
         topics = {name for name, _ in self._node.get_topic_names_and_types()}
         nodes = (name.removesuffix("/status") for name in topics if name.endswith("/status"))
         return sorted(
@@ -109,14 +109,14 @@ class TrackerLink:
         )
 
     def set_image_topic(self, topic: str) -> None:
-        """Take the images from the topic that the tracker takes them from.
+        """Subscribe to the tracker's image topic.
 
         Args:
-            topic: As its diagnostics tell; empty while it has none, which changes nothing.
+            topic: As in its diagnostics; an empty one changes nothing.
         """
         if topic and topic != self.image_topic:
             self.image_topic = topic
-            self._do(self._reopen)
+            self._run_in_executor(self._update_images)
 
     def send_target(self, box: Box, stamp: int) -> None:
         """Send a box to track.
@@ -126,7 +126,7 @@ class TrackerLink:
             stamp: Of the frame that it was drawn on, nanoseconds.
 
         Raises:
-            TrackerError: Nobody takes targets.
+            TrackerError: No node subscribes to targets.
         """
         message = box_message(new_message, PolygonStamped().header, box)
         set_stamp(message.header, stamp)
@@ -134,22 +134,22 @@ class TrackerLink:
 
     @property
     def has_target_subscribers(self) -> bool:
-        """Whether somebody takes targets."""
+        """Whether a node subscribes to targets and clicks."""
         return bool(
             self._targets.get_subscription_count() and self._clicks.get_subscription_count()
         )
 
     def require_target_subscriber(self) -> None:
-        """Make sure that somebody takes targets.
+        """Check that a node subscribes to targets.
 
         Raises:
-            TrackerError: Nobody does.
+            TrackerError: None does.
         """
-        self._expect_subscriber(self._targets)
+        self._require_subscriber(self._targets)
 
     def wait_for_target_ack(self) -> bool:
-        """Wait until the tracker has the target that was sent last; whether it has."""
-        return bool(self._targets.wait_for_all_acked(Duration(seconds=_PATIENCE)))
+        """Wait until the last target is acknowledged; False after 2 s."""
+        return bool(self._targets.wait_for_all_acked(Duration(seconds=_ACK_TIMEOUT)))
 
     def send_click(self, x: float, y: float, stamp: int) -> None:
         """Send a point to track, pixels; otherwise as `send_target`."""
@@ -159,59 +159,63 @@ class TrackerLink:
         self._send(self._clicks, message)
 
     def send_id(self, topic: str, id: str) -> None:
-        """Name a target to the tracker.
+        """Send the id of a target.
 
         Args:
-            topic: `select`, for which 0 is none, or `stop_target`.
+            topic: `select`, where 0 means none, or `stop_target`.
             id: Of the target.
 
         Raises:
-            ValueError: That is no id of a target.
-            TrackerError: Nobody takes it.
+            ValueError: The text is no id.
+            TrackerError: No node subscribes to the topic.
         """
         self._send(self._ids[topic], id_message(id))
 
     # In the executor
 
-    def _do(self, action: Callable[[], None]) -> None:
+    def _run_in_executor(self, action: Callable[[], None]) -> None:
         self._actions.append(action)
         self._guard.trigger()
 
-    def _act(self) -> None:
+    def _run_actions(self) -> None:
         while self._actions:
             self._actions.popleft()()
 
-    def _watch(self, watched: bool) -> None:
-        if watched == self._watching:
+    def _subscribe_results(self, watched: bool) -> None:
+        if watched == self._is_watched:
             return
-        self._watching = watched
-        self._reopen()
-        for subscription in self._answers:
+        self._is_watched = watched
+        self._update_images()
+        for subscription in self._result_subscriptions:
             self._node.destroy_subscription(subscription)
-        self._answers = []
+        self._result_subscriptions = []
         if watched:
-            particles = self._handing_on("particles", particles_to_json)
-            self._answers = [
-                self._subscribe(f"{self.name}/status", DiagnosticArray, self._on_status, _ALL),
+            particles = self._forward("particles", particles_to_json)
+            self._result_subscriptions = [
+                self._subscribe(
+                    f"{self.name}/status", DiagnosticArray, self._on_status, _STATUS_QOS
+                ),
                 self._subscribe(f"{self.name}/particles", PointCloud2, particles),
                 self._subscribe(f"{self.name}/boxes", MarkerArray, self._on_boxes),
             ]
             if DETECTIONS_CLASS:
                 topic = f"{self.name.rpartition('/')[0]}/detections"
-                detections = self._handing_on("detections", detections_to_json)
-                self._answers.append(self._subscribe(topic, DETECTIONS_CLASS, detections))
+                detections = self._forward("detections", detections_to_json)
+                self._result_subscriptions.append(
+                    self._subscribe(topic, DETECTIONS_CLASS, detections)
+                )
 
-    def _watch_likelihood(self, watched: bool) -> None:
+    def _subscribe_likelihood(self, watched: bool) -> None:
         if watched and self._likelihood is None:
-            likelihood = self._handing_on("likelihood", likelihood_to_json)
+            likelihood = self._forward("likelihood", likelihood_to_json)
             self._likelihood = self._subscribe(f"{self.name}/likelihood", Image, likelihood)
         elif self._likelihood and not watched:
             self._node.destroy_subscription(self._likelihood)
             self._likelihood = None
 
-    def _reopen(self) -> None:
-        """Take the images, of the topic that they are on, as long as anybody looks."""
-        if not self._watching:
+    def _update_images(self) -> None:
+        """Open or close the image subscription as needed."""
+        if not self._is_watched:
             self._images.close()
         elif self._images.topic != self.image_topic or not self.image_topic:
             self._images.open(self.image_topic)
@@ -227,28 +231,28 @@ class TrackerLink:
             self._node, message_type, topic, callback, profile=profile, report=self._report
         )
 
-    def _handing_on(self, kind: str, read: Callable[[Any], Any]) -> Callable[[Any], None]:
-        """A callback that hands on what `read` makes of a message."""
-        return lambda message: self._receive(kind, stamp_of(message.header), read(message))
+    def _forward(self, kind: str, convert: Callable[[Any], Any]) -> Callable[[Any], None]:
+        """A callback that passes a message to `receive`, converted by `convert`."""
+        return lambda message: self._receive(kind, stamp_of(message.header), convert(message))
 
     def _advertise(self, name: str, message_type: Any) -> Any:
         topic = f"{self.name}/{name}"
         return advertise(self._node, message_type, topic, profile=_TARGET_QOS, report=self._report)
 
     def _send(self, publisher: Any, message: Any) -> None:
-        self._expect_subscriber(publisher)
+        self._require_subscriber(publisher)
         publisher.publish(message)
 
-    def _expect_subscriber(self, publisher: Any) -> None:
+    def _require_subscriber(self, publisher: Any) -> None:
         if not publisher.get_subscription_count():
             topic = publisher.topic_name
-            nobody = f"nobody takes targets on {topic}: is the tracker running and active?"
+            missing = f"no subscriber on {topic}: is the tracker running and active?"
             faults = (one for one in self.graph_faults if one.startswith(f"{topic} "))
-            raise TrackerError(next(faults, nobody))
+            raise TrackerError(next(faults, missing))
 
     @property
     def graph_faults(self) -> tuple[str, ...]:
-        """Lasting faults of the ROS graph around the console, a sentence each."""
+        """Persistent faults of the ROS graph around the console, a sentence each."""
         return self._graph.lasting
 
     def _report(self, fault: str) -> None:
@@ -269,7 +273,7 @@ class TrackerLink:
             self._receive("parameters", 0, None)
 
     def _on_health(self, message: DiagnosticArray) -> None:
-        wanted = f"{self.name.lstrip('/')}: tracker"
+        name = f"{self.name.lstrip('/')}: tracker"
         for status in message.status:
-            if status.name == wanted:
+            if status.name == name:
                 self._receive("health", 0, diagnostic_status_to_json(status))

@@ -1,4 +1,4 @@
-"""What is asked of the tracker by its services."""
+"""Calls of the tracker's services."""
 
 from __future__ import annotations
 
@@ -16,29 +16,31 @@ from std_srvs.srv import SetBool, Trigger
 from pf_tracker_ros.node.console.json_conversions import Json
 from pf_tracker_ros.node.console.tuning import parameters_to_json, tunable_names
 
-# A service may not know a client yet that it is ready for; its answer is lost then.
-_PATIENCE = 2.0
+# Seconds per attempt; a response is lost if the service has not discovered the client yet.
+_TIMEOUT = 2.0
 _ATTEMPTS = 2
 _TICK = 0.1
-# Participants announce themselves every 3 seconds: where a packet is lost they meet that late.
-_MEETING_TICKS = 50
+# Participants announce themselves every 3 s, so discovery takes longer if a packet is lost.
+_DISCOVERY_TICKS = 50
 
 
 class TrackerError(Exception):
-    """The tracker cannot be asked, or has not answered; the message says what to do."""
+    """A request to the tracker failed; the message says what to do."""
 
 
 class TrackerServices:
-    """The services of one tracker; to be awaited in an event loop.
+    """The services of one tracker, awaited in an event loop.
 
     Args:
         node: The console's node.
         name: Fully qualified name of the tracker's node.
-        do: Lets the executor of the node do something.
+        run_in_executor: Runs a function in the node's executor.
     """
 
-    def __init__(self, node: Node, name: str, do: Callable[[Callable[[], None]], None]) -> None:
-        self._do = do
+    def __init__(
+        self, node: Node, name: str, run_in_executor: Callable[[Callable[[], None]], None]
+    ) -> None:
+        self._run_in_executor = run_in_executor
         self._stop = node.create_client(Trigger, f"{name}/stop")
         self._enable = node.create_client(SetBool, f"{name}/enable")
         self._parameters = {
@@ -52,99 +54,108 @@ class TrackerServices:
         }
 
     async def stop(self) -> str:
-        """Let the tracker forget its target; what it says.
+        """Stop all targets.
+
+        Returns:
+            The tracker's message.
 
         Raises:
-            TrackerError: It does not answer.
+            TrackerError: There is no response.
         """
-        return str((await self._ask(self._stop, Trigger.Request())).message)
+        return str((await self._call(self._stop, Trigger.Request())).message)
 
     async def enable(self, enabled: bool) -> str:
-        """Let the tracker go on or pause; what it says.
+        """Resume or pause the tracker.
+
+        Returns:
+            The tracker's message.
 
         Raises:
-            TrackerError: It does not answer.
+            TrackerError: There is no response.
         """
-        return str((await self._ask(self._enable, SetBool.Request(data=enabled))).message)
+        return str((await self._call(self._enable, SetBool.Request(data=enabled))).message)
 
     async def parameters(self) -> list[Json]:
-        """All parameters, as `tuning.parameters_to_json` gives them.
+        """All parameters, as from `tuning.parameters_to_json`.
 
         Raises:
-            TrackerError: It does not answer.
+            TrackerError: There is no response.
         """
-        listed = await self._ask_parameters(ListParameters, ListParameters.Request())
+        listed = await self._call_parameters(ListParameters, ListParameters.Request())
         names = tunable_names(listed.result.names)
-        described = await self._ask_parameters(
+        described = await self._call_parameters(
             DescribeParameters, DescribeParameters.Request(names=names)
         )
-        values = await self._ask_parameters(GetParameters, GetParameters.Request(names=names))
+        values = await self._call_parameters(GetParameters, GetParameters.Request(names=names))
         if not len(described.descriptors) == len(values.values) == len(names):
-            raise TrackerError("the parameters changed while they were asked for")
+            raise TrackerError("the parameters changed while they were read")
         return parameters_to_json(described.descriptors, values.values)
 
     async def set_parameter(self, parameter: Parameter) -> str:
-        """Set a parameter; why it is refused, or empty.
+        """Set a parameter.
+
+        Returns:
+            The reason of a refusal, or empty.
 
         Raises:
-            TrackerError: It does not answer.
+            TrackerError: There is no response.
         """
         request = SetParameters.Request(parameters=[parameter])
-        (result,) = (await self._ask_parameters(SetParameters, request)).results
+        (result,) = (await self._call_parameters(SetParameters, request)).results
         return "" if result.successful else str(result.reason or "the node gives no reason")
 
-    async def _ask_parameters(self, kind: Any, request: Any) -> Any:
-        return await self._ask(self._parameters[kind], request)
+    async def _call_parameters(self, kind: Any, request: Any) -> Any:
+        return await self._call(self._parameters[kind], request)
 
-    async def _ask(self, client: Client, request: Any) -> Any:
+    async def _call(self, client: Client, request: Any) -> Any:
         """The response of a service.
 
         Raises:
-            TrackerError: There is no such service, or it does not answer.
+            TrackerError: There is no such service, or no response.
         """
-        # Those of a tracker that has just been found may not be known yet.
-        for _ in range(_MEETING_TICKS):
+        # The services of a tracker may be discovered later than the node.
+        for _ in range(_DISCOVERY_TICKS):
             if client.service_is_ready():
                 break
             await asyncio.sleep(_TICK)
         else:
             raise TrackerError(
-                f"{client.srv_name} is not there: is the tracker running and active?"
+                f"there is no service {client.srv_name}: is the tracker running and active?"
             )
         for _ in range(_ATTEMPTS):
-            answer = _Answer(client)
-            self._do(partial(answer.ask, request))
+            call = _Call(client)
+            self._run_in_executor(partial(call.send, request))
             try:
-                return await asyncio.wait_for(answer.awaited, _PATIENCE)
+                return await asyncio.wait_for(call.response, _TIMEOUT)
             except asyncio.TimeoutError:
-                # The client would wait for it as long as it lives.
-                self._do(answer.give_up)
-        raise TrackerError(f"{client.srv_name} does not answer")
+                # The client keeps pending requests forever otherwise.
+                self._run_in_executor(call.cancel)
+        raise TrackerError(f"{client.srv_name} does not respond")
 
 
-class _Answer:
-    """The answer of a service, awaited in the event loop and asked for in the executor."""
+class _Call:
+    """A call of a service: sent in the executor, awaited in the event loop."""
 
     def __init__(self, client: Client) -> None:
         self._client = client
         self._loop = asyncio.get_running_loop()
-        self.awaited: asyncio.Future[Any] = self._loop.create_future()
-        self._asked: Any = None
+        self.response: asyncio.Future[Any] = self._loop.create_future()
+        self._pending: Any = None
 
-    def ask(self, request: Any) -> None:
-        self._asked = self._client.call_async(request)
-        self._asked.add_done_callback(
-            lambda done: self._loop.call_soon_threadsafe(self._settle, done)
+    def send(self, request: Any) -> None:
+        self._pending = self._client.call_async(request)
+        self._pending.add_done_callback(
+            lambda done: self._loop.call_soon_threadsafe(self._finish, done)
         )
 
-    def give_up(self) -> None:
-        if self._asked:
-            self._client.remove_pending_request(self._asked)
+    def cancel(self) -> None:
+        if self._pending:
+            self._client.remove_pending_request(self._pending)
 
-    def _settle(self, done: Any) -> None:
-        if self.awaited.done():
+    def _finish(self, done: Any) -> None:
+        if self.response.done():
             return
         if error := done.exception():
-            self.awaited.set_exception(TrackerError(str(error)))
+            self.response.set_exception(TrackerError(str(error)))
         else:
-            self.awaited.set_result(done.result())
+            self.response.set_result(done.result())

@@ -1,7 +1,7 @@
-"""The tracker's parameters as the page shows them, and what it makes of them.
+"""Conversion of the tracker's parameters for the page, and back.
 
-Which there are, and what each is and allows, is the node's own word; which group it belongs to,
-whether it counts and what the preset says of it follows from the declarations.
+Names, values, types and ranges come from the node. Groups, activity and the values of presets come
+from the declarations in this package.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ _KINDS = {
     ParameterType.PARAMETER_STRING_ARRAY: "texts",
 }
 _LARGEST_INTEGER = 2**63
-_IDLE = "Without effect at present"
+_INACTIVE = "Without effect at present"
 
 
 def tunable_names(names: Sequence[str]) -> list[str]:
-    """The names of parameters that can be tuned, in the order of docs/parameters.md."""
+    """The names without those common to all nodes, in the order of docs/parameters.md."""
     known = [name for name in names if not name.startswith(COMMON_PARAMETER_PREFIXES)]
     return sorted(known, key=lambda name: (_ORDER.get(name, len(_ORDER)), name))
 
@@ -48,11 +48,11 @@ def tunable_names(names: Sequence[str]) -> list[str]:
 def parameters_to_json(
     descriptors: Sequence[ParameterDescriptor], values: Sequence[ParameterValue]
 ) -> list[Json]:
-    """What the page shows of each parameter.
+    """The parameters as the page shows them.
 
     Args:
-        descriptors: As the node describes them.
-        values: As the node has them, in the same order.
+        descriptors: Of the node.
+        values: Of the node, in the same order.
     """
     plain = {
         descriptor.name: _plain(value)
@@ -60,40 +60,40 @@ def parameters_to_json(
         if value.type != ParameterType.PARAMETER_NOT_SET
         or descriptor.type == ParameterType.PARAMETER_DOUBLE_ARRAY
     }
-    usual = _usual(plain)
+    defaults = _preset_values(plain)
     shown = [
         {
             "name": descriptor.name,
-            "group": _group(descriptor.name, _DEFAULTS | usual | plain),
+            "group": _group(descriptor.name, _DEFAULTS | defaults | plain),
             "kind": _KINDS.get(descriptor.type, "text"),
             "description": descriptor.description,
             "constraints": descriptor.additional_constraints,
             "range": _range(descriptor),
             "choices": list(one.choices) if (one := _DECLARED.get(descriptor.name)) else [],
-            "fixed": descriptor.read_only,
+            "read_only": descriptor.read_only,
             "value": plain[descriptor.name],
-            "usual": usual.get(descriptor.name),
+            "default": defaults.get(descriptor.name),
         }
         for descriptor in descriptors
         if descriptor.name in plain
     ]
-    return sorted(shown, key=lambda one: one["group"] == _IDLE)
+    return sorted(shown, key=lambda one: one["group"] == _INACTIVE)
 
 
 def parameter_from_json(known: Json, value: Any) -> Parameter:
-    """What the page gave for a parameter, as the node is asked for it; the node judges it.
+    """A value from the page as a ROS parameter; the node validates it.
 
     Args:
-        known: Of the parameter, as `parameters_to_json` gave it.
-        value: Of JSON.
+        known: The parameter, as from `parameters_to_json`.
+        value: From JSON.
 
     Raises:
-        ValueError: ROS cannot even be asked for it.
+        ValueError: A ROS parameter cannot hold the value.
     """
     problem = f"parameter '{known['name']}'"
     values, kind = value if isinstance(value, list) else [value], None
     if not all(_is_sendable(one) for one in values if isinstance(one, str)):
-        raise ValueError(f"{problem}: ROS takes no such text")
+        raise ValueError(f"{problem}: a text has to be UTF-8 without null characters")
     try:
         if known["kind"] == "texts" and isinstance(value, list):
             kind, value = RosParameter.Type.STRING_ARRAY, [str(one) for one in value]
@@ -104,14 +104,14 @@ def parameter_from_json(known: Json, value: Any) -> Parameter:
         elif isinstance(value, int) and abs(value) >= _LARGEST_INTEGER:
             raise OverflowError
     except OverflowError:
-        raise ValueError(f"{problem}: such a number is too large for ROS") from None
+        raise ValueError(f"{problem}: the number does not fit into 64 bits") from None
     if kind is None and not isinstance(value, bool | int | float | str):
         raise ValueError(f"{problem} cannot be set to {value!r}")
     return RosParameter(known["name"], kind, value).to_parameter_msg()
 
 
 def _is_sendable(text: str) -> bool:
-    """Whether a text is UTF-8 without an end in the middle."""
+    """Whether a text is UTF-8 without null characters."""
     try:
         return "\0" not in text and bool(text.encode() or not text)
     except UnicodeEncodeError:
@@ -119,30 +119,30 @@ def _is_sendable(text: str) -> bool:
 
 
 def parameter_file(node: str, known: Sequence[Json]) -> str:
-    """A ROS parameter file with the preset and what differs from it.
+    """A ROS parameter file with the preset and each value that differs from it.
 
     Args:
         node: Fully qualified name of the tracker's node.
-        known: As `parameters_to_json` gave them.
+        known: The parameters, as from `parameters_to_json`.
     """
     lines = [f"{json.dumps(node)}:", "  ros__parameters:"]
     for one in known:
-        differs = one["usual"] is not None and one["value"] != one["usual"]
-        if one["name"] == "preset" or (differs and not one["fixed"]):
+        differs = one["default"] is not None and one["value"] != one["default"]
+        if one["name"] == "preset" or (differs and not one["read_only"]):
             lines.append(f"    {one['name']}: {json.dumps(one['value'])}")
     return "\n".join(lines) + "\n"
 
 
-def _usual(values: Mapping[str, Any]) -> dict[str, Any]:
-    """What each parameter has with the preset in force and nothing else."""
-    usual = dict(_DEFAULTS)
+def _preset_values(current: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of the present preset, without any change."""
+    values = dict(_DEFAULTS)
     with contextlib.suppress(ParameterError):
-        usual |= preset_parameters(str(values.get("preset")), int(values.get("max_targets", 1)))
-    usual["max_targets"] = _DEFAULTS["max_targets"]
-    if "preset" in values:
-        usual["preset"] = values["preset"]
+        values |= preset_parameters(str(current.get("preset")), int(current.get("max_targets", 1)))
+    values["max_targets"] = _DEFAULTS["max_targets"]
+    if "preset" in current:
+        values["preset"] = current["preset"]
     return {
-        name: list(value) if isinstance(value, tuple) else value for name, value in usual.items()
+        name: list(value) if isinstance(value, tuple) else value for name, value in values.items()
     }
 
 
@@ -152,7 +152,7 @@ def _group(name: str, values: Mapping[str, Any]) -> str:
     if name not in _TRACKER:
         return "Others"
     if not _TRACKER[name].is_active(values):
-        return _IDLE
+        return _INACTIVE
     if not _TRACKER[name].condition:
         return "The tracker"
     return name.partition(".")[0].replace("_", " ").capitalize()
@@ -167,7 +167,7 @@ def _range(descriptor: ParameterDescriptor) -> list[float] | None:
 def _plain(value: ParameterValue) -> Any:
     plain = parameter_value_to_python(value)
     if plain is None:
-        # An empty list of numbers comes as no value.
+        # An empty list of numbers is sent as no value.
         return []
     return plain if isinstance(plain, bool | int | float | str) else list(plain)
 

@@ -1,7 +1,6 @@
-"""The web server: the page's files, one socket for each browser, and who may have them.
+"""The web server: files of the page, a web socket for each browser, and access control.
 
-It runs in a thread with an event loop of its own, so that the executor of the node waits for no
-browser.
+It runs in a thread with an event loop of its own, so no browser can block the node's executor.
 """
 
 from __future__ import annotations
@@ -27,25 +26,25 @@ from pf_tracker_ros.pages.serving import Site
 
 _PAGE = Path(__file__).with_name("page")
 _PARAMETER_FILE = "tracker.yaml"
-# A request is a box or a parameter, never more than this.
-_LARGEST_REQUEST = 65_536
-# A browser that does not answer within half of this has gone.
+# Bytes; a request is a box or a parameter.
+_MAX_REQUEST = 65_536
+# Seconds between pings; a browser without a reply within half of this has gone.
 _HEARTBEAT = 20.0
-# Seconds in which a browser takes what is sent to it; one that sleeps keeps the others waiting.
-_TAKEN_WITHIN = 4.0
+# Seconds to send a message; a sleeping browser would block the others longer.
+_SEND_TIMEOUT = 4.0
 _START_TIMEOUT = 10.0
 _CANCEL_INTERVAL = 0.1
 _LOG = logging.getLogger(__name__)
 
 
 class BrowserConnection:
-    """A browser's socket; what is sent into one that is closing is lost.
+    """A browser's web socket; messages to a closing one are lost.
 
-    One that takes nothing for a while is cut off; a browser that wakes up comes back by itself.
+    A connection that accepts no data for a while is aborted; a browser that wakes up reconnects.
 
     Args:
-        response: The socket.
-        transport: What it goes over.
+        response: The web socket.
+        transport: Its transport.
     """
 
     def __init__(
@@ -56,7 +55,7 @@ class BrowserConnection:
 
     @property
     def is_local(self) -> bool:
-        """Whether the browser is on this machine: both ends have the same address."""
+        """Whether the browser runs on this machine: both ends have the same address."""
         if not self._transport:
             return False
         browser, own = (self._transport.get_extra_info(end) for end in ("peername", "sockname"))
@@ -72,7 +71,7 @@ class BrowserConnection:
 
     async def _send(self, sending: Coroutine[Any, Any, None]) -> None:
         try:
-            await asyncio.wait_for(sending, _TAKEN_WITHIN)
+            await asyncio.wait_for(sending, _SEND_TIMEOUT)
         except asyncio.TimeoutError:
             if self._transport:
                 self._transport.abort()
@@ -84,11 +83,11 @@ class WebServer:
     """Serves the page from `start` until `close`.
 
     Attributes:
-        access: Who may use it.
+        access: Access control.
 
     Args:
         host: Address or name to serve on.
-        port: To serve on; 0 takes a free one.
+        port: To serve on; 0 selects a free one.
         create_bridge: Called in the server's event loop.
     """
 
@@ -97,28 +96,28 @@ class WebServer:
         self._site = Site(self.access, _PAGE)
         self._host = host
         self._port = port
-        self._create_hub = create_bridge
-        self._hub: ConsoleBridge | None = None
+        self._create_bridge = create_bridge
+        self._bridge: ConsoleBridge | None = None
         self._loop = asyncio.new_event_loop()
         self._stopping = asyncio.Event()
         self._started = threading.Event()
         self._error: OSError | None = None
         self._received: deque[tuple[str, int, Any]] = deque()
-        self._is_waking = False
+        self._is_woken = False
         self._sockets: set[web.WebSocketResponse] = set()
         self._thread = threading.Thread(target=self._serve, name="web server", daemon=True)
 
     @property
     def url(self) -> str:
-        """The address to open, with the token where one is asked for."""
-        # All addresses of this machine are none to open.
+        """The address to open, with the token where one is required."""
+        # A browser cannot open the wildcard address.
         host = socket.gethostname() if self._host in ("0.0.0.0", "::") else self._host
         host = f"[{host}]" if ":" in host else host
         token = f"?token={self.access.token}" if self.access.token else ""
         return f"http://{host}:{self._port}/{token}"
 
     def start(self) -> None:
-        """Begin to serve.
+        """Start to serve.
 
         Raises:
             OSError: The address cannot be served on.
@@ -130,26 +129,26 @@ class WebServer:
             raise self._error
 
     def close(self) -> None:
-        """Close every socket and stop."""
+        """Close all web sockets and stop."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stopping.set)
             self._thread.join()
 
     def receive(self, kind: str, stamp: int, content: Any) -> None:
-        """Hand on to the hub what came from the tracker; called from any thread."""
+        """Pass a message of the tracker to the bridge; called from any thread."""
         self._received.append((kind, stamp, content))
-        # What is there already is taken with the rest: waking the loop costs more than a message.
-        if not self._is_waking:
-            self._is_waking = True
-            with contextlib.suppress(RuntimeError):  # The loop may have been closed just before.
+        # One wake-up for several messages: it costs more than a message.
+        if not self._is_woken:
+            self._is_woken = True
+            with contextlib.suppress(RuntimeError):  # The loop may just have been closed.
                 self._loop.call_soon_threadsafe(self._receive)
 
     def _receive(self) -> None:
-        self._is_waking = False
+        self._is_woken = False
         while self._received:
             received = self._received.popleft()
-            if self._hub:
-                self._hub.receive(*received)
+            if self._bridge:
+                self._bridge.receive(*received)
 
     def _serve(self) -> None:
         with contextlib.closing(self._loop):
@@ -166,20 +165,20 @@ class WebServer:
             self._started.set()
             return
         self._port = self._site.port
-        self._hub = self._create_hub()
-        running = asyncio.ensure_future(self._hub.run())
+        self._bridge = self._create_bridge()
+        running = asyncio.ensure_future(self._bridge.run())
         self._started.set()
         await self._stopping.wait()
         running.cancel()
         for response in list(self._sockets):
             await response.close(code=1001)
         await runner.cleanup()
-        self._hub.close()
+        self._bridge.close()
 
     async def _on_parameter_file(self, request: web.Request) -> web.Response:
-        assert self._hub is not None
+        assert self._bridge is not None
         try:
-            text = self._hub.parameter_file()
+            text = self._bridge.parameter_file()
         except RequestError as error:
             raise web.HTTPServiceUnavailable(text=str(error)) from error
         disposition = f'attachment; filename="{_PARAMETER_FILE}"'
@@ -192,28 +191,28 @@ class WebServer:
     async def _on_socket(self, request: web.Request) -> web.WebSocketResponse:
         self._site.check_origin(request)
         response = web.WebSocketResponse(
-            heartbeat=_HEARTBEAT, max_msg_size=_LARGEST_REQUEST, compress=False
+            heartbeat=_HEARTBEAT, max_msg_size=_MAX_REQUEST, compress=False
         )
         try:
             await response.prepare(request)
         except ConnectionError:
-            # It has gone already.
+            # The browser has gone already.
             return response
-        assert self._hub is not None
+        assert self._bridge is not None
         browser = BrowserConnection(response, request.transport)
         self._sockets.add(response)
-        showing = asyncio.ensure_future(self._show(browser, response))
+        streaming = asyncio.ensure_future(self._stream(browser, response))
         requests: set[asyncio.Task[None]] = set()
         try:
             async for message in response:
                 if message.type == WSMsgType.TEXT:
-                    # Not awaited: a frame that has been drawn is not to wait for a service.
-                    task = asyncio.ensure_future(self._hub.handle(browser, _read(message.data)))
+                    # Not awaited: acknowledgments of frames must not wait for a service.
+                    task = asyncio.ensure_future(self._bridge.handle(browser, _read(message.data)))
                     requests.add(task)
                     task.add_done_callback(requests.discard)
         finally:
             self._sockets.discard(response)
-            for task in (showing, *requests):
+            for task in (streaming, *requests):
                 self._cancel(task)
         return response
 
@@ -223,13 +222,15 @@ class WebServer:
             task.cancel()
             self._loop.call_later(_CANCEL_INTERVAL, self._cancel, task)
 
-    async def _show(self, browser: BrowserConnection, response: web.WebSocketResponse) -> None:
-        """Show everything to a browser; one to which nothing can be shown is to connect anew."""
-        assert self._hub is not None
+    async def _stream(self, browser: BrowserConnection, response: web.WebSocketResponse) -> None:
+        """Stream to a browser; after an error it has to reconnect."""
+        assert self._bridge is not None
         try:
-            await self._hub.welcome(browser)
+            await self._bridge.welcome(browser)
         except Exception:
-            _LOG.exception("a browser is left, for it to come back")
+            _LOG.exception(
+                "the connection to a browser is closed after an error; the browser reconnects"
+            )
             await response.close(code=1011)
 
 

@@ -1,1 +1,1 @@
-"""A target that is drawn on a page of the browser's before tracking begins; no ROS is needed."""
+"""Drawing targets on a web page before tracking begins, without ROS."""

@@ -1,4 +1,4 @@
-"""Frames of a recording in any order, as pictures for a page."""
+"""Frames of a recording in any order, as JPEG for a page."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import cv2
 from pf_tracker_ros.overlay import draw_overlay
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 
-# Wider pictures show no more on a screen, and take their time on the way.
-_WIDEST = 1920
+# Pixels; screens show no more of a wider picture.
+_MAX_WIDTH = 1920
 _QUALITY = 90
 
 
 @dataclass(frozen=True)
 class EncodedFrame:
-    """A frame that can be drawn on.
+    """A frame as JPEG.
 
     Attributes:
-        frame: Of the recording, with its image.
-        jpeg: What it looks like, of the same aspect ratio.
+        frame: The frame with its image.
+        jpeg: The encoded image, with the same aspect ratio.
     """
 
     frame: RecordedFrame
@@ -36,10 +36,10 @@ class EncodedFrame:
 
 
 class SeekableFrames:
-    """Finds frames by their number; reads on from the last one, and for earlier ones anew.
+    """Random access to the frames of a recording; reading an earlier frame restarts it.
 
     Args:
-        recording: Whose frames.
+        recording: The recording.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -50,7 +50,7 @@ class SeekableFrames:
         self._lock = threading.Lock()
 
     def find(self, number: int) -> EncodedFrame:
-        """The picture of a frame, or of the next one after it that has an image.
+        """A frame, or the next one after it with an image.
 
         Args:
             number: Counted from 0.
@@ -70,10 +70,10 @@ class SeekableFrames:
                 if frame.index >= number and frame.image is not None:
                     return EncodedFrame(frame, _jpeg(frame))
             self._restart()
-            raise LookupError(f"there is no picture in frame {number} or after it")
+            raise LookupError(f"there is no image in frame {number} or after it")
 
     def close(self) -> None:
-        """Let go of the recording, also while a frame is looked for."""
+        """Close the recording, also during `find`."""
         self._is_closing = True
         with self._lock:
             if self._frames is not None:
@@ -89,8 +89,8 @@ def _jpeg(frame: RecordedFrame) -> bytes:
     assert frame.image is not None
     picture = draw_overlay(frame.image, None)
     height, width = picture.shape[:2]
-    if width > _WIDEST:
-        size = (_WIDEST, max(1, round(height * _WIDEST / width)))
+    if width > _MAX_WIDTH:
+        size = (_MAX_WIDTH, max(1, round(height * _MAX_WIDTH / width)))
         picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return encoded.tobytes()

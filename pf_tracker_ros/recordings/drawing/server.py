@@ -1,4 +1,4 @@
-"""Asks for targets on a page, served on the loopback for as long as it takes. Needs aiohttp."""
+"""A page on the loopback where a user draws the targets. Needs aiohttp."""
 
 from __future__ import annotations
 
@@ -22,59 +22,59 @@ from pf_tracker_ros.tracking.input_checks import check_box
 
 _PAGE = Path(__file__).with_name("page")
 _HOST = "127.0.0.1"
-# That of the console, so that one tunnel serves both; another one where it is taken.
+# The console's port, so that one tunnel serves both; a free one if it is in use.
 _PORT = 8642
-_LONGEST_LABEL = 100
-# Digits of a frame's number; Python refuses to read thousands of them.
-_LONGEST_NUMBER = 20
+_MAX_LABEL = 100
+# Digits of a frame's number; Python refuses to convert thousands of them.
+_MAX_DIGITS = 20
 
 
 def prompt_for_targets(
     recording: Recording, max_targets: int, announce: Callable[[str], None]
 ) -> tuple[Target, ...]:
-    """Show a page with the frames of a recording until somebody has drawn the targets on them.
+    """Serve a page with the frames of a recording until the user has drawn the targets.
 
     Args:
-        recording: What is to be tracked in.
-        max_targets: How many there may be, at least 1.
+        recording: The recording.
+        max_targets: Maximum number of targets, at least 1.
         announce: Called with the address of the page.
 
     Returns:
-        At least one, in the order in which they were drawn.
+        At least one target, in the order of drawing.
 
     Raises:
-        RecordingError: It was given up on the page, or the page cannot be served.
+        RecordingError: The user has canceled, or the page cannot be served.
         FootageError: The recording cannot be read.
     """
-    pictures = SeekableFrames(recording)
-    desk = _Desk(recording, pictures, max_targets)
+    frames = SeekableFrames(recording)
+    server = _DrawingServer(recording, frames, max_targets)
     try:
-        # What cannot be read at all is told here, and not on a page.
+        # An unreadable recording needs no page.
         try:
-            pictures.find(0)
+            frames.find(0)
         except LookupError as error:
             raise RecordingError(f"{recording.path} cannot be drawn on: {error}") from error
-        desk.start()
-        announce(desk.address)
-        return desk.wait()
+        server.start()
+        announce(server.address)
+        return server.wait()
     finally:
-        pictures.close()
-        desk.close()
+        frames.close()
+        server.close()
 
 
-class _Desk:
-    """The server, in a thread with an event loop of its own: this one waits, and hears signals.
+class _DrawingServer:
+    """The server, in a thread with an event loop of its own; the caller's thread keeps signals.
 
     Args:
-        recording: What is drawn on.
-        pictures: Its frames.
-        max_targets: How many targets there may be.
+        recording: The recording.
+        frames: Its frames.
+        max_targets: Maximum number of targets.
     """
 
-    def __init__(self, recording: Recording, pictures: SeekableFrames, max_targets: int) -> None:
+    def __init__(self, recording: Recording, frames: SeekableFrames, max_targets: int) -> None:
         self._recording = recording
-        self._pictures = pictures
-        self._most = max_targets
+        self._frames = frames
+        self._max_targets = max_targets
         self._targets: tuple[Target, ...] = ()
         self._runner: web.AppRunner | None = None
         self._is_decided = threading.Event()
@@ -94,7 +94,7 @@ class _Desk:
     def start(self) -> None:
         self._thread.start()
         try:
-            self._have_done(self._serve())
+            self._run(self._serve())
         except OSError as error:
             raise RecordingError(f"the page to draw on cannot be served: {error}") from error
 
@@ -106,13 +106,13 @@ class _Desk:
 
     def close(self) -> None:
         if self._thread.is_alive():
-            self._have_done(self._stop())
+            self._run(self._stop())
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
-        # Not in the thread: it may just be ending while it is told to.
+        # Not in the loop's thread, which may just be ending.
         self._loop.close()
 
-    def _have_done(self, work: Coroutine[Any, Any, None]) -> None:
+    def _run(self, work: Coroutine[Any, Any, None]) -> None:
         asyncio.run_coroutine_threadsafe(work, self._loop).result()
 
     async def _serve(self) -> None:
@@ -127,86 +127,84 @@ class _Desk:
         await self._loop.shutdown_default_executor()
 
     async def _find(self, number: int) -> EncodedFrame:
-        return await self._loop.run_in_executor(None, self._pictures.find, number)
+        return await self._loop.run_in_executor(None, self._frames.find, number)
 
     async def _on_recording(self, request: web.Request) -> web.Response:
         name, frames = self._recording.path.name, self._recording.frame_count
-        return web.json_response({"name": name, "frames": frames, "most_targets": self._most})
+        return web.json_response({"name": name, "frames": frames, "max_targets": self._max_targets})
 
     async def _on_frame(self, request: web.Request) -> web.Response:
         number = request.query.get("number", "")
-        if not number.isdecimal() or len(number) > _LONGEST_NUMBER:
-            raise web.HTTPBadRequest(text="'number' is none; allowed: whole numbers from 0")
+        if not number.isdecimal() or len(number) > _MAX_DIGITS:
+            raise web.HTTPBadRequest(text="'number' is invalid; allowed: integers from 0")
         try:
-            picture = await self._find(int(number))
+            found = await self._find(int(number))
         except (LookupError, FootageError) as error:
             raise web.HTTPNotFound(text=str(error)) from error
-        width, height = picture.size
+        width, height = found.size
         return web.Response(
-            body=picture.jpeg,
+            body=found.jpeg,
             content_type="image/jpeg",
-            headers={"X-Frame": str(picture.frame.index), "X-Size": f"{width} {height}"},
+            headers={"X-Frame": str(found.frame.index), "X-Size": f"{width} {height}"},
         )
 
     async def _on_targets(self, request: web.Request) -> web.Response:
         self._site.check_origin(request)
         try:
-            self._targets = await self._drawn(await request.read())
+            self._targets = await self._read_targets(await request.read())
         except (ValueError, LookupError) as error:
             raise web.HTTPUnprocessableEntity(text=str(error)) from error
-        return self._decided("tracking begins; this page can be closed")
+        return self._decide("tracking begins; this page can be closed")
 
-    async def _drawn(self, text: bytes) -> tuple[Target, ...]:
+    async def _read_targets(self, text: bytes) -> tuple[Target, ...]:
         """The targets of a request.
 
         Raises:
-            ValueError: One could not be tracked, or they are too many.
-            LookupError: One is of a frame that is not there.
+            ValueError: A target is invalid, or there are too many.
+            LookupError: A target's frame does not exist.
         """
-        wanted = _wanted(text)
-        if len(wanted) > self._most:
-            raise ValueError(f"there are {len(wanted)} targets; allowed: {self._most}")
-        # Each frame once and in their order, as going back reads the recording anew.
-        pictures = {
-            number: await self._find(number) for number in sorted({one.frame for one in wanted})
+        requests = _parse(text)
+        if len(requests) > self._max_targets:
+            raise ValueError(f"there are {len(requests)} targets; allowed: {self._max_targets}")
+        # Each frame once and in order, as going back restarts the recording.
+        frames = {
+            number: await self._find(number) for number in sorted({one.frame for one in requests})
         }
         targets = []
-        for number, one in enumerate(wanted, start=1):
-            picture = pictures[one.frame]
-            frame = picture.frame
+        for number, one in enumerate(requests, start=1):
+            found = frames[one.frame]
+            frame = found.frame
             try:
-                box = check_box(one.box, picture.size)
+                box = check_box(one.box, found.size)
             except ValueError as error:
                 raise ValueError(f"target {number}: {error}") from error
-            targets.append(
-                Target(box, frame.stamp, frame.index, picture.size, "the page", one.label)
-            )
+            targets.append(Target(box, frame.stamp, frame.index, found.size, "the page", one.label))
         return tuple(targets)
 
     async def _on_cancel(self, request: web.Request) -> web.Response:
         self._site.check_origin(request)
         self._targets = ()
-        return self._decided("nothing is tracked; this page can be closed")
+        return self._decide("nothing is tracked; this page can be closed")
 
-    def _decided(self, text: str) -> web.Response:
-        # Once the answer is on its way: the server ends with the decision, and waits for answers.
+    def _decide(self, text: str) -> web.Response:
+        # Scheduled, so that the response is under way when the server stops.
         self._loop.call_soon(self._is_decided.set)
         return web.Response(text=text)
 
 
-class _Wanted(NamedTuple):
-    """A target as a page asks for it; its box is not looked at yet."""
+class _TargetRequest(NamedTuple):
+    """A requested target; its box is not checked yet."""
 
     frame: int
     box: Any
     label: str
 
 
-def _wanted(text: bytes) -> list[_Wanted]:
-    """The targets that a request is for, at least one.
+def _parse(text: bytes) -> list[_TargetRequest]:
+    """The targets of a request, at least one.
 
     Raises:
-        ValueError: It is for none.
+        ValueError: The request is invalid.
     """
     try:
         request: Any = json.loads(text)
@@ -215,15 +213,15 @@ def _wanted(text: bytes) -> list[_Wanted]:
     targets = request.get("targets") if isinstance(request, dict) else None
     if not isinstance(targets, list) or not targets:
         raise ValueError("the request has no targets")
-    wanted = []
+    requests = []
     for number, one in enumerate(targets, start=1):
         if not isinstance(one, dict) or not isinstance(one.get("frame"), int):
-            raise ValueError(f"target {number}: the request tells no frame")
+            raise ValueError(f"target {number}: its 'frame' is no integer")
         label = one.get("label", "")
-        if not isinstance(label, str) or not label.isprintable() or len(label) > _LONGEST_LABEL:
+        if not isinstance(label, str) or not label.isprintable() or len(label) > _MAX_LABEL:
             raise ValueError(
-                f"target {number}: its label is not allowed; allowed: up to {_LONGEST_LABEL} "
+                f"target {number}: its label is invalid; allowed: up to {_MAX_LABEL} "
                 "printable characters"
             )
-        wanted.append(_Wanted(max(0, one["frame"]), one.get("box", ()), label))
-    return wanted
+        requests.append(_TargetRequest(max(0, one["frame"]), one.get("box", ()), label))
+    return requests

@@ -13,7 +13,7 @@ from pf_tracker_ros.node.console.console_node import ConsoleNode
 
 PAGE_DEADLINE = 60_000.0
 POLL = 20.0
-FIRST_PATIENCE = 1.0
+FIRST_TIMEOUT = 1.0
 WITH_BOX = ("tracking", "occluded")
 
 
@@ -38,7 +38,7 @@ def start_console(graph):
 
 @pytest.fixture
 def tracker(graph, client):
-    """A tracker in a thread; before the console, so that client and tracker meet alone."""
+    """A tracker in a thread, started before the console, so that discovery is shorter."""
     return graph.tracker(client)
 
 
@@ -49,23 +49,23 @@ def console(start_console):
 
 
 class Page:
-    """One page of the console, and what it complained about.
+    """A page of the console.
 
     Attributes:
-        page: As Playwright has it.
-        complaints: What the browser's console said, and requests to other hosts.
+        page: Playwright's page.
+        complaints: Messages in the browser's console, and requests to other hosts.
     """
 
-    def __init__(self, context, link):
+    def __init__(self, context, url):
         self.context = context
         self.page = context.new_page()
         self.complaints = []
-        self._own = urlsplit(link).netloc
+        self._own = urlsplit(url).netloc
         self.page.set_default_timeout(PAGE_DEADLINE)
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.on("request", self._on_request)
-        self.page.goto(link)
+        self.page.goto(url)
 
     def _on_request(self, request):
         parts = urlsplit(request.url)
@@ -77,26 +77,26 @@ class Page:
 
     @property
     def stamp(self):
-        """Of the frame that is shown; 0 before the first."""
+        """Of the displayed frame; 0 before the first."""
         return int(self.page.locator("#overlay").get_attribute("data-stamp") or 0)
 
     @property
-    def is_answered(self):
-        """Whether the shown frame has the tracker's answer; late parts are added to it."""
+    def has_results(self):
+        """Whether the displayed frame has the tracker's results."""
         state = self.page.locator("#overlay").get_attribute("data-state")
         return bool(state) and (state not in WITH_BOX or self.box is not None)
 
     def shows(self, stamp):
-        """Whether the frame of a stamp is shown, with its answer."""
-        return self.stamp == stamp and self.is_answered
+        """Whether the frame of a stamp is displayed with its results."""
+        return self.stamp == stamp and self.has_results
 
     @property
     def box(self):
-        """[x, y, width, height] that is drawn over the picture, None without one."""
+        """The displayed box [x, y, width, height], None without one."""
         return json.loads(self.page.locator("#overlay").get_attribute("data-box") or "null")
 
     def wait_until(self, condition, what):
-        """Let the page go on until something is so, and return it."""
+        """Wait until a condition holds, and return its value."""
         end = time.monotonic() + PAGE_DEADLINE / 1e3
         while not (result := condition()):
             assert time.monotonic() < end, f"no {what}; the page says: {self.text('note')}"
@@ -107,7 +107,7 @@ class Page:
         return self.page.locator(f"#{name}").inner_text()
 
     def to_screen(self, x, y):
-        """Where a pixel of the picture is on the page."""
+        """Position of a pixel of the picture on the page."""
         area = self.page.locator("#overlay").bounding_box()
         width, height = self.size
         return area["x"] + x * area["width"] / width, area["y"] + y * area["height"] / height
@@ -132,16 +132,16 @@ class Page:
 
 @pytest.fixture
 def open_page(browser):
-    """A function that opens a console's page; at the end, none may have complained."""
+    """A function that opens a console's page; a complaint of any fails the test."""
     contexts, pages = [], []
 
-    def open_one(link, *, may_complain=False, **options):
+    def open_one(url, *, may_complain=False, **options):
         context = browser.new_context(**options)
         contexts.append(context)
-        page = Page(context, link)
+        page = Page(context, url)
         if not may_complain:
             pages.append(page)
-            # What is asked for before is not sent.
+            # Requests before the connection are lost.
             page.wait_until(lambda: page.text("connection") != "connecting", "connection")
         return page
 
@@ -158,13 +158,32 @@ def page(console, open_page):
     return open_page(console.url)
 
 
+@pytest.fixture
+def write_images(tmp_path, write_bag, make_stamped):
+    """A function that writes images, stamped by a function of their index, into the bag `drive`."""
+    kind = "sensor_msgs/msg/Image"
+
+    def write(images, stamp_at):
+        rows = []
+        for index, image in enumerate(images):
+            height, width = image.shape[:2]
+            fields = {"height": height, "width": width, "encoding": "bgr8", "is_bigendian": 0}
+            message = make_stamped(
+                kind, stamp_at(index), step=image.strides[0], data=image.reshape(-1), **fields
+            )
+            rows.append(("/image", kind, stamp_at(index), message))
+        return write_bag(tmp_path / "drive", rows)
+
+    return write
+
+
 class Camera:
-    """Frames of the moving square, one after another, each answered by the tracker.
+    """Publishes frames of the moving square, and waits for the status of each.
 
     Attributes:
         images: Of the sequence.
-        boxes: Of the square in each.
-        index: Of the next frame; it goes back and forth over the sequence, with stamps that go on.
+        boxes: Of the square in each image.
+        index: Of the next frame; the images go back and forth, the stamps forth.
         shown: (stamp, index in the sequence) of each frame so far.
     """
 
@@ -176,11 +195,11 @@ class Camera:
         self.shown = []
 
     def box_at(self, stamp):
-        """Where the square is in the frame of a stamp."""
+        """Box of the square in the frame of a stamp."""
         return self.boxes[dict(self.shown)[stamp]]
 
     def show(self):
-        """Show the next frame, and return the status that answers it."""
+        """Publish the next frame, and return its status."""
         count = len(self.images)
         turn = self.index % (2 * count - 2)
         place = turn if turn < count else 2 * count - 2 - turn
@@ -190,7 +209,7 @@ class Camera:
         return self._client.show(self.images[place], stamp)
 
     def show_until(self, condition, what):
-        """Show frames until something is so, and return it."""
+        """Publish frames until a condition holds, and return its value."""
         end = time.monotonic() + PAGE_DEADLINE / 1e3
         while not (result := condition()):
             assert time.monotonic() < end, f"no {what}"
@@ -198,25 +217,25 @@ class Camera:
         return result
 
     def show_on(self, *pages):
-        """Show a frame that every one of the pages shows with its answer, and return its status.
+        """Publish frames until all pages display one with its results, and return its status.
 
-        While a console gets to know the camera, frames may be lost on the way to it.
+        Frames may be lost while the console discovers the camera.
         """
         end = time.monotonic() + PAGE_DEADLINE / 1e3
-        patience = FIRST_PATIENCE
+        timeout = FIRST_TIMEOUT
         while True:
             status = self.show()
-            again = time.monotonic() + patience
+            again = time.monotonic() + timeout
             while time.monotonic() < again:
                 if all(page.shows(status.stamp) for page in pages):
                     return status
                 pages[0].wait_for_timeout(POLL)
             # The machine may be busy.
-            patience *= 2.0
-            assert time.monotonic() < end, "no page shows what the camera does"
+            timeout *= 2.0
+            assert time.monotonic() < end, "the pages do not show the camera's frames"
 
 
 @pytest.fixture
 def camera(client, moving_square):
-    """A camera that shows the moving square."""
+    """A camera with the moving square."""
     return Camera(client, moving_square)

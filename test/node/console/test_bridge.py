@@ -1,4 +1,4 @@
-"""What all browsers share, with stand-ins for browser and link: only what needs no ROS graph."""
+"""The bridge with stand-ins for browser and link, without a ROS graph."""
 
 import asyncio
 import json
@@ -13,7 +13,7 @@ from pf_tracker_ros.node.console.image_encoding import EncodedImage
 
 
 class Link:
-    """Notes what is sent."""
+    """Records what is sent."""
 
     name = "/pf_tracker"
     has_target_subscribers = True
@@ -32,7 +32,7 @@ class Link:
         return []
 
     def set_image_topic(self, topic):
-        self.sent.append(("follow", topic))
+        self.sent.append(("image_topic", topic))
 
     def send_target(self, box, stamp):
         self.sent.append(("target", box, stamp))
@@ -42,7 +42,7 @@ class Link:
 
 
 class Browser:
-    """Notes what comes."""
+    """Counts what is received."""
 
     is_local = False
 
@@ -64,18 +64,18 @@ def image(image_message):
 
 @pytest.fixture
 def run():
-    """A function that runs a coroutine function with a hub, its link and a browser."""
+    """A function that runs a coroutine function with a bridge, its link and a browser."""
 
     def run(scenario):
         outcome = []
 
         async def play():
             link, browser = Link(), Browser()
-            hub = ConsoleBridge(link)
+            bridge = ConsoleBridge(link)
             try:
-                outcome.append(await scenario(hub, link, browser))
+                outcome.append(await scenario(bridge, link, browser))
             finally:
-                hub.close()
+                bridge.close()
 
         # In a thread: the browser tests keep an event loop in this one.
         thread = threading.Thread(target=lambda: asyncio.run(play()))
@@ -116,43 +116,43 @@ def run():
         {"type": "enable", "enabled": "yes"},
     ],
 )
-def test_what_no_page_would_ask_is_refused_in_words(run, message):
-    async def scenario(hub, link, browser):
-        await hub.handle(browser, message)
+def test_an_invalid_request_is_refused_with_a_note(run, message):
+    async def scenario(bridge, link, browser):
+        await bridge.handle(browser, message)
         return link.sent, browser.messages
 
     sent, (note,) = run(scenario)
     assert sent == []
     assert note["ok"] is False
     assert note["text"]
-    # As it is sent.
+    # As the connection sends it.
     assert json.dumps(note, allow_nan=False)
 
 
 @pytest.mark.parametrize("kind", ["target", "click"])
-def test_a_target_for_a_tracker_that_has_fallen_silent_is_not_sent(run, monkeypatch, kind):
+def test_a_target_for_a_silent_tracker_is_not_sent(run, monkeypatch, kind):
     clock = [100.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
     message = {"type": kind, "box": [1, 2, 3, 4], "point": [1, 2], "stamp": "5"}
 
-    async def scenario(hub, link, browser):
-        hub.receive("health", 0, {"level": "ok", "message": "", "values": {}})
-        await hub._look()
-        await hub.handle(browser, message)
+    async def scenario(bridge, link, browser):
+        bridge.receive("health", 0, {"level": "ok", "message": "", "values": {}})
+        await bridge._poll()
+        await bridge.handle(browser, message)
         link.sent.clear()
         clock[0] += 3.0
-        await hub._look()
-        await hub.handle(browser, message)
+        await bridge._poll()
+        await bridge.handle(browser, message)
         return link.sent, browser.messages
 
     sent, (note,) = run(scenario)
     assert sent == []
-    assert "nothing was sent: the tracker has fallen silent" in note["text"]
+    assert "nothing was sent: the tracker is silent" in note["text"]
 
 
 def test_a_stamp_keeps_all_its_digits(run):
-    async def scenario(hub, link, browser):
-        await hub.handle(
+    async def scenario(bridge, link, browser):
+        await bridge.handle(
             browser, {"type": "target", "box": [1, 2, 3, 4], "stamp": "1700000000123456789"}
         )
         return link.sent
@@ -161,18 +161,18 @@ def test_a_stamp_keeps_all_its_digits(run):
 
 
 def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run, image):
-    async def scenario(hub, link, browser):
-        welcome = asyncio.ensure_future(hub.welcome(browser))
+    async def scenario(bridge, link, browser):
+        welcome = asyncio.ensure_future(bridge.welcome(browser))
         counts = []
         for stamp in range(1, 30):
-            hub.receive("image", stamp, image)
-            while not hub._pairing.latest or hub._pairing.latest.number < stamp:
+            bridge.receive("image", stamp, image)
+            while not bridge._synchronizer.latest or bridge._synchronizer.latest.number < stamp:
                 await asyncio.sleep(0)
             if stamp < 3:
                 while browser.frames < stamp:
                     await asyncio.sleep(0)
             counts.append(browser.frames)
-        await hub.handle(browser, {"type": "shown"})
+        await bridge.handle(browser, {"type": "frame_ack"})
         while browser.frames < 3:
             await asyncio.sleep(0)
         welcome.cancel()
@@ -182,19 +182,19 @@ def test_a_browser_that_draws_nothing_gets_two_frames_and_then_the_newest(run, i
 
 
 def test_a_frame_is_encoded_once_for_all_browsers(run, image, monkeypatch):
-    made = []
+    encoded = []
 
-    def note(message, detail):
-        made.append(detail)
+    def encode(message, level):
+        encoded.append(level)
         return EncodedImage(1, 1, b"jpeg")
 
-    monkeypatch.setattr("pf_tracker_ros.node.console.browsers.encode_image", note)
+    monkeypatch.setattr("pf_tracker_ros.node.console.browsers.encode_image", encode)
 
-    async def scenario(hub, link, browser):
+    async def scenario(bridge, link, browser):
         others = [Browser(), Browser()]
-        welcomes = [asyncio.ensure_future(hub.welcome(one)) for one in (browser, *others)]
+        welcomes = [asyncio.ensure_future(bridge.welcome(one)) for one in (browser, *others)]
         await asyncio.sleep(0)
-        hub.receive("image", 1, image)
+        bridge.receive("image", 1, image)
         while not all(one.frames for one in (browser, *others)):
             await asyncio.sleep(0)
         for welcome in welcomes:
@@ -202,20 +202,20 @@ def test_a_frame_is_encoded_once_for_all_browsers(run, image, monkeypatch):
         return True
 
     assert run(scenario)
-    assert len(made) == 1
+    assert len(encoded) == 1
 
 
 @pytest.mark.parametrize(
     ("linger", "expected"), [(0.0, [True, False, True, False]), (1000.0, [True])]
 )
-def test_images_and_particles_are_asked_for_while_somebody_looks(
+def test_images_and_particles_are_subscribed_while_a_browser_is_open(
     run, monkeypatch, linger, expected
 ):
     monkeypatch.setattr(module, "_LINGER", linger)
 
-    async def scenario(hub, link, browser):
+    async def scenario(bridge, link, browser):
         for _ in range(2):
-            watching = asyncio.ensure_future(hub.welcome(browser))
+            watching = asyncio.ensure_future(bridge.welcome(browser))
             await asyncio.sleep(0)
             watching.cancel()
             await asyncio.gather(watching, return_exceptions=True)
@@ -224,12 +224,12 @@ def test_images_and_particles_are_asked_for_while_somebody_looks(
     assert run(scenario) == expected
 
 
-def test_nothing_is_taken_once_nobody_has_looked_for_a_while(run, monkeypatch):
+def test_subscriptions_end_some_time_after_the_last_browser(run, monkeypatch):
     monkeypatch.setattr(module, "_LINGER", 0.05)
 
-    async def scenario(hub, link, browser):
-        running = asyncio.ensure_future(hub.run())
-        watching = asyncio.ensure_future(hub.welcome(browser))
+    async def scenario(bridge, link, browser):
+        running = asyncio.ensure_future(bridge.run())
+        watching = asyncio.ensure_future(bridge.welcome(browser))
         await asyncio.sleep(0)
         watching.cancel()
         while link.watched != [True, False]:

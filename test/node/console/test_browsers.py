@@ -1,4 +1,4 @@
-"""What a browser gets, and in which detail."""
+"""The frames that a browser gets, and their quality."""
 
 import asyncio
 import json
@@ -18,23 +18,23 @@ from pf_tracker_ros.node.console.rate_controller import RateController
 
 SLOW = QUALITY_LEVELS[3]
 SECOND = 10**9
-# So long that no test waits for the end of one.
+# No test waits for the end of one.
 INTERVAL = 1000 * SECOND
 
 
 class Page:
-    """Draws each frame at once, or, if it is on the console's machine, when that is told.
+    """Draws each frame at once, or on request if it is local.
 
     Attributes:
-        is_local: Whether it is on that machine.
-        came: How many frames it has got.
-        qualities: Stamp and quality of each frame that it has drawn.
+        is_local: Whether it runs on the console's machine.
+        received: Number of frames received.
+        qualities: Stamp and quality of each frame drawn.
     """
 
     def __init__(self, browsers, is_local=True):
         self._browsers = browsers
         self.is_local = is_local
-        self.came = 0
+        self.received = 0
         self.qualities = []
         self._frame = None
         self._changed = asyncio.Event()
@@ -48,7 +48,7 @@ class Page:
         (length,) = struct.unpack(">I", message[:4])
         assert self._frame is None
         self._frame = json.loads(message[4 : 4 + length])
-        self.came += 1
+        self.received += 1
         self._changed.set()
         if not self.is_local:
             self._draw()
@@ -62,8 +62,8 @@ class Page:
     async def wait_for(self, count):
         await self._until(lambda: len(self.qualities) >= count)
 
-    async def wait_to_have(self, count):
-        await self._until(lambda: self.came >= count)
+    async def wait_to_receive(self, count):
+        await self._until(lambda: self.received >= count)
 
     async def _until(self, condition):
         while not condition():
@@ -72,7 +72,7 @@ class Page:
 
 
 def run(scenario):
-    """What a coroutine function returns, called in a thread with a loop of its own.
+    """Run a coroutine function in a thread with a loop of its own, and return its result.
 
     The tests with a real browser keep an event loop in this one.
     """
@@ -81,11 +81,11 @@ def run(scenario):
 
 
 def drawn(image, counts, stamps=None):
-    """Stamp and quality of what a page draws.
+    """Stamp and quality of each frame that a page draws.
 
     Args:
         image: Of each frame that is shown.
-        counts: How many the page is to have drawn before the next frame is shown, a frame each.
+        counts: Number of frames to wait for after each frame that is shown.
         stamps: Of the frames; 1, 2 and so on if not given.
     """
 
@@ -108,29 +108,29 @@ def drawn(image, counts, stamps=None):
 
 
 def drawn_before_the_third(image, stamps):
-    """How many frames a page here and one elsewhere have drawn, after the first and the second.
+    """Number of frames that a local and a remote page have drawn, after the first and the second.
 
     Args:
         image: Of each frame.
-        stamps: Of three frames; with the third, the page here has to draw the second in any case.
+        stamps: Of three frames; with the third, the local page has to draw the second.
     """
 
     async def play():
         shown = None
         browsers = Browsers(lambda: shown)
-        here, elsewhere = (Page(browsers, is_local) for is_local in (True, False))
+        local, remote = (Page(browsers, is_local) for is_local in (True, False))
         tasks = []
-        for page in (here, elsewhere):
+        for page in (local, remote):
             browsers.add(page)
             tasks.append(asyncio.ensure_future(browsers.stream(page, [])))
         counts = []
         for number, stamp in enumerate(stamps, 1):
             shown = DisplayFrame(number, stamp, image, {})
             await browsers.notify_new_frame()
-            await elsewhere.wait_for(number)
-            await here.wait_to_have(min(number, 2))
-            counts.append((len(here.qualities), len(elsewhere.qualities)))
-        await here.wait_for(2)
+            await remote.wait_for(number)
+            await local.wait_to_receive(min(number, 2))
+            counts.append((len(local.qualities), len(remote.qualities)))
+        await local.wait_for(2)
         for task in tasks:
             task.cancel()
         browsers.close()
@@ -145,21 +145,21 @@ def image(client):
     return client.message(np.zeros((48, 64, 3), np.uint8))
 
 
-def test_a_picture_that_stands_still_becomes_sharp_once(image, monkeypatch):
-    monkeypatch.setattr(RateController, "detail", SLOW)
-    monkeypatch.setattr(module, "_STANDS_STILL", 0.05)
+def test_a_still_picture_is_sent_once_more_in_full_quality(image, monkeypatch):
+    monkeypatch.setattr(RateController, "quality_level", SLOW)
+    monkeypatch.setattr(module, "_STILL_AFTER", 0.05)
     qualities = (SLOW.quality, QUALITY_LEVELS[0].quality)
     expected = [(number, quality) for number in (1, 2, 3) for quality in qualities]
     assert drawn(image, [2, 4, 6]) == expected
 
 
-def test_a_picture_with_all_its_detail_is_not_sent_again(image, monkeypatch):
-    monkeypatch.setattr(module, "_STANDS_STILL", 0.0)
+def test_a_picture_in_full_quality_is_not_sent_again(image, monkeypatch):
+    monkeypatch.setattr(module, "_STILL_AFTER", 0.0)
     assert drawn(image, [1, 2]) == [(number, QUALITY_LEVELS[0].quality) for number in (1, 2)]
 
 
-def test_a_browser_here_draws_a_frame_once_the_next_one_is_answered(image, monkeypatch):
-    monkeypatch.setattr(module, "_LEAVES_TIME", 2.0 * INTERVAL / SECOND)
+def test_a_local_browser_draws_a_frame_after_the_status_of_the_next(image, monkeypatch):
+    monkeypatch.setattr(module, "_DELAYED_BELOW", 2.0 * INTERVAL / SECOND)
     stamps = (INTERVAL, 2 * INTERVAL, 3 * INTERVAL)
     assert drawn_before_the_third(image, stamps) == [(1, 1), (1, 2)]
 
@@ -173,6 +173,6 @@ def test_a_browser_here_draws_a_frame_once_the_next_one_is_answered(image, monke
         pytest.param(-INTERVAL, id="stamps that go back"),
     ],
 )
-def test_else_it_draws_at_once(image, interval):
+def test_otherwise_a_local_browser_draws_at_once(image, interval):
     stamps = (2 * INTERVAL, 2 * INTERVAL + interval)
     assert [stamp for stamp, _ in drawn(image, [1, 2], stamps)] == list(stamps)

@@ -1,4 +1,4 @@
-"""Images for the console wait until the tracker has answered, and only while it does."""
+"""The console's images wait for the tracker's status, unless there is none."""
 
 import time
 
@@ -17,10 +17,10 @@ NEVER = 3600.0
 
 
 class Watcher:
-    """A node that takes images so; they are told by their heights.
+    """A node with a deferred image input; the height of an image is its number.
 
     Attributes:
-        seen: Heights of those that it received.
+        seen: Heights of the received images.
     """
 
     def __init__(self, context):
@@ -44,19 +44,19 @@ class Watcher:
         )
 
     def publish(self, *heights):
-        """Publish images; they are there afterwards."""
+        """Publish images, and wait until they are acknowledged."""
         for height in heights:
             self._publisher.publish(Image(height=height))
         assert self._publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE))
 
     def pass_by(self):
-        """Let the executor do all there is, until something comes that is published now."""
+        """Let the executor process everything up to a message that is published now."""
         before = self._fences
         self._fence.publish(Empty())
         self.wait_for(lambda: self._fences > before)
 
     def idle(self):
-        """Let the executor wait for nothing that comes."""
+        """Let the executor wait for a time."""
         self._executor.spin_once(timeout_sec=0.3)
 
     def wait_for(self, condition):
@@ -89,12 +89,12 @@ def start_watcher(graph):
 
 @pytest.fixture
 def patient(start_watcher, monkeypatch):
-    """A watcher that waits for answers however long they take."""
-    monkeypatch.setattr(deferred_image_input, "_PATIENCE", NEVER)
+    """A watcher without a timeout for the status."""
+    monkeypatch.setattr(deferred_image_input, "_TIMEOUT", NEVER)
     return start_watcher()
 
 
-def test_after_an_answer_images_wait_for_the_next_one(patient):
+def test_after_a_status_images_wait_for_the_next_one(patient):
     patient.publish(1)
     patient.wait_for(lambda: patient.seen == [1])
     patient.images.on_status()
@@ -107,20 +107,20 @@ def test_after_an_answer_images_wait_for_the_next_one(patient):
 
 
 def test_images_that_wait_do_not_keep_the_executor_busy(patient, monkeypatch):
-    asked, can_execute = [], deferred_image_input._Gate.can_execute
+    checked, can_execute = [], deferred_image_input._Gate.can_execute
 
     def note(gate, entity):
-        asked.append(entity)
+        checked.append(entity)
         return can_execute(gate, entity)
 
     monkeypatch.setattr(deferred_image_input._Gate, "can_execute", note)
     patient.images.on_status()
     patient.publish(2, 3)
     patient.pass_by()
-    asked.clear()
+    checked.clear()
     patient.idle()
     # For the subscription and its event, each time that the executor begins to wait.
-    assert 1 <= len(asked) <= 8
+    assert 1 <= len(checked) <= 8
 
 
 def test_of_many_that_wait_the_newest_are_kept(patient):
@@ -143,7 +143,7 @@ def test_images_that_come_faster_than_answers_do_not_wait_for_a_while(patient, m
     patient.wait_for(lambda: patient.seen == [2, 3, 4, 5])
 
 
-def test_they_wait_again_after_a_second(patient, monkeypatch):
+def test_images_wait_again_after_a_second(patient, monkeypatch):
     now = [100.0]
     patient.images.on_status()
     patient.publish(2, 3, 4, 5)
@@ -162,19 +162,19 @@ def test_they_wait_again_after_a_second(patient, monkeypatch):
     assert patient.seen == [2, 3, 4, 5, 6]
 
 
-def test_a_tracker_that_is_silent_is_not_waited_for(start_watcher):
+def test_images_do_not_wait_for_a_silent_tracker(start_watcher):
     watcher = start_watcher()
     watcher.publish(1)
     watcher.wait_for(lambda: watcher.seen == [1])
     watcher.images.on_status()
     watcher.publish(2)
     watcher.wait_for(lambda: watcher.seen == [1, 2])
-    # From then on none waits.
+    # From then on no image waits.
     watcher.publish(3)
     watcher.wait_for(lambda: watcher.seen == [1, 2, 3])
 
 
-def test_closed_it_takes_nothing_and_opened_again_it_does(patient):
+def test_no_image_is_taken_while_it_is_closed(patient):
     patient.images.on_status()
     patient.images.close()
     assert patient.images.topic == ""

@@ -1,4 +1,4 @@
-"""Which frame is shown, and with what."""
+"""Which frame is shown, and with which results."""
 
 from types import SimpleNamespace
 
@@ -12,205 +12,205 @@ BOXES = {"1": {"box": [1, 2, 3, 4], "color": "#ff8000"}}
 
 
 @pytest.fixture
-def pairing():
-    """With a tracker that has answered just now."""
-    pairing = FrameSynchronizer()
-    pairing.add_result(1, "status", IDLE, now=0.0)
-    return pairing
+def synchronizer():
+    """With a tracker that has just sent a status."""
+    synchronizer = FrameSynchronizer()
+    synchronizer.add_result(1, "status", IDLE, now=0.0)
+    return synchronizer
 
 
-def test_a_picture_waits_for_its_box(pairing):
-    pairing.add_image(2, "picture", now=0.0)
-    assert not pairing.choose(now=0.01)
-    pairing.add_result(2, "status", TRACKING, now=0.02)
-    assert not pairing.choose(now=0.02)
-    pairing.add_result(2, "boxes", BOXES, now=0.03)
-    assert pairing.choose(now=0.03)
-    assert pairing.latest.stamp == 2
-    assert pairing.latest.answer == {"status": TRACKING, "boxes": BOXES}
-    assert not pairing.choose(now=0.04)
+def test_a_picture_waits_for_its_box(synchronizer):
+    synchronizer.add_image(2, "picture", now=0.0)
+    assert not synchronizer.choose(now=0.01)
+    synchronizer.add_result(2, "status", TRACKING, now=0.02)
+    assert not synchronizer.choose(now=0.02)
+    synchronizer.add_result(2, "boxes", BOXES, now=0.03)
+    assert synchronizer.choose(now=0.03)
+    assert synchronizer.latest.stamp == 2
+    assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
+    assert not synchronizer.choose(now=0.04)
 
 
-def test_the_order_in_which_the_parts_come_does_not_matter(pairing):
-    pairing.add_result(2, "boxes", BOXES, now=0.0)
-    pairing.add_result(2, "status", TRACKING, now=0.0)
-    pairing.add_image(2, "picture", now=0.0)
-    assert pairing.choose(now=0.0)
+def test_the_order_in_which_the_parts_come_does_not_matter(synchronizer):
+    synchronizer.add_result(2, "boxes", BOXES, now=0.0)
+    synchronizer.add_result(2, "status", TRACKING, now=0.0)
+    synchronizer.add_image(2, "picture", now=0.0)
+    assert synchronizer.choose(now=0.0)
 
 
-def test_particles_are_waited_for_where_somebody_looks(pairing):
-    pairing.required_parts = {"particles"}
-    pairing.add_image(2, "picture", now=0.0)
-    pairing.add_result(2, "status", TRACKING, now=0.0)
-    pairing.add_result(2, "boxes", BOXES, now=0.0)
-    assert not pairing.choose(now=0.0)
-    pairing.add_result(2, "particles", [], now=0.0)
-    assert pairing.choose(now=0.0)
+def test_a_picture_waits_for_required_particles(synchronizer):
+    synchronizer.required_parts = {"particles"}
+    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add_result(2, "status", TRACKING, now=0.0)
+    synchronizer.add_result(2, "boxes", BOXES, now=0.0)
+    assert not synchronizer.choose(now=0.0)
+    synchronizer.add_result(2, "particles", [], now=0.0)
+    assert synchronizer.choose(now=0.0)
 
 
-def test_the_likelihood_is_waited_for_where_a_target_is_selected(pairing):
-    pairing.required_parts = {"particles", "likelihood"}
+def test_a_picture_waits_for_the_likelihood_of_a_selected_target(synchronizer):
+    synchronizer.required_parts = {"particles", "likelihood"}
     for stamp, status in ((2, TRACKING | {"selected": ""}), (3, TRACKING)):
-        pairing.add_image(stamp, "picture", now=0.0)
+        synchronizer.add_image(stamp, "picture", now=0.0)
         for part, content in (("status", status), ("particles", []), ("boxes", BOXES)):
-            assert not pairing.choose(now=0.0)
-            pairing.add_result(stamp, part, content, now=0.0)
-        assert pairing.choose(now=0.0) == (stamp == 2)
-    pairing.add_result(3, "likelihood", {}, now=0.0)
-    assert pairing.choose(now=0.0)
-    assert pairing.latest.answer.keys() == {"status", "particles", "boxes", "likelihood"}
+            assert not synchronizer.choose(now=0.0)
+            synchronizer.add_result(stamp, part, content, now=0.0)
+        assert synchronizer.choose(now=0.0) == (stamp == 2)
+    synchronizer.add_result(3, "likelihood", {}, now=0.0)
+    assert synchronizer.choose(now=0.0)
+    assert synchronizer.latest.results.keys() == {"status", "particles", "boxes", "likelihood"}
 
 
-def test_without_a_target_there_is_nothing_to_wait_for(pairing):
-    pairing.required_parts = {"particles"}
-    pairing.add_image(2, "picture", now=0.0)
-    pairing.add_result(2, "status", IDLE, now=0.0)
-    assert pairing.choose(now=0.0)
+def test_without_a_target_a_picture_waits_for_the_status_alone(synchronizer):
+    synchronizer.required_parts = {"particles"}
+    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add_result(2, "status", IDLE, now=0.0)
+    assert synchronizer.choose(now=0.0)
 
 
-def test_the_newest_answered_picture_wins_and_older_ones_are_passed_over(pairing):
+def test_the_newest_picture_with_results_is_shown_and_older_ones_are_dropped(synchronizer):
     for stamp in (2, 3, 4):
-        pairing.add_image(stamp, f"picture {stamp}", now=0.0)
+        synchronizer.add_image(stamp, f"picture {stamp}", now=0.0)
     for stamp in (3, 2):
-        pairing.add_result(stamp, "status", IDLE, now=0.0)
-    assert pairing.choose(now=0.0)
-    assert pairing.latest.image == "picture 3"
-    assert not pairing.choose(now=0.0)
+        synchronizer.add_result(stamp, "status", IDLE, now=0.0)
+    assert synchronizer.choose(now=0.0)
+    assert synchronizer.latest.image == "picture 3"
+    assert not synchronizer.choose(now=0.0)
 
 
-def test_a_picture_without_an_answer_is_shown_in_the_end(pairing):
-    pairing.add_image(2, "picture", now=0.0)
-    assert not pairing.choose(now=0.2)
-    assert pairing.choose(now=0.3)
-    assert pairing.latest.answer == {}
+def test_a_picture_without_results_is_shown_after_a_timeout(synchronizer):
+    synchronizer.add_image(2, "picture", now=0.0)
+    assert not synchronizer.choose(now=0.2)
+    assert synchronizer.choose(now=0.3)
+    assert synchronizer.latest.results == {}
 
 
-def test_a_tracker_that_takes_long_is_waited_for_longer(pairing):
+def test_the_timeout_grows_with_the_latency_of_the_tracker(synchronizer):
     for stamp in range(2, 10):
         now = 0.3 * stamp
-        pairing.add_image(stamp, "picture", now)
-        pairing.add_result(stamp, "status", IDLE, now + 0.24)
-        assert pairing.choose(now + 0.24)
-    pairing.add_image(10, "picture", now=3.0)
-    assert not pairing.choose(now=3.4)
-    assert pairing.choose(now=3.5)
+        synchronizer.add_image(stamp, "picture", now)
+        synchronizer.add_result(stamp, "status", IDLE, now + 0.24)
+        assert synchronizer.choose(now + 0.24)
+    synchronizer.add_image(10, "picture", now=3.0)
+    assert not synchronizer.choose(now=3.4)
+    assert synchronizer.choose(now=3.5)
 
 
 def test_without_a_tracker_pictures_are_shown_at_once():
-    pairing = FrameSynchronizer()
-    pairing.add_image(1, "first", now=0.0)
-    assert pairing.choose(now=0.0)
-    pairing.add_result(2, "status", IDLE, now=0.0)
-    pairing.add_image(3, "second", now=5.0)
-    assert pairing.choose(now=5.0)
+    synchronizer = FrameSynchronizer()
+    synchronizer.add_image(1, "first", now=0.0)
+    assert synchronizer.choose(now=0.0)
+    synchronizer.add_result(2, "status", IDLE, now=0.0)
+    synchronizer.add_image(3, "second", now=5.0)
+    assert synchronizer.choose(now=5.0)
 
 
-def test_where_time_goes_back_the_answers_of_before_do_not_count(pairing):
+def test_results_of_before_a_time_jump_back_are_not_reused(synchronizer):
     for now in (0.0, 0.1):
         for stamp in (2, 3):
-            pairing.add_image(stamp, f"picture {stamp} at {now}", now)
-            assert not pairing.choose(now)
-            pairing.add_result(stamp, "status", IDLE | {"at": now}, now)
-            assert pairing.choose(now)
-            assert pairing.latest.image == f"picture {stamp} at {now}"
-            assert pairing.latest.answer["status"]["at"] == now
-    assert pairing.latest.number == 4
+            synchronizer.add_image(stamp, f"picture {stamp} at {now}", now)
+            assert not synchronizer.choose(now)
+            synchronizer.add_result(stamp, "status", IDLE | {"at": now}, now)
+            assert synchronizer.choose(now)
+            assert synchronizer.latest.image == f"picture {stamp} at {now}"
+            assert synchronizer.latest.results["status"]["at"] == now
+    assert synchronizer.latest.number == 4
 
 
-def test_another_answer_to_the_same_frame_is_shown(pairing):
-    """A frame that is played twice is answered twice, perhaps before the second has come."""
-    pairing.add_image(2, "picture", now=0.0)
-    pairing.add_result(2, "status", IDLE, now=0.0)
-    assert pairing.choose(now=0.0)
+def test_a_second_result_of_the_same_frame_is_shown(synchronizer):
+    """A frame that is played twice has two results; the second may precede its image."""
+    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add_result(2, "status", IDLE, now=0.0)
+    assert synchronizer.choose(now=0.0)
     for part, content in (("boxes", BOXES), ("status", TRACKING)):
-        pairing.add_result(2, part, content, now=0.1)
-        pairing.choose(now=0.1)
-    assert pairing.latest.image == "picture"
-    assert pairing.latest.answer == {"status": TRACKING, "boxes": BOXES}
-    pairing.add_result(2, "status", IDLE, now=0.2)
-    assert pairing.choose(now=0.2)
-    assert pairing.latest.answer == {"status": IDLE}
+        synchronizer.add_result(2, part, content, now=0.1)
+        synchronizer.choose(now=0.1)
+    assert synchronizer.latest.image == "picture"
+    assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
+    synchronizer.add_result(2, "status", IDLE, now=0.2)
+    assert synchronizer.choose(now=0.2)
+    assert synchronizer.latest.results == {"status": IDLE}
 
 
-def test_an_image_that_comes_after_its_answer_keeps_it(pairing):
+def test_an_image_that_comes_after_its_results_keeps_them(synchronizer):
     for now in (0.0, 1.0):
-        pairing.add_result(2, "status", TRACKING, now=now)
-        pairing.add_result(2, "boxes", [1, 2, 3, now], now=now)
-        pairing.choose(now)
-        pairing.add_image(2, f"picture at {now}", now=now)
-        pairing.choose(now)
-        # Played again, it is answered before it comes.
-        pairing.choose(now + 0.5)
-        assert pairing.latest.image == f"picture at {now}"
-        assert pairing.latest.answer == {"status": TRACKING, "boxes": [1, 2, 3, now]}
+        synchronizer.add_result(2, "status", TRACKING, now=now)
+        synchronizer.add_result(2, "boxes", [1, 2, 3, now], now=now)
+        synchronizer.choose(now)
+        synchronizer.add_image(2, f"picture at {now}", now=now)
+        synchronizer.choose(now)
+        # In the second round the results come before the image.
+        synchronizer.choose(now + 0.5)
+        assert synchronizer.latest.image == f"picture at {now}"
+        assert synchronizer.latest.results == {"status": TRACKING, "boxes": [1, 2, 3, now]}
 
 
-def test_a_frame_that_is_played_again_has_no_box_of_before(pairing):
-    pairing.add_image(2, "picture", now=0.0)
-    pairing.add_result(2, "status", TRACKING, now=0.0)
-    pairing.add_result(2, "boxes", BOXES, now=0.0)
-    assert pairing.choose(now=0.0)
-    pairing.add_result(2, "status", TRACKING, now=1.0)
-    assert not pairing.choose(now=1.0)
-    pairing.add_result(2, "boxes", [5, 6, 7, 8], now=1.0)
-    assert pairing.choose(now=1.0)
-    assert pairing.latest.answer["boxes"] == [5, 6, 7, 8]
+def test_a_replayed_frame_has_no_box_of_its_first_result(synchronizer):
+    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add_result(2, "status", TRACKING, now=0.0)
+    synchronizer.add_result(2, "boxes", BOXES, now=0.0)
+    assert synchronizer.choose(now=0.0)
+    synchronizer.add_result(2, "status", TRACKING, now=1.0)
+    assert not synchronizer.choose(now=1.0)
+    synchronizer.add_result(2, "boxes", [5, 6, 7, 8], now=1.0)
+    assert synchronizer.choose(now=1.0)
+    assert synchronizer.latest.results["boxes"] == [5, 6, 7, 8]
 
 
-def test_a_part_that_is_late_is_shown_at_once(pairing):
-    pairing.required_parts = {"particles"}
-    pairing.add_image(2, "picture", now=0.0)
-    pairing.add_result(2, "status", TRACKING, now=0.0)
-    assert pairing.choose(now=0.5)
+def test_a_late_part_is_shown_at_once(synchronizer):
+    synchronizer.required_parts = {"particles"}
+    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add_result(2, "status", TRACKING, now=0.0)
+    assert synchronizer.choose(now=0.5)
     for part in ("boxes", "particles"):
-        pairing.add_result(2, part, [], now=0.6)
-    assert pairing.choose(now=0.6)
-    assert pairing.latest.answer.keys() == {"status", "boxes", "particles"}
+        synchronizer.add_result(2, part, [], now=0.6)
+    assert synchronizer.choose(now=0.6)
+    assert synchronizer.latest.results.keys() == {"status", "boxes", "particles"}
 
 
-def test_a_part_that_is_late_hides_no_picture_that_has_come_since(pairing):
-    pairing.required_parts = {"particles"}
-    pairing.add_image(2, "picture 2", now=0.0)
+def test_a_late_part_hides_no_newer_picture(synchronizer):
+    synchronizer.required_parts = {"particles"}
+    synchronizer.add_image(2, "picture 2", now=0.0)
     for part, content in (("status", TRACKING), ("boxes", BOXES), ("particles", [])):
-        pairing.add_result(2, part, content, now=0.0)
-    assert pairing.choose(now=0.0)
-    pairing.add_image(3, "picture 3", now=0.1)
-    pairing.add_result(2, "boxes", {}, now=0.1)
-    assert pairing.choose(now=0.1)
-    assert pairing.latest.image == "picture 2"
-    pairing.add_result(2, "boxes", {}, now=0.2)
-    pairing.add_result(3, "status", IDLE, now=0.2)
-    assert pairing.choose(now=0.2)
-    assert pairing.latest.image == "picture 3"
-    assert not pairing.choose(now=0.3)
+        synchronizer.add_result(2, part, content, now=0.0)
+    assert synchronizer.choose(now=0.0)
+    synchronizer.add_image(3, "picture 3", now=0.1)
+    synchronizer.add_result(2, "boxes", {}, now=0.1)
+    assert synchronizer.choose(now=0.1)
+    assert synchronizer.latest.image == "picture 2"
+    synchronizer.add_result(2, "boxes", {}, now=0.2)
+    synchronizer.add_result(3, "status", IDLE, now=0.2)
+    assert synchronizer.choose(now=0.2)
+    assert synchronizer.latest.image == "picture 3"
+    assert not synchronizer.choose(now=0.3)
 
 
-def test_the_box_of_a_fast_camera_may_take_many_frames(pairing):
-    """120 Hz, and 80 ms for an answer: ten images are newer by then."""
+def test_the_results_of_a_fast_camera_may_come_many_frames_later(synchronizer):
+    """At 120 Hz and a latency of 80 ms, ten images are newer than each result."""
     shown = []
     for number in range(120):
         now = number / 120
-        pairing.add_image(2 + number, f"picture {number}", now)
+        synchronizer.add_image(2 + number, f"picture {number}", now)
         if number >= 10:
-            pairing.add_result(2 + number - 10, "status", IDLE, now)
-        if pairing.choose(now):
-            shown.append((pairing.latest.stamp, "status" in pairing.latest.answer))
+            synchronizer.add_result(2 + number - 10, "status", IDLE, now)
+        if synchronizer.choose(now):
+            shown.append((synchronizer.latest.stamp, "status" in synchronizer.latest.results))
     assert shown == [(2 + number, True) for number in range(110)]
 
 
-def test_of_large_images_fewer_wait():
-    pairing = FrameSynchronizer()
-    pairing.add_result(0, "status", IDLE, now=0.0)
+def test_fewer_large_images_wait():
+    synchronizer = FrameSynchronizer()
+    synchronizer.add_result(0, "status", IDLE, now=0.0)
     for stamp in range(1, 41):
-        pairing.add_image(stamp, SimpleNamespace(data=bytes(10_000_000)), now=0.0)
-    assert list(pairing._images) == list(range(33, 41))
+        synchronizer.add_image(stamp, SimpleNamespace(data=bytes(10_000_000)), now=0.0)
+    assert list(synchronizer._images) == list(range(33, 41))
 
 
-def test_what_waits_has_a_limit():
-    pairing = FrameSynchronizer()
-    pairing.add_result(0, "status", IDLE, now=0.0)
+def test_waiting_images_and_results_are_limited():
+    synchronizer = FrameSynchronizer()
+    synchronizer.add_result(0, "status", IDLE, now=0.0)
     for stamp in range(1, 10_000):
-        pairing.add_image(stamp, stamp, now=0.0)
-        pairing.add_result(-stamp, "boxes", None, now=0.0)
-    assert len(pairing._images) <= 32
-    assert len(pairing._answers) <= 32
+        synchronizer.add_image(stamp, stamp, now=0.0)
+        synchronizer.add_result(-stamp, "boxes", None, now=0.0)
+    assert len(synchronizer._images) <= 32
+    assert len(synchronizer._results) <= 32

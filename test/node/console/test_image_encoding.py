@@ -1,4 +1,4 @@
-"""Images as JPEG, in as much detail as is asked for."""
+"""Images as JPEG with a given quality level."""
 
 import itertools
 
@@ -29,14 +29,14 @@ def shape(picture):
 
 
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, (120, 160)), (0.5, (60, 80))])
-def test_it_tells_the_size_of_the_image_whatever_its_own(message, scale, expected):
+def test_a_picture_has_the_size_of_the_image_at_every_scale(message, scale, expected):
     picture = encode_image(message(), QualityLevel(80, scale))
     assert (picture.width, picture.height) == (160, 120)
     assert shape(picture) == expected
 
 
-def test_each_detail_is_smaller_than_the_one_before(message):
-    sizes = [len(encode_image(message(576, 768), detail).jpeg) for detail in QUALITY_LEVELS]
+def test_each_quality_level_is_smaller_than_the_previous(message):
+    sizes = [len(encode_image(message(576, 768), level).jpeg) for level in QUALITY_LEVELS]
     assert all(less < more for more, less in itertools.pairwise(sizes))
     assert sizes[-1] < 0.1 * sizes[0]
 
@@ -50,11 +50,11 @@ def test_a_window_gets_no_fewer_pixels_than_it_shows():
     assert scale_for(768, 900) == 1.0
     assert scale_for(768, 400) == 0.75
     assert scale_for(1920, 400) == 0.25
-    # Before the first image nobody knows its width.
+    # Before the first image its width is unknown.
     assert scale_for(0, 400) == 1.0
 
 
-def test_what_holds_no_image_is_told():
+def test_an_invalid_image_gives_an_error():
     picture = encode_image(CompressedImage(format="jpeg", data=b"none"), QualityLevel(80))
     assert picture.jpeg == b""
     assert picture.error.startswith("the image cannot be shown: ")

@@ -1,4 +1,4 @@
-"""What the tracker says, shaped for the page."""
+"""The tracker's messages as JSON."""
 
 import base64
 import json
@@ -24,7 +24,7 @@ def cloud(rows):
     return PointCloud2(point_step=24, width=len(table), height=1, data=data)
 
 
-def test_numbers_of_a_status_become_numbers_and_texts_stay():
+def test_numeric_values_of_a_status_become_numbers():
     status = DiagnosticStatus(
         level=DiagnosticStatus.WARN,
         message="hidden",
@@ -33,32 +33,32 @@ def test_numbers_of_a_status_become_numbers_and_texts_stay():
             for key, value in {"state": "occluded", "confidence": "0.25", "x": "nan"}.items()
         ],
     )
-    shaped = diagnostic_status_to_json(status)
-    assert shaped == {
+    converted = diagnostic_status_to_json(status)
+    assert converted == {
         "level": "warn",
         "message": "hidden",
         "values": {"state": "occluded", "confidence": 0.25, "x": "nan"},
     }
-    json.dumps(shaped, allow_nan=False)
+    json.dumps(converted, allow_nan=False)
 
 
-def test_a_flood_of_texts_is_cut():
+def test_long_texts_are_cut():
     value = KeyValue(key="k" * 10_000, value="v" * 10_000)
     status = DiagnosticStatus(message="m" * 100_000, values=[value] * 10_000)
     assert len(json.dumps(diagnostic_status_to_json(status))) < 10_000_000 / 2
 
 
-def test_weights_of_any_size_are_shares():
+def test_weights_of_any_size_are_relative_to_the_largest():
     message = cloud([[1, 2, 0, 4, 5, 1e-40], [1, 2, 0, 4, 5, -3e38]])
     assert [share for _, _, share in particles_to_json(message)] == [1.0, 0.0]
 
 
-def test_particles_come_heaviest_first_by_their_share_of_the_largest_weight():
+def test_particles_are_sorted_by_weight():
     rows = [(1, 2, 0, 5, 5, 0.25), (3, 4, 0, 5, 5, 0.5)]
     assert particles_to_json(cloud(rows)) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
 
 
-def test_of_very_many_particles_the_heaviest_are_shown():
+def test_of_many_particles_the_heaviest_are_kept():
     rows = [(i, 0, 0, 1, 1, i + 1) for i in range(1000)]
     shown = particles_to_json(cloud(rows))
     assert [x for x, _, _ in shown] == list(range(999, 599, -1))
@@ -74,7 +74,7 @@ def test_of_very_many_particles_the_heaviest_are_shown():
         PointCloud2(point_step=24, is_bigendian=True, data=array("B", bytes(24))),
     ],
 )
-def test_clouds_that_hold_no_particles_are_shown_as_none(message):
+def test_a_cloud_without_valid_particles_gives_none(message):
     assert particles_to_json(message) == []
 
 
@@ -84,10 +84,10 @@ def likelihood(values, **fields):
     return Image(data=data, **(shape | fields))
 
 
-def test_the_heat_is_full_at_the_likeliest_and_fades_with_the_logarithm():
+def test_the_heat_map_scales_the_log_likelihood_below_its_maximum():
     found = likelihood_to_json(likelihood([[-110.0, -100.0], [-120.0, float("nan")]]))
     assert found["columns"] == 2
-    assert list(base64.b64decode(found["heat"])) == [127, 255, 0, 0]
+    assert list(base64.b64decode(found["values"])) == [127, 255, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -101,11 +101,11 @@ def test_the_heat_is_full_at_the_likeliest_and_fades_with_the_logarithm():
         Image(width=2**20, height=2**20, encoding="32FC1"),
     ],
 )
-def test_what_is_no_likelihood_is_no_heat(message):
+def test_an_invalid_likelihood_image_gives_none(message):
     assert likelihood_to_json(message) is None
 
 
-def test_a_frame_is_its_header_and_its_picture():
+def test_a_packed_frame_has_header_and_picture():
     message = pack_frame({"stamp": "7", "text": "ü"}, b"jpeg")
     length = int.from_bytes(message[:4], "big")
     assert json.loads(message[4 : 4 + length]) == {"stamp": "7", "text": "ü"}

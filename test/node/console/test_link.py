@@ -1,4 +1,4 @@
-"""The page over a link that bears little, and the picture for a window that shows little."""
+"""The page over a slow link, and in a small window."""
 
 import contextlib
 import itertools
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 # 5 Mbit/s.
-OCTETS_A_SECOND = 5e6 / 8
+BYTES_PER_SECOND = 5e6 / 8
 
 NOTE_AGES = """() => {
   window.ages = [];
@@ -24,15 +24,15 @@ NOTE_AGES = """() => {
 
 
 class SlowLink:
-    """A relay to a port of this machine that lets so many octets a second through to its client.
+    """A relay to a local port with a limited rate towards its client.
 
     Attributes:
-        url: To be opened in place of the other side's.
+        url: Of the relay.
     """
 
-    def __init__(self, link, octets_a_second):
+    def __init__(self, link, bytes_per_second):
         self._port = urlsplit(link).port
-        self._rate = octets_a_second
+        self._rate = bytes_per_second
         self._server = socket.create_server(("127.0.0.1", 0))
         self.url = f"http://127.0.0.1:{self._server.getsockname()[1]}/"
         threading.Thread(target=self._accept, daemon=True).start()
@@ -45,7 +45,7 @@ class SlowLink:
             while True:
                 client, _ = self._server.accept()
                 server = socket.socket()
-                # What waits in buffers would be old when it comes.
+                # A large buffer would add latency.
                 server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16_384)
                 server.connect(("127.0.0.1", self._port))
                 for ends in ((server, client, self._rate), (client, server, float("inf"))):
@@ -55,25 +55,25 @@ class SlowLink:
     def _forward(source, sink, rate):
         with contextlib.suppress(OSError), source, sink:
             free_at = time.monotonic()
-            while octets := source.recv(4096):
-                free_at = max(free_at, time.monotonic()) + len(octets) / rate
+            while data := source.recv(4096):
+                free_at = max(free_at, time.monotonic()) + len(data) / rate
                 time.sleep(max(0.0, free_at - time.monotonic()))
-                sink.sendall(octets)
+                sink.sendall(data)
 
 
 @pytest.fixture
 def slow_link(console):
     """The console behind 5 Mbit/s."""
-    link = SlowLink(console.url, OCTETS_A_SECOND)
+    link = SlowLink(console.url, BYTES_PER_SECOND)
     yield link.url
     link.close()
 
 
 @pytest.fixture
 def camera(client):
-    """Noise at 30 Hz on this machine's clock, as long as the fixture is there.
+    """A camera with noise at 30 Hz by this machine's clock; returns the function to stop it.
 
-    Noise is the worst there is for JPEG: a frame in full detail takes a quarter of a second.
+    Noise is the worst case for JPEG: a frame in full quality takes a quarter of a second.
     """
     generator = np.random.default_rng(0)
     images = generator.integers(0, 255, (4, 576, 768, 3), np.uint8)
@@ -100,12 +100,12 @@ def camera(client):
 
 
 def shown_width(page):
-    """Of the picture's own pixels."""
+    """Width of the encoded picture, pixels."""
     return page.evaluate("() => document.querySelector('#picture').width")
 
 
 @pytest.mark.usefixtures("camera")
-def test_a_narrow_link_drops_detail_and_frames_and_stays_live(slow_link, open_page):
+def test_on_a_slow_link_quality_and_frames_are_dropped_and_latency_stays_low(slow_link, open_page):
     page = open_page(slow_link)
     page.evaluate(NOTE_AGES)
 
@@ -113,31 +113,29 @@ def test_a_narrow_link_drops_detail_and_frames_and_stays_live(slow_link, open_pa
         ages = page.evaluate("() => window.ages.filter(([time]) => time > Date.now() - 3000)")
         return [age for _, age in ages] if len(ages) > 1 else [math.inf]
 
-    # In full detail, 4 frames a second pass, up to 0.8 s old.
+    # In full quality it would be 4 frames per second, up to 0.8 s old.
     page.wait_until(
         lambda: len(ages := last_seconds()) > 3 * 6 and max(ages) < 600.0, "live picture"
     )
     quality, width = page.text("jpeg").removesuffix(" px").split(", ")
     assert int(quality) < 80 or int(width) < 768
-    # What is told is what the link bears: not more than it lets through.
+    # The displayed rate is at most that of the link.
     rate, unit = page.text("link").split()
     assert unit == "Mbit/s"
     assert 0.0 < float(rate) < 8.0
 
 
 @pytest.mark.usefixtures("camera")
-def test_a_small_window_gets_a_small_picture_and_a_large_one_all_of_it(console, open_page):
+def test_the_picture_has_as_many_pixels_as_the_window_needs(console, open_page):
     page = open_page(console.url, viewport={"width": 390, "height": 800})
-    # The picture is 370 px wide there, and half of the image has 384.
+    # The picture has 370 px on the screen, half of the image 384.
     page.wait_until(lambda: shown_width(page) in range(1, 385), "picture for the window")
     assert page.size == (768, 576)
     page.set_viewport_size({"width": 1400, "height": 1000})
     page.wait_until(lambda: shown_width(page) > 384, "more of the picture")
 
 
-def test_a_picture_that_stands_still_is_sharp_in_a_window_that_was_made_wider(
-    console, open_page, camera
-):
+def test_a_still_picture_is_sent_again_for_a_wider_window(console, open_page, camera):
     page = open_page(console.url, viewport={"width": 390, "height": 800})
     page.wait_until(lambda: shown_width(page) in range(1, 385), "picture for the window")
     camera()

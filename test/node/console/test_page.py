@@ -1,4 +1,4 @@
-"""What the page shows, and how it goes on where something is missing."""
+"""The page's display, and its recovery where tracker, images or console are missing."""
 
 import contextlib
 import itertools
@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+
+from pf_tracker_ros.stamps import stamp_of
 
 HOSTILE = "<img src=x onerror=alert(1)>&amp;<script>alert(2)</script>"
 # WCAG 2, level AA: of text below 24 px.
@@ -49,31 +51,14 @@ SEE_FRAMES = """() => {
 }"""
 
 
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
 @pytest.fixture
-def bag(tmp_path, write_bag, make_stamped, moving_square):
-    """A bag of 900 frames at 30 Hz, in which the square goes back and forth."""
+def bag(write_images, moving_square):
+    """A bag of 900 frames at 30 Hz, in which the square moves back and forth."""
     images = moving_square.images
-    order = itertools.cycle([*range(len(images)), *range(len(images) - 2, 0, -1)])
-    rows = []
-    for number, place in zip(range(900), order, strict=False):
-        stamp = 1_700_000_000_000_000_000 + number * 33_333_333
-        image = images[place]
-        message = make_stamped(
-            "sensor_msgs/msg/Image",
-            stamp,
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding="bgr8",
-            is_bigendian=0,
-            step=image.strides[0],
-            data=image.reshape(-1),
-        )
-        rows.append(("/image", "sensor_msgs/msg/Image", stamp, message))
-    return write_bag(tmp_path / "square", rows)
+    order = itertools.cycle([*images, *images[-2:0:-1]])
+    return write_images(
+        itertools.islice(order, 900), lambda index: 1_700_000_000_000_000_000 + index * 33_333_333
+    )
 
 
 @pytest.mark.usefixtures("tracker")
@@ -98,7 +83,7 @@ def test_the_overlay_follows_a_replayed_bag_with_the_box_of_the_same_stamp(
     )
     seen = [(int(stamp), box) for stamp, box in page.evaluate("() => window.seen") if box]
     client.box_at(seen[-1][0])
-    published = {stamp_of(m): [(p.x, p.y) for p in m.polygon.points] for m in client.boxes}
+    published = {stamp_of(m.header): [(p.x, p.y) for p in m.polygon.points] for m in client.boxes}
     assert len(seen) >= 100
     for stamp, (x, y, width, height) in seen:
         corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
@@ -129,46 +114,46 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")
     confidence, cue_weights = (
-        page.locator(f"#plot-{name} path") for name in ("confidence", "powers")
+        page.locator(f"#plot-{name} path") for name in ("confidence", "weights")
     )
 
     def is_line_long():
-        # A line that is not there yet must not be waited for: frames draw it.
+        # No locator may wait for the line here, as new frames draw it.
         return any(len(path.split("L")) > 10 for path in confidence.evaluate_all(SHAPES))
 
     camera.show_until(is_line_long, "line")
     # The default preset has two cues.
     camera.show_until(lambda: cue_weights.count() == 2, "line for each cue")
-    camera.show_until(lambda: page.locator("#cues li").count() == 2, "share of each cue")
+    camera.show_until(lambda: page.locator("#cues li").count() == 2, "weight of each cue")
     legend = page.locator("#cues li")
-    shares = [float(text.split()[-1]) for text in legend.all_inner_texts()]
-    assert sum(shares) == pytest.approx(1.0, abs=0.02)
-    # A line of the last minute stays, but its cue has no share any more.
+    weights = [float(text.split()[-1]) for text in legend.all_inner_texts()]
+    assert sum(weights) == pytest.approx(1.0, abs=0.02)
+    # The line of a removed cue stays for a minute, without a weight.
     client.set_parameters(cues=["correlation_response"])
     camera.show_until(
         lambda: legend.all_inner_texts() == ["color contrast \u2013", "correlation response 1.00"],
-        "share of the only cue",
+        "weight of the only cue",
     )
 
 
-def test_the_likelihood_is_shown_on_demand(tracker, camera, page):
+def test_the_heat_map_is_shown_on_demand(tracker, camera, page):
     (publisher,) = [one for one in tracker.publishers if one.topic.endswith("/likelihood")]
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")
     assert publisher.get_subscription_count() == 0
     page.keyboard.press("h")
-    camera.show_until(page.locator("#heat").is_visible, "heat")
+    camera.show_until(page.locator("#heatmap").is_visible, "the heat map")
     camera.show_on(page)
-    page.wait_until(page.locator("#heat").is_visible, "heat of this frame")
-    area, (x, y, width, height) = page.locator("#heat").bounding_box(), page.box
+    page.wait_until(page.locator("#heatmap").is_visible, "the heat map of this frame")
+    area, (x, y, width, height) = page.locator("#heatmap").bounding_box(), page.box
     middle = page.to_screen(x + width / 2, y + height / 2)
     found = area["x"] + area["width"] / 2, area["y"] + area["height"] / 2
     assert found == pytest.approx(middle, abs=2.0)
-    assert "color contrast: target 1.00, rival 0." in page.locator("#bars").inner_text()
+    assert "color contrast: target 1.00, second peak 0." in page.locator("#bars").inner_text()
     page.keyboard.press("h")
-    assert page.locator("#heat").is_hidden()
-    camera.show_until(lambda: publisher.get_subscription_count() == 0, "silence")
+    assert page.locator("#heatmap").is_hidden()
+    camera.show_until(lambda: publisher.get_subscription_count() == 0, "end of the subscription")
 
 
 @pytest.mark.usefixtures("tracker")
@@ -188,10 +173,8 @@ def test_two_browsers_see_the_same(console, camera, open_page):
         )
 
 
-def test_without_a_tracker_the_page_says_so_and_finds_it_when_it_comes(page, graph):
-    page.wait_until(
-        lambda: "no tracker is heard as /pf_tracker" in page.text("health"), "what is missing"
-    )
+def test_a_missing_tracker_is_reported_and_found_later(page, graph):
+    page.wait_until(lambda: "no tracker /pf_tracker" in page.text("health"), "what is missing")
     assert page.text("state") == "no tracker"
     assert page.locator("#missing").is_visible()
     graph.tracker()
@@ -199,13 +182,13 @@ def test_without_a_tracker_the_page_says_so_and_finds_it_when_it_comes(page, gra
     page.wait_until(lambda: page.text("state") == "idle", "its state")
 
 
-def test_without_images_the_page_says_so_in_the_nodes_words(graph, page):
+def test_missing_images_are_reported(graph, page):
     graph.tracker(image_timeout=0.5)
     page.wait_until(lambda: "no image for" in page.text("health"), "what is missing")
     page.wait_until(lambda: page.text("topic").startswith("/image"), "the topic")
 
 
-def test_a_frame_that_cannot_be_drawn_keeps_no_other_from_it(tracker, console, camera, open_page):
+def test_after_a_drawing_error_further_frames_are_shown(tracker, console, camera, open_page):
     page = open_page(console.url, may_complain=True)
     camera.show_on(page)
     page.evaluate(
@@ -219,7 +202,7 @@ def test_a_frame_that_cannot_be_drawn_keeps_no_other_from_it(tracker, console, c
         camera.show_on(page)
 
 
-def test_a_state_of_images_that_have_stopped_looks_old(tracker, client, camera, page):
+def test_the_state_is_marked_as_old_when_images_stop(tracker, client, camera, page):
     client.set_parameters(image_timeout=0.5)
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
@@ -232,11 +215,11 @@ def test_a_state_of_images_that_have_stopped_looks_old(tracker, client, camera, 
     assert card.get_attribute("data-state") == "tracking"
 
 
-def test_a_tracker_that_is_killed_is_missed_and_found_again(graph, page):
+def test_a_killed_tracker_is_reported_and_found_again(graph, page):
     tracker = graph.process("-p", "seed:=0")
     page.wait_until(lambda: page.text("connection") == "live", "the tracker")
     tracker.kill()
-    page.wait_until(lambda: "has fallen silent" in page.text("health"), "that it is missed")
+    page.wait_until(lambda: "is silent" in page.text("health"), "that it is reported")
     assert page.text("state") == "silent"
     graph.process("-p", "seed:=0")
     page.wait_until(lambda: page.text("connection") == "live", "the tracker again")
@@ -245,8 +228,7 @@ def test_a_tracker_that_is_killed_is_missed_and_found_again(graph, page):
 def free_port():
     """A port that stays free until it is served on.
 
-    The system gives those from 32768 on to whoever connects, such as the browser that looks for a
-    console that has ended.
+    Ports from 32768 on may be taken by outgoing connections, such as a browser's.
     """
     for port in random.SystemRandom().sample(range(10_000, 30_000), 100):
         with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
@@ -255,19 +237,19 @@ def free_port():
 
 
 @pytest.fixture
-def mortal(graph, start_console, camera, open_page):
-    """(page, console, restart): a page, the process that serves it, what starts another one."""
+def killable(graph, start_console, camera, open_page):
+    """(page, console, restart): a page, its console's process, a function that starts another."""
     port = free_port()
     module = "pf_tracker_ros.node.console.console_node"
     console = graph.process("-p", f"port:={port}", module=module)
     while "console of" not in (line := console.stdout.readline()):
         assert line, "the console has ended"
-    # A connection that breaks is told in the browser's console.
+    # The browser's console reports a broken connection.
     page = open_page(f"http://127.0.0.1:{port}/", may_complain=True)
     camera.show_on(page)
 
     def restart():
-        # The page may miss the one that was killed before the system has let its port go.
+        # The port may be in use until the killed console has ended.
         console.wait()
         start_console(port=port)
         page.wait_until(lambda: page.text("connection") == "live", "the tracker")
@@ -276,28 +258,28 @@ def mortal(graph, start_console, camera, open_page):
 
 
 def show_until_accepted(page, camera):
-    """The tracker answers a target with the next image."""
+    """Show frames until the tracker has accepted the target."""
     page.wait_until(lambda: camera.show() and "accepted" in page.text("note"), "acceptance")
 
 
-def is_missed(page):
+def is_disconnected(page):
     return page.text("connection") == "no console"
 
 
 @pytest.mark.usefixtures("tracker")
-def test_the_page_finds_a_console_that_was_restarted(mortal, camera):
-    page, console, restart = mortal
+def test_the_page_finds_a_restarted_console(killable, camera):
+    page, console, restart = killable
     console.kill()
-    page.wait_until(lambda: is_missed(page), "that it is missed")
+    page.wait_until(lambda: is_disconnected(page), "that it is reported")
     restart()
     camera.show_on(page)
 
 
 @pytest.mark.usefixtures("tracker")
-def test_a_box_drawn_while_there_is_no_console_can_be_sent_to_the_next(mortal, camera):
-    page, console, restart = mortal
+def test_a_box_drawn_without_a_console_can_be_sent_to_the_next(killable, camera):
+    page, console, restart = killable
     console.kill()
-    page.wait_until(lambda: is_missed(page), "that it is missed")
+    page.wait_until(lambda: is_disconnected(page), "that it is reported")
     page.drag(camera.box_at(page.stamp))
     page.wait_until(lambda: "nothing was sent" in page.text("note"), "that it was not sent")
     restart()
@@ -307,8 +289,8 @@ def test_a_box_drawn_while_there_is_no_console_can_be_sent_to_the_next(mortal, c
 
 
 @pytest.mark.usefixtures("tracker")
-def test_a_box_that_the_console_did_not_live_to_answer_can_be_sent_again(mortal, camera):
-    page, console, restart = mortal
+def test_a_box_without_a_response_can_be_sent_to_the_next_console(killable, camera):
+    page, console, restart = killable
     console.send_signal(signal.SIGSTOP)
     box = camera.box_at(page.stamp)
     page.drag(box)
@@ -316,7 +298,7 @@ def test_a_box_that_the_console_did_not_live_to_answer_can_be_sent_again(mortal,
     console.kill()
     console.wait()
     restart()
-    page.wait_until(lambda: "Enter sends the box again" in page.text("note"), "what to do")
+    page.wait_until(lambda: "press Enter to send the box again" in page.text("note"), "what to do")
     page.keyboard.press("Enter")
     show_until_accepted(page, camera)
     camera.show_on(page)
@@ -324,14 +306,14 @@ def test_a_box_that_the_console_did_not_live_to_answer_can_be_sent_again(mortal,
 
 
 @pytest.mark.usefixtures("tracker")
-def test_a_page_that_is_loaded_again_shows_the_last_picture(camera, page):
+def test_a_reloaded_page_shows_the_last_picture(camera, page):
     status = camera.show_on(page)
     page.reload()
     page.wait_until(lambda: page.stamp == status.stamp, "the last picture")
 
 
 @pytest.mark.usefixtures("tracker")
-def test_an_image_that_changes_its_size_is_followed(client, camera, page, images):
+def test_the_page_adapts_to_a_new_image_size(client, camera, page, images):
     camera.show_on(page)
     assert page.size == (160, 120)
     tall = np.ascontiguousarray(images[0][:, :90])
@@ -366,14 +348,14 @@ def test_images_of_more_bits_are_shown(client, page, noise, encoding):
 
 
 class StandIn(Node):
-    """In the tracker's place: says what it is told to."""
+    """A stand-in for the tracker with hostile diagnostics."""
 
     def __init__(self, context):
         super().__init__("pf_tracker", context=context)
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self.create_timer(0.2, self._tell)
+        self.create_timer(0.2, self._publish_diagnostics)
 
-    def _tell(self):
+    def _publish_diagnostics(self):
         status = DiagnosticStatus(
             name="pf_tracker: tracker",
             level=DiagnosticStatus.ERROR,
@@ -406,9 +388,9 @@ def test_text_is_readable_and_nothing_is_cut_off(console, camera, open_page, sch
 
 
 @pytest.mark.usefixtures("tracker")
-def test_nothing_moves_about_while_a_target_is_tracked(camera, page):
+def test_the_layout_is_stable_while_a_target_is_tracked(camera, page):
     camera.show_on(page)
-    # What stands in the header comes with the diagnostics, once a second.
+    # The header changes with the diagnostics, once a second.
     page.wait_until(lambda: page.text("topic"), "name of the topic")
     page.evaluate(
         """() => { window.shifted = []; new PerformanceObserver(list => {
@@ -425,7 +407,7 @@ def test_nothing_moves_about_while_a_target_is_tracked(camera, page):
     assert page.evaluate("() => window.shifted") == []
 
 
-def test_without_a_browser_the_tracker_has_nobody_to_publish_for(
+def test_without_a_browser_the_console_subscribes_to_nothing(
     tracker, client, start_console, open_page
 ):
     def listeners():
@@ -439,20 +421,22 @@ def test_without_a_browser_the_tracker_has_nobody_to_publish_for(
 
     before = listeners()
     console = start_console()
-    takers = client.images.get_subscription_count
+    image_subscribers = client.images.get_subscription_count
     client.wait_for(client.targets.get_subscription_count, "tracker")
     (health,) = [one for one in tracker.publishers if one.topic.endswith("diagnostics")]
     client.wait_for(lambda: health.get_subscription_count() == 2, "console")
-    assert (listeners(), takers()) == (before, 1)
+    assert (listeners(), image_subscribers()) == (before, 1)
     page = open_page(console.url)
-    wanted = before | {name: before[name] + 1 for name in ("boxes", "particles", "status")}
-    client.wait_for(lambda: (listeners(), takers()) == (wanted, 2), "subscriptions for the page")
+    watched = before | {name: before[name] + 1 for name in ("boxes", "particles", "status")}
+    client.wait_for(
+        lambda: (listeners(), image_subscribers()) == (watched, 2), "subscriptions for the page"
+    )
     page.close()
-    client.wait_for(lambda: (listeners(), takers()) == (before, 1), "end of them")
+    client.wait_for(lambda: (listeners(), image_subscribers()) == (before, 1), "end of them")
 
 
 @pytest.mark.usefixtures("tracker")
-def test_an_older_frame_never_comes_over_a_newer_one(camera, page):
+def test_an_older_frame_never_replaces_a_newer_one(camera, page):
     camera.show_on(page)
     page.evaluate(SEE_FRAMES)
     # Of the next frames, the first takes longest to decode.
@@ -476,7 +460,7 @@ def test_an_older_frame_never_comes_over_a_newer_one(camera, page):
     assert stamps == sorted(stamps)
 
 
-def test_the_tracker_has_the_machine_first(graph):
+def test_the_console_has_a_lower_priority_than_the_tracker(graph):
     module = "pf_tracker_ros.node.console.console_node"
     process = graph.process("-p", "port:=0", module=module)
     while "console of" not in (line := process.stdout.readline()):

@@ -1,4 +1,4 @@
-"""Picking a target on the live page: by pointer, touch and keyboard."""
+"""Drawing a target on the live page: by pointer, touch and keyboard."""
 
 import itertools
 
@@ -6,29 +6,17 @@ import pytest
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from std_srvs.srv import SetBool
 
+from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 HEIGHT, WIDTH = 120, 160
 
 
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
 def box_of(message):
-    points = [(point.x, point.y) for point in message.polygon.points]
-    (left, top), (right, bottom) = (fold(points) for fold in (_low, _high))
-    return left, top, right - left, bottom - top
-
-
-def _low(points):
-    return tuple(min(values) for values in zip(*points, strict=True))
-
-
-def _high(points):
-    return tuple(max(values) for values in zip(*points, strict=True))
+    return bounding_box([(point.x, point.y) for point in message.polygon.points])
 
 
 def overlap(one, other):
@@ -42,24 +30,24 @@ def overlap(one, other):
 
 @pytest.fixture
 def sent(tracker, console, client):
-    """What the console sends to the tracker, as it comes: targets and clicks."""
+    """Targets and clicks that the console sends to the tracker."""
     messages = []
     client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
     client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
     senders = [one for one in console.publishers if one.topic.endswith(("/target", "/click"))]
     assert len(senders) == 2
 
-    def are_heard():
-        # By the tracker, and here; what is sent before that is lost.
+    def are_discovered():
+        # By the tracker and by this client; earlier messages are lost.
         return all(sender.get_subscription_count() == 2 for sender in senders)
 
-    client.wait_for(are_heard, "subscriptions")
+    client.wait_for(are_discovered, "subscriptions")
     return messages
 
 
 @pytest.fixture
 def shown(tracker, camera, page):
-    """A page that shows the camera's pictures, of which a tracker without a target knows."""
+    """A page with the camera's pictures, and a tracker without a target."""
     status = camera.show_on(page)
     assert status.values["state"] == "idle"
     assert page.size == (WIDTH, HEIGHT)
@@ -70,14 +58,14 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
     drawn_on = shown.stamp
     wanted = camera.box_at(drawn_on)
     shown.drag(wanted, release=False)
-    # The picture stands still under the pointer while the camera goes on.
+    # The picture is frozen while the camera continues.
     for _ in range(3):
         camera.show()
     assert shown.stamp == drawn_on
     assert shown.locator("#frozen").is_visible()
     shown.mouse.up()
     (target,) = client.wait_for(lambda: sent, "target")
-    assert stamp_of(target) == drawn_on
+    assert stamp_of(target.header) == drawn_on
     assert overlap(box_of(target), wanted) > 0.9
 
     status = camera.show_until(
@@ -85,7 +73,7 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
         "started target",
     )
     shown.wait_until(lambda: "accepted" in shown.text("note"), "acceptance")
-    # To the bit what the library makes of that box on that frame.
+    # The library gives the same box for that target.
     session = Session(preset_parameters("default"), seed=0)
     session.frame_buffer.limit(120, 64.0)
     estimates = {}
@@ -100,12 +88,12 @@ def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, cam
     assert shown.text("state") == "tracking"
 
 
-def test_stop_forgets_the_target(shown, camera):
+def test_stop_removes_the_target(shown, camera):
     shown.drag(camera.box_at(shown.stamp))
     camera.show_until(lambda: shown.box, "box")
     shown.keyboard.press("s")
     shown.wait_until(
-        lambda: shown.text("note") == "stopped 1 target; waiting for a target", "answer"
+        lambda: shown.text("note") == "stopped 1 target; waiting for a target", "response"
     )
     camera.show_on(shown)
     assert shown.text("state") == "idle"
@@ -119,7 +107,7 @@ def test_a_box_without_area_is_refused_with_the_nodes_reason(shown, camera):
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
     assert "span" in shown.text("note")
     assert "allowed: points that differ in both x and y" in shown.text("note")
-    # What was drawn is still there, to be put right.
+    # The box stays, for correction.
     assert shown.locator("#drawn:not([hidden])").count() == 1
     assert shown.locator("#handles circle:visible").count() == 4
 
@@ -135,7 +123,7 @@ def test_a_box_outside_is_refused_with_the_nodes_reason(shown, camera, sent, cli
     assert "is outside the image, 160 x 120 px" in shown.text("note")
 
 
-def test_who_drew_for_too_long_is_told_how_to_do_it_on_the_page(shown, camera, client):
+def test_a_target_older_than_the_frame_buffer_is_refused_with_advice(shown, camera, client):
     client.set_parameters(frame_buffer_length=2, frame_buffer_megabytes=1.0)
     shown.drag(camera.box_at(shown.stamp), release=False)
     for _ in range(80):
@@ -143,10 +131,10 @@ def test_who_drew_for_too_long_is_told_how_to_do_it_on_the_page(shown, camera, c
     shown.mouse.up()
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
     assert "before the oldest one" in shown.text("note")
-    assert shown.text("note").endswith("on this page: Escape, pause with space, then draw")
+    assert shown.text("note").endswith("press Escape, pause with space, then draw")
 
 
-def test_who_drew_as_a_loop_began_again_is_told_to_draw_again(shown, camera):
+def test_a_target_of_before_a_time_jump_is_refused_with_advice(shown, camera):
     for _ in range(40):
         camera.show()
     camera.show_on(shown)
@@ -156,10 +144,10 @@ def test_who_drew_as_a_loop_began_again_is_told_to_draw_again(shown, camera):
     shown.mouse.up()
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
     assert "before time went back" in shown.text("note")
-    assert shown.text("note").endswith("on this page: Escape, pause with space, then draw")
+    assert shown.text("note").endswith("press Escape, pause with space, then draw")
 
 
-def test_a_refusal_is_told_without_images_too(shown):
+def test_a_refusal_is_shown_without_images_too(shown):
     shown.drag((20, 50, 60, 0))
     shown.wait_until(lambda: "target refused" in shown.text("note"), "refusal")
 
@@ -170,7 +158,7 @@ def test_a_click_tracks_a_square_around_it(shown, camera, client, sent):
     shown.mouse.click(*shown.to_screen(60, 50))
     (click,) = client.wait_for(lambda: sent, "click")
     assert (click.point.x, click.point.y) == pytest.approx((60, 50), abs=0.5)
-    assert stamp_of(click) == drawn_on
+    assert stamp_of(click.header) == drawn_on
     box = camera.show_until(lambda: shown.box, "box")
     assert box[2:] == pytest.approx([20, 20], rel=0.2)
 
@@ -183,7 +171,7 @@ def test_a_corner_is_dragged_to_adjust_the_box(shown, client, sent):
     shown.drag((x + width, y, 10, 35))
     client.wait_for(lambda: len(sent) == 2, "second target")
     assert box_of(sent[1]) == pytest.approx((x, y, width + 10, 35), abs=1.0)
-    assert stamp_of(sent[1]) == stamp_of(first)
+    assert stamp_of(sent[1].header) == stamp_of(first.header)
 
 
 def test_the_box_is_dragged_as_a_whole(shown, client, sent):
@@ -196,21 +184,21 @@ def test_the_box_is_dragged_as_a_whole(shown, client, sent):
     assert box_of(sent[1]) == pytest.approx((50, 40, 40, 30), abs=1.0)
 
 
-def test_escape_sends_nothing_and_lets_the_picture_go_on(shown, camera, client, sent):
+def test_escape_discards_the_box_and_resumes_the_picture(shown, camera, client, sent):
     shown.drag((20, 20, 50, 50), release=False)
     camera.show()
     shown.keyboard.press("Escape")
     shown.mouse.up()
     assert shown.locator("#drawn").is_hidden()
     camera.show_on(shown)
-    # What had been sent would have come before this.
+    # An earlier target would arrive before this one.
     shown.drag((20, 20, 30, 30))
     (target,) = client.wait_for(lambda: sent, "target")
     assert box_of(target) == pytest.approx((20, 20, 30, 30), abs=1.0)
 
 
 @pytest.mark.usefixtures("tracker")
-def test_a_finger_draws_as_well(console, client, camera, open_page, sent):
+def test_a_box_is_drawn_by_touch(console, client, camera, open_page, sent):
     page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
     camera.show_on(page)
     drawn_on = page.stamp
@@ -222,10 +210,10 @@ def test_a_finger_draws_as_well(console, client, camera, open_page, sent):
     touch("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     (target,) = client.wait_for(lambda: sent, "target")
     assert box_of(target) == pytest.approx((20, 30, 40, 40), abs=1.5)
-    assert stamp_of(target) == drawn_on
+    assert stamp_of(target.header) == drawn_on
 
 
-def test_the_keyboard_alone_draws_a_box(shown, camera, client, sent):
+def test_a_box_is_drawn_by_keyboard(shown, camera, client, sent):
     drawn_on = shown.stamp
     shown.keyboard.press("r")
     before = [float(shown.locator(f"#box-{name}").input_value()) for name in ("x", "y")]
@@ -234,14 +222,14 @@ def test_the_keyboard_alone_draws_a_box(shown, camera, client, sent):
         shown.keyboard.press(key)
     shown.keyboard.press("Enter")
     (target,) = client.wait_for(lambda: sent, "target")
-    assert stamp_of(target) == drawn_on
+    assert stamp_of(target.header) == drawn_on
     x, y = before
     # A step is an 80th of the width, with Alt a pixel.
     assert box_of(target) == pytest.approx((x + 2, y + 3, WIDTH / 4 - 2, HEIGHT / 4))
     camera.show_until(lambda: "accepted" in shown.text("note"), "acceptance")
 
 
-def test_space_pauses_and_goes_on(shown, camera, client):
+def test_space_pauses_and_resumes(shown, camera, client):
     shown.keyboard.press("Space")
     shown.wait_until(
         lambda: shown.locator("#pause").get_attribute("aria-pressed") == "true", "pause"
@@ -251,12 +239,13 @@ def test_space_pauses_and_goes_on(shown, camera, client):
     shown.wait_until(lambda: "paused" in shown.text("health"), "the node's words")
     shown.keyboard.press("Space")
     shown.wait_until(
-        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "false", "going on"
+        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "false",
+        "the end of the pause",
     )
     assert camera.show().values["frame"] == "waiting"
 
 
-def test_keys_that_are_typed_into_a_field_do_nothing_else(shown, client, camera):
+def test_keys_in_a_field_are_no_shortcuts(shown, client, camera):
     shown.keyboard.press("r")
     shown.locator("#box-x").press("s")
     shown.locator("#box-x").press("Space")
@@ -278,8 +267,8 @@ def test_every_control_is_reached_by_the_tab_key(shown):
     assert "draw" in focusable
 
 
-def test_a_target_that_nobody_takes_is_told_and_the_picture_goes_on(page, client, images):
-    """Without a tracker the console shows the images of the topic all the same."""
+def test_a_target_without_a_subscriber_is_reported_and_the_picture_resumes(page, client, images):
+    """Without a tracker the console shows the images of its topic."""
     stamps = (client.at(index) for index in itertools.count())
 
     def has_shown(stamp):
@@ -289,14 +278,14 @@ def test_a_target_that_nobody_takes_is_told_and_the_picture_goes_on(page, client
 
     client.wait_for(lambda: has_shown(next(stamps)), "picture")
     page.drag((20, 20, 30, 30))
-    page.wait_until(lambda: "nobody takes targets" in page.text("note"), "reason")
+    page.wait_until(lambda: "no subscriber on /pf_tracker/target" in page.text("note"), "reason")
     page.keyboard.press("Escape")
     before = page.stamp
     client.wait_for(lambda: has_shown(next(stamps)) > before, "next picture")
 
 
-def test_a_service_that_is_not_there_is_told(console, client, open_page):
+def test_a_missing_service_is_reported(console, client, open_page):
     page = open_page(console.url)
     page.locator("#stop").click()
-    page.get_by_text("/pf_tracker/stop is not there").wait_for()
+    page.get_by_text("there is no service /pf_tracker/stop").wait_for()
     assert client.create_client(SetBool, "pf_tracker/enable").service_is_ready() is False

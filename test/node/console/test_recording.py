@@ -1,4 +1,4 @@
-"""A recording that the page plays to the tracker."""
+"""A recording played to the tracker from the page."""
 
 import re
 import shutil
@@ -21,29 +21,9 @@ def bag(write_square):
 
 
 @pytest.fixture
-def write_square(tmp_path, write_bag, make_stamped, moving_square):
+def write_square(write_images, moving_square):
     """A function that writes the moving square as a bag, given the stamp of each frame."""
-    return lambda stamp_at: write_bag(
-        tmp_path / "drive", rows_of(moving_square.images, make_stamped, stamp_at)
-    )
-
-
-def rows_of(images, make_stamped, stamp_at):
-    rows = []
-    for index, image in enumerate(images):
-        stamp = stamp_at(index)
-        message = make_stamped(
-            "sensor_msgs/msg/Image",
-            stamp,
-            height=image.shape[0],
-            width=image.shape[1],
-            encoding="bgr8",
-            is_bigendian=0,
-            step=image.strides[0],
-            data=image.reshape(-1),
-        )
-        rows.append(("/image", "sensor_msgs/msg/Image", stamp, message))
-    return rows
+    return lambda stamp_at: write_images(moving_square.images, stamp_at)
 
 
 def stamp_at(index):
@@ -51,7 +31,7 @@ def stamp_at(index):
 
 
 def boxes_in_lockstep(images, box, first):
-    """What the library makes of the frames from one on, each looked at once."""
+    """Boxes of the library for the frames from the first on, each processed once."""
     session = Session(preset_parameters("default"), seed=0)
     session.request(box, stamp_at(first))
     return {
@@ -63,11 +43,11 @@ def boxes_in_lockstep(images, box, first):
 
 @pytest.fixture
 def player(tracker, start_console, open_page, bag):
-    """A page that plays the recording, at its first frame."""
+    """A page with the recording at its first frame."""
     page = open_page(start_console(source=str(bag)).url)
     page.wait_until(lambda: page.stamp == stamp_at(0), "first frame")
     page.wait_until(lambda: page.text("frame") == "0 / 19", "position")
-    # The services may be found later than the images.
+    # The services may be discovered later than the images.
     page.locator("#groups details").first.wait_for(state="attached")
     return page
 
@@ -82,12 +62,12 @@ def go_to(page, index):
 
 
 def draw(page, wanted):
-    """Draw a box, and return the one that the page has sent."""
+    """Draw a box, and return the box that the page has sent."""
     page.drag(wanted)
     page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
 
     def shown():
-        # Not that of a target before it.
+        # Not the box of an earlier target.
         box = page.box
         return box if box == pytest.approx(wanted, abs=1.0) else None
 
@@ -111,7 +91,7 @@ def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
     for index in (15, 7, 19, 5, 4):
         go_to(player, index)
         assert player.box == pytest.approx(expected[stamp_at(index)], abs=2e-3), index
-    # Before the frame that it was drawn on there is no target; it starts there again.
+    # Before its frame there is no target; it starts there again.
     assert "accepted" in player.text("note")
     go_to(player, 2)
     assert player.box is None
@@ -123,7 +103,7 @@ def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
     assert player.box == pytest.approx(expected[stamp_at(6)], abs=2e-3)
 
 
-def test_the_frame_that_the_slider_is_on_is_told_while_it_is_dragged(player):
+def test_the_number_of_the_frame_follows_the_slider(player):
     slider = player.locator("#seek")
     slider.evaluate("(it) => { it.value = 7; it.dispatchEvent(new Event('input')); }")
     assert player.text("frame") == "7 / 19"
@@ -132,7 +112,7 @@ def test_the_frame_that_the_slider_is_on_is_told_while_it_is_dragged(player):
     at_frame(player, 7)
 
 
-def test_a_target_is_tried_again_from_its_own_frame(player, moving_square):
+def test_a_second_target_starts_at_its_own_frame(player, moving_square):
     draw(player, (100, 10, 30, 30))
     for index in (1, 2):
         player.keyboard.press("n")
@@ -143,7 +123,7 @@ def test_a_target_is_tried_again_from_its_own_frame(player, moving_square):
     assert player.box == pytest.approx(expected[stamp_at(9)], abs=2e-3)
 
 
-def test_a_tracker_that_is_slow_for_once_is_waited_for(
+def test_the_recording_waits_for_a_slow_tracker(
     graph, start_console, open_page, bag, moving_square
 ):
     tracker = graph.process("-p", "seed:=0")
@@ -152,7 +132,7 @@ def test_a_tracker_that_is_slow_for_once_is_waited_for(
     draw(page, moving_square.boxes[0])
     tracker.send_signal(signal.SIGSTOP)
     page.keyboard.press("n")
-    # Longer than `replay` waits for an answer if nobody tells it to be patient.
+    # Longer than the default `lockstep_timeout` of `replay`.
     page.wait_for_timeout(2500.0)
     tracker.send_signal(signal.SIGCONT)
     at_frame(page, 1)
@@ -163,7 +143,7 @@ def test_a_tracker_that_is_slow_for_once_is_waited_for(
 
 @pytest.fixture
 def sought(graph, start_console, open_page, bag):
-    """A page whose recording seeks frame 5, held up until the tracker goes on; that function."""
+    """A page whose recording seeks frame 5, and a function that resumes the stopped tracker."""
     tracker = graph.process("-p", "seed:=0")
     page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
@@ -173,28 +153,28 @@ def sought(graph, start_console, open_page, bag):
     return page, lambda: tracker.send_signal(signal.SIGCONT)
 
 
-def test_a_recording_that_is_to_play_while_it_seeks_plays_from_that_frame(sought):
-    page, go_on = sought
+def test_play_during_a_seek_plays_from_the_sought_frame(sought):
+    page, resume = sought
     page.keyboard.press("Space")
     page.wait_until(lambda: page.text("pause-word") == "Pause", "that it will play")
-    go_on()
+    resume()
     page.wait_until(lambda: page.text("frame") == "19 / 19", "its end")
 
 
-def test_the_last_that_is_asked_while_it_seeks_counts(sought):
-    page, go_on = sought
+def test_the_last_request_during_a_seek_counts(sought):
+    page, resume = sought
     page.keyboard.press("Space")
     page.wait_until(lambda: page.text("pause-word") == "Pause", "that it will play")
     page.keyboard.press("n")
     page.wait_until(lambda: page.text("pause-word") == "Play", "that it will not")
     page.keyboard.press("n")
-    go_on()
+    resume()
     at_frame(page, 7)
     page.keyboard.press("n")
     at_frame(page, 8)
 
 
-def test_the_box_is_back_with_a_tracker_that_was_silent_for_a_while(
+def test_the_box_returns_with_a_tracker_that_was_silent(
     graph, start_console, open_page, bag, moving_square
 ):
     tracker = graph.process("-p", "seed:=0")
@@ -202,14 +182,14 @@ def test_the_box_is_back_with_a_tracker_that_was_silent_for_a_while(
     at_frame(page, 0)
     box = draw(page, moving_square.boxes[0])
     tracker.send_signal(signal.SIGSTOP)
-    page.wait_until(lambda: "has fallen silent" in page.text("health"), "that it is missed")
+    page.wait_until(lambda: "is silent" in page.text("health"), "that it is reported")
     assert page.box is None
     tracker.send_signal(signal.SIGCONT)
-    page.wait_until(lambda: page.box, "box of the picture that stands still")
+    page.wait_until(lambda: page.box, "box of the still picture")
     assert tuple(page.box) == box
 
 
-def test_it_plays_and_pauses_at_its_end_and_goes_on_from_there(player, moving_square):
+def test_it_pauses_at_its_end_and_can_go_back(player, moving_square):
     box = draw(player, moving_square.boxes[0])
     expected = boxes_in_lockstep(moving_square.images, box, 0)
     player.locator("#speed").select_option("4")
@@ -222,7 +202,7 @@ def test_it_plays_and_pauses_at_its_end_and_goes_on_from_there(player, moving_sq
     assert player.box == pytest.approx(expected[stamp_at(18)], abs=2e-3)
 
 
-def test_a_refused_target_is_not_tried_again(player):
+def test_a_refused_target_is_removed(player):
     player.drag((20, 50, 60, 0))
     player.wait_until(lambda: "refused" in player.text("note"), "refusal")
     player.keyboard.press("Escape")
@@ -231,21 +211,21 @@ def test_a_refused_target_is_not_tried_again(player):
     assert player.locator("#save").is_disabled()
 
 
-def test_stop_forgets_the_target_of_the_recording(player, moving_square):
+def test_stop_removes_the_target_of_the_recording(player, moving_square):
     draw(player, moving_square.boxes[0])
     player.keyboard.press("s")
-    player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    player.wait_until(lambda: "stopped" in player.text("note"), "response")
     go_to(player, 3)
     assert player.box is None
 
 
-def test_a_target_that_waits_for_its_frame_is_forgotten_by_stop(player, moving_square):
+def test_stop_removes_a_target_that_waits_for_its_frame(player, moving_square):
     go_to(player, 4)
     draw(player, moving_square.boxes[4])
     go_to(player, 2)
     player.keyboard.press("s")
-    forgotten = "the target of frame 4 is forgotten; waiting for a target"
-    player.wait_until(lambda: player.text("note") == forgotten, "answer")
+    removed = "the target of frame 4 is removed; waiting for a target"
+    player.wait_until(lambda: player.text("note") == removed, "response")
     for index in (3, 4, 5):
         player.keyboard.press("n")
         at_frame(player, index)
@@ -256,7 +236,7 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     go_to(player, 3)
     box = draw(player, moving_square.boxes[3])
     player.locator("#save").click()
-    player.wait_until(lambda: "drive.target.yaml" in player.text("note"), "answer")
+    player.wait_until(lambda: "drive.target.yaml" in player.text("note"), "response")
     saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
     assert saved == {
         "target_box": pytest.approx(box, abs=1e-2),
@@ -268,7 +248,7 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
 
 
-def test_play_at_the_end_begins_again(player, moving_square):
+def test_play_at_the_end_starts_from_the_beginning(player, moving_square):
     box = draw(player, moving_square.boxes[0])
     expected = boxes_in_lockstep(moving_square.images, box, 0)
     for _ in range(2):
@@ -280,13 +260,13 @@ def test_play_at_the_end_begins_again(player, moving_square):
         assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
 
 
-def test_a_button_that_was_clicked_leaves_the_keys_to_the_page(player, moving_square):
+def test_a_clicked_button_keeps_no_focus(player, moving_square):
     draw(player, moving_square.boxes[0])
     player.locator("#save").click()
-    player.wait_until(lambda: "saved as" in player.text("note"), "answer")
+    player.wait_until(lambda: "saved as" in player.text("note"), "response")
     player.keyboard.press(" ")
     at_frame(player, 19)
-    # Chosen with the keys it stays chosen, and a space works it.
+    # A button that was focused by key keeps the focus.
     player.locator("#back").focus()
     player.keyboard.press(" ")
     at_frame(player, 18)
@@ -296,14 +276,14 @@ def test_a_button_that_was_clicked_leaves_the_keys_to_the_page(player, moving_sq
 
 @pytest.fixture
 def player_of_several(graph, client, start_console, open_page, bag):
-    """A page that plays the recording to a tracker of up to two targets, at its first frame."""
+    """A page with the recording at its first frame, and a tracker of up to two targets."""
     graph.tracker(client, max_targets=2)
     page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
     return page
 
 
-def test_several_targets_begin_on_the_frame_where_the_recording_stands(player_of_several):
+def test_several_targets_begin_on_the_present_frame(player_of_several):
     page = player_of_several
     page.locator("#targets-card").wait_for()
     for count in (1, 2):
@@ -314,24 +294,25 @@ def test_several_targets_begin_on_the_frame_where_the_recording_stands(player_of
     page.keyboard.press("n")
     page.wait_until(lambda: page.stamp == stamp_at(1), "next frame")
     assert page.locator("#targets rect").count() == 2
-    # Wherever the recording goes they begin anew on their frames.
+    # After a seek they begin again on their frames.
     page.locator("#back").click()
     page.wait_until(lambda: page.stamp == stamp_at(0), "frame before")
     page.wait_until(lambda: page.text("target-count") == "2 of 2", "both")
 
 
-def test_heat_without_a_target_comes_with_one(player):
+def test_the_heat_map_needs_a_target(player):
     player.keyboard.press("h")
-    player.wait_until(lambda: player.text("note") == "the heat comes with a target", "when")
+    player.wait_until(lambda: player.text("note") == "the heat map needs a target", "hint")
 
 
-def test_heat_on_a_recording_that_stands_still_comes_with_the_next_frame(player, moving_square):
+def test_the_heat_map_of_a_paused_recording_comes_with_the_next_frame(player, moving_square):
     draw(player, moving_square.boxes[0])
     player.keyboard.press("h")
-    player.wait_until(lambda: "the heat comes with the next frame" in player.text("note"), "when")
+    hint = "the heat map comes with the next frame"
+    player.wait_until(lambda: hint in player.text("note"), "hint")
     player.keyboard.press("n")
     at_frame(player, 1)
-    player.locator("#heat").wait_for()
+    player.locator("#heatmap").wait_for()
 
 
 def test_several_targets_are_saved_and_loaded(player_of_several, bag):
@@ -350,7 +331,7 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
         count = f"{1 + (frame > 0)} of 2"
         page.wait_until(lambda: page.text("target-count") == count, "target")  # noqa: B023
     page.locator("#save").click()
-    page.wait_until(lambda: "saved as drive.target.yaml" in page.text("note"), "answer")
+    page.wait_until(lambda: "saved as drive.target.yaml" in page.text("note"), "response")
     saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
     assert [(one["frame"], one["stamp"]) for one in saved["targets"]] == [
         (0, stamp_at(0)),
@@ -358,7 +339,7 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
     ]
     assert [one["target_box"][0] for one in saved["targets"]] == pytest.approx([40, 90], abs=0.5)
     page.keyboard.press("s")
-    page.wait_until(lambda: "stopped 2 targets" in page.text("note"), "answer")
+    page.wait_until(lambda: "stopped 2 targets" in page.text("note"), "response")
     page.locator("#load").click()
     page.wait_until(lambda: page.text("target-count") == "1 of 2", "the first of them")
     assert page.stamp == stamp_at(0)
@@ -376,9 +357,7 @@ def saved(bag):
 
 
 @pytest.mark.usefixtures("tracker")
-def test_a_saved_target_is_tried_from_its_frame(
-    saved, start_console, open_page, bag, moving_square
-):
+def test_a_saved_target_starts_at_its_frame(saved, start_console, open_page, bag, moving_square):
     box = [float(value) for value in moving_square.boxes[3]]
     saved(target_box=box, frame=3, stamp=stamp_at(3), image_size=[160, 120])
     page = open_page(start_console(source=str(bag)).url)
@@ -396,7 +375,7 @@ def test_a_saved_target_is_tried_from_its_frame(
 def test_a_target_minutes_ahead_waits_for_its_frame(
     write_square, start_console, open_page, moving_square
 ):
-    """A tracker alone takes it for one of another clock."""
+    """Sent earlier, the tracker would refuse it as of another clock."""
 
     def stamp_in(index):
         return stamp_at(index) + (10**11 if index >= 8 else 0)
@@ -420,18 +399,18 @@ def test_a_target_minutes_ahead_waits_for_its_frame(
     assert page.locator("#save").is_enabled()
 
 
-def test_a_target_that_has_just_been_saved_can_be_taken_again(player, moving_square):
+def test_a_saved_target_can_be_loaded_at_once(player, moving_square):
     assert player.locator("#load").is_disabled()
     go_to(player, 2)
     box = draw(player, moving_square.boxes[2])
     player.locator("#save").click()
     player.locator("#load:enabled").wait_for()
     player.keyboard.press("s")
-    player.wait_until(lambda: "stopped" in player.text("note"), "answer")
+    player.wait_until(lambda: "stopped" in player.text("note"), "response")
     player.wait_until(lambda: player.box is None, "picture without it")
     player.locator("#load").click()
-    # The picture stood on that frame before, so what tells of the new target is its acceptance.
-    # The answer's parts may come apart: until that of the boxes does, the picture has none.
+    # The picture showed that frame before, so only the acceptance belongs to the new target. The
+    # box may come later than the status.
     player.wait_until(lambda: "accepted" in player.text("note"), "acceptance")
     shown = player.wait_until(lambda: player.stamp == stamp_at(2) and player.box, "box")
     assert shown == pytest.approx(box, abs=1e-2)
@@ -450,10 +429,8 @@ def test_a_target_that_has_just_been_saved_can_be_taken_again(player, moving_squ
         ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is the target of 'other.mcap'"),
     ],
 )
-def test_a_target_file_that_is_wrong_or_of_another_recording_is_refused(
-    player, saved, values, reason
-):
-    # Written beside the recording after its start, in place of one that was saved.
+def test_an_invalid_or_foreign_target_file_is_refused(player, saved, values, reason):
+    # The file replaces one that was saved.
     draw(player, (20, 30, 24, 24))
     player.locator("#save").click()
     player.locator("#load:enabled").wait_for()
@@ -463,7 +440,7 @@ def test_a_target_file_that_is_wrong_or_of_another_recording_is_refused(
     player.wait_until(lambda: player.box, "target that was there")
 
 
-def test_a_click_in_a_recording_is_tried_again_too(player, client):
+def test_a_click_in_a_recording_becomes_a_target_to_save(player, client):
     client.set_parameters(click_size=24.0)
     player.wait_until(
         lambda: player.locator("[id='parameter-click_size']").input_value() == "24", "its size"
@@ -474,7 +451,7 @@ def test_a_click_in_a_recording_is_tried_again_too(player, client):
     player.wait_until(player.locator("#save").is_enabled, "target to save")
 
 
-def test_without_a_tracker_it_waits_for_one(start_console, open_page, bag, graph):
+def test_without_a_tracker_the_recording_waits(start_console, open_page, bag, graph):
     page = open_page(start_console(source=str(bag)).url)
     page.wait_until(lambda: page.text("frame") == "0 / 19", "recording")
     assert page.stamp == 0
@@ -482,26 +459,25 @@ def test_without_a_tracker_it_waits_for_one(start_console, open_page, bag, graph
     at_frame(page, 0)
 
 
-def test_a_tracker_on_another_topic_is_told_with_what_to_do(start_console, open_page, bag, graph):
+def test_a_tracker_on_another_topic_is_reported_with_advice(start_console, open_page, bag, graph):
     page = open_page(start_console(source=str(bag)).url)
     remapped = ["--ros-args", "-r", "image:=/camera/image_raw"]
-    elsewhere = graph.tracker(cli_args=remapped, image_timeout=0.5)
-    what_to_do = (
-        "waiting for a subscriber of /image; the tracker takes its images from "
-        "/camera/image_raw: start the console with --ros-args -r "
-        "image:=/camera/image_raw"
+    other = graph.tracker(cli_args=remapped, image_timeout=0.5)
+    advice = (
+        "waiting for a subscriber of /image; the tracker subscribes to /camera/image_raw: start "
+        "the console with --ros-args -r image:=/camera/image_raw"
     )
-    page.wait_until(lambda: page.text("problem").endswith(what_to_do), "what to do")
+    page.wait_until(lambda: page.text("problem").endswith(advice), "advice")
     page.wait_until(lambda: page.text("topic").startswith("/camera/image_raw "), "its topic")
-    # It is paused, and yet the images that are missing are.
+    # Missing images are a fault here, although the recording is paused.
     page.wait_until(lambda: page.text("health").startswith("no image for"), "what is missing")
-    elsewhere.context.try_shutdown()
+    other.context.try_shutdown()
     graph.tracker()
     page.wait_until(lambda: page.text("problem") == "", "end of it")
     assert page.locator("#problem").is_hidden()
 
 
-def test_a_source_that_cannot_be_played_is_told(start_console, capfd):
+def test_an_unplayable_source_is_reported(start_console, capfd):
     node = start_console(source="/nowhere.mcap")
     assert node.exit_code == 1
     errors = capfd.readouterr().err
@@ -509,7 +485,7 @@ def test_a_source_that_cannot_be_played_is_told(start_console, capfd):
     assert "/nowhere.mcap cannot be played" in errors
 
 
-def test_a_folder_that_cannot_be_written_is_told(player, moving_square, bag):
+def test_an_unwritable_folder_is_reported(player, moving_square, bag):
     draw(player, moving_square.boxes[0])
     shutil.rmtree(bag.parent)
     player.locator("#save").click()
@@ -518,7 +494,7 @@ def test_a_folder_that_cannot_be_written_is_told(player, moving_square, bag):
     )
 
 
-def test_a_box_that_is_refused_leaves_the_target_alone(player, moving_square):
+def test_a_refused_box_keeps_the_present_target(player, moving_square):
     box = draw(player, moving_square.boxes[0])
     player.keyboard.press("n")
     at_frame(player, 1)
@@ -535,7 +511,7 @@ def test_a_box_that_is_refused_leaves_the_target_alone(player, moving_square):
     assert player.box == pytest.approx(expected[stamp_at(2)], abs=2e-3)
 
 
-def test_a_recording_that_breaks_off_is_told_of_and_the_page_goes_on(
+def test_a_broken_recording_is_reported_and_the_page_stays_usable(
     tracker, start_console, open_page, tmp_path
 ):
     for number, size in enumerate([(120, 160)] * 3 + [(60, 80)]):
@@ -544,6 +520,6 @@ def test_a_recording_that_breaks_off_is_told_of_and_the_page_goes_on(
     page.wait_until(lambda: page.text("frame") == "0 / 3", "first frame")
     page.keyboard.press(" ")
     page.wait_until(lambda: "all must be alike" in page.text("problem"), "why it ends")
-    assert "start the console anew" in page.text("problem")
+    assert "restart the console" in page.text("problem")
     page.locator("#seek").fill("0")
     page.wait_until(lambda: page.text("connection") == "live", "the tracker")

@@ -1,4 +1,4 @@
-"""The web server as other programs meet it, without a browser."""
+"""The web server without a browser."""
 
 import asyncio
 import contextlib
@@ -42,9 +42,9 @@ def ask():
         connections.append(connection)
         names = {name.replace("_", "-"): value for name, value in headers.items()}
         connection.request(method, path, headers=names)
-        answer = connection.getresponse()
-        body = b"" if answer.status == 101 else answer.read()
-        return answer.status, dict(answer.getheaders()), body.decode()
+        response = connection.getresponse()
+        body = b"" if response.status == 101 else response.read()
+        return response.status, dict(response.getheaders()), body.decode()
 
     yield send
     for connection in connections:
@@ -87,7 +87,7 @@ def test_a_socket_is_for_pages_of_the_same_origin(console, ask):
     assert ask(console.url, "/socket", **UPGRADE)[0] == 403
 
 
-def test_a_name_that_was_made_to_lead_here_gets_nothing(console, ask):
+def test_dns_rebinding_is_refused(console, ask):
     port = urlsplit(console.url).port
     host = f"attacker.example:{port}"
     for path, more in (("/", {}), ("/socket", UPGRADE | {"Origin": f"http://{host}"})):
@@ -96,11 +96,11 @@ def test_a_name_that_was_made_to_lead_here_gets_nothing(console, ask):
         assert "not served under the name" in text
 
 
-def test_opened_wider_it_asks_for_the_token_of_its_link(start_console, ask):
+def test_beyond_the_loopback_a_token_is_required(start_console, ask):
     console = start_console(host="0.0.0.0")
     assert urlsplit(console.url).hostname == socket.gethostname().lower()
     token = urlsplit(console.url).query
-    link = f"http://127.0.0.1:{urlsplit(console.link).port}/"
+    link = f"http://127.0.0.1:{urlsplit(console.url).port}/"
     origin = {"Origin": link.strip("/")}
     for path in ("/", "/console.js", "/?token=wrong", "/?token="):
         status, _, text = ask(link, path)
@@ -144,10 +144,12 @@ def test_the_loopback_link_has_no_token(console):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no niceness of a thread")
-@pytest.mark.parametrize("shares_much", [False, True])
-def test_it_gives_way_to_others_but_where_a_camera_waits_for_it(graph, monkeypatch, shares_much):
+@pytest.mark.parametrize("has_profile", [False, True])
+def test_only_the_dds_threads_that_a_camera_waits_for_keep_their_priority(
+    graph, monkeypatch, has_profile
+):
     profile = REPOSITORY / "config" / "fastdds_large_images.xml"
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile) if shares_much else "")
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile) if has_profile else "")
     process = graph.process("-p", "port:=0", module="pf_tracker_ros.node.console.console_node")
     for line in process.stdout:
         if "is at http" in line:
@@ -159,11 +161,11 @@ def test_it_gives_way_to_others_but_where_a_camera_waits_for_it(graph, monkeypat
         niceness.setdefault(name, set()).add(os.getpriority(os.PRIO_PROCESS, int(task.name)))
     of_dds = set().union(*(found for name, found in niceness.items() if name.startswith("dds.")))
     nice = min(19, own + NICENESS)
-    assert of_dds == {nice if shares_much else own}
+    assert of_dds == {nice if has_profile else own}
     assert os.getpriority(os.PRIO_PROCESS, process.pid) == nice
 
 
-def test_a_port_that_is_taken_is_told(start_console, console, graph, capfd):
+def test_a_port_in_use_is_reported(start_console, console, graph, capfd):
     port = urlsplit(console.url).port
     other = start_console(port=port)
     assert other.exit_code == 1
@@ -171,13 +173,13 @@ def test_a_port_that_is_taken_is_told(start_console, console, graph, capfd):
     assert f"cannot be served on 127.0.0.1:{port}" in capfd.readouterr().err
 
 
-def test_a_wrong_parameter_is_told(start_console, capfd):
+def test_an_invalid_parameter_is_reported(start_console, capfd):
     assert start_console(port=70_000).exit_code == 1
     assert "'port'" in capfd.readouterr().err
 
 
-def test_a_browser_that_takes_nothing_is_cut_off_and_keeps_nobody_waiting(monkeypatch):
-    monkeypatch.setattr(web_server, "_TAKEN_WITHIN", 0.05)
+def test_a_connection_that_accepts_no_data_is_aborted(monkeypatch):
+    monkeypatch.setattr(web_server, "_SEND_TIMEOUT", 0.05)
     aborted = []
 
     class Asleep:
@@ -201,7 +203,7 @@ def test_a_browser_that_takes_nothing_is_cut_off_and_keeps_nobody_waiting(monkey
 
 
 @pytest.mark.parametrize(("address", "is_local"), [("127.0.0.1", True), ("127.0.0.2", False)])
-def test_a_browser_at_the_address_of_the_console_is_on_the_same_machine(address, is_local):
+def test_a_browser_with_the_address_of_the_console_is_local(address, is_local):
     async def connect():
         found = asyncio.get_running_loop().create_future()
 
@@ -220,15 +222,15 @@ def test_a_browser_at_the_address_of_the_console_is_on_the_same_machine(address,
         assert executor.submit(lambda: asyncio.run(connect())).result() is is_local
 
 
-def test_a_browser_that_has_gone_is_nowhere():
+def test_a_browser_without_a_transport_is_not_local():
     assert not web_server.BrowserConnection(None, None).is_local
 
 
-def test_a_browser_that_has_gone_is_left_even_if_that_was_not_heard_at_once():
+def test_a_stream_ends_even_if_its_first_cancellation_is_swallowed():
     ends = []
 
     class ConsoleBridge:
-        """Does not hear that it is to leave a browser, as `wait_for` may not before Python 3.12."""
+        """Swallows a cancellation, as `wait_for` may before Python 3.12."""
 
         async def run(self):
             await asyncio.Event().wait()
@@ -237,17 +239,17 @@ def test_a_browser_that_has_gone_is_left_even_if_that_was_not_heard_at_once():
             await browser.send_json({})
             with contextlib.suppress(asyncio.CancelledError):
                 await asyncio.Event().wait()
-            ends.append("not heard")
+            ends.append("swallowed")
             try:
                 await asyncio.Event().wait()
             finally:
-                ends.append("left")
-                left.set()
+                ends.append("canceled")
+                canceled.set()
 
         def close(self):
             pass
 
-    left = threading.Event()
+    canceled = threading.Event()
     server = web_server.WebServer("127.0.0.1", 0, ConsoleBridge)
     server.start()
 
@@ -261,6 +263,6 @@ def test_a_browser_that_has_gone_is_left_even_if_that_was_not_heard_at_once():
     # In a thread: the browser tests keep an event loop in this one.
     with ThreadPoolExecutor(1) as executor:
         executor.submit(asyncio.run, visit()).result()
-    assert left.wait(DEADLINE)
+    assert canceled.wait(DEADLINE)
     server.close()
-    assert ends == ["not heard", "left"]
+    assert ends == ["swallowed", "canceled"]

@@ -1,4 +1,4 @@
-"""What the tracker says of its targets, and a page that shows, selects and stops them."""
+"""Several targets: their messages as JSON, and a page that shows, selects and stops them."""
 
 from types import SimpleNamespace
 
@@ -43,8 +43,8 @@ def corners_of(x, y, width, height):
     return [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)]
 
 
-def test_targets_have_id_label_and_state_as_they_were_told():
-    told = [
+def test_targets_have_id_label_and_state_of_their_status():
+    statuses = [
         status(id="1", label="7", state="tracking", confidence="0.75"),
         status(id="20000001", label=HOSTILE, state="lost"),
         status(state="tracking"),
@@ -52,14 +52,14 @@ def test_targets_have_id_label_and_state_as_they_were_told():
     ]
     for selected, expected in (("20000001", "20000001"), ("2", ""), ("0", ""), (HOSTILE, "")):
         own = status("/pf_tracker", "all is well", state="tracking", selected=selected)
-        answer = status_to_json(DiagnosticArray(status=[own, *told]))
-        assert (answer["message"], answer["values"]["state"]) == ("all is well", "tracking")
-        assert answer["targets"] == [
+        converted = status_to_json(DiagnosticArray(status=[own, *statuses]))
+        assert (converted["message"], converted["values"]["state"]) == ("all is well", "tracking")
+        assert converted["targets"] == [
             {"id": "1", "label": "7", "state": "tracking", "confidence": 0.75},
             {"id": "20000001", "label": HOSTILE, "state": "lost", "confidence": None},
         ]
-        # One that is gone is none that could be shown.
-        assert answer["selected"] == expected
+        # An ended target cannot be selected.
+        assert converted["selected"] == expected
 
 
 def test_boxes_are_those_of_the_markers_by_id():
@@ -91,7 +91,7 @@ def test_detections_are_upright_boxes_with_the_best_label():
         detections=[
             detection(50.0, 60.0, 20.0, 10.0, car=0.2, van=0.7),
             detection(50.0, 60.0, 20.0, 10.0, theta=np.pi / 2),
-            # As the tracker takes them.
+            # Boxes without a finite angle count as upright, as in the tracker.
             detection(50.0, 60.0, 20.0, 10.0, theta=np.inf),
             detection(50.0, 60.0, 20.0, 10.0, theta=np.nan),
             detection(float("nan"), 0.0, 1.0, 1.0),
@@ -106,7 +106,7 @@ def test_detections_are_upright_boxes_with_the_best_label():
 
 
 @pytest.mark.parametrize("id", ["", "-1", "1.0", "one", "²", "4294967296", "9" * 5000])
-def test_what_is_no_id_names_no_target(id):
+def test_an_invalid_id_is_refused(id):
     with pytest.raises(ValueError, match="there is no target"):
         id_message(id)
 
@@ -117,13 +117,13 @@ def test_particles_of_several_targets_have_their_ids_beside_the_weights():
     assert particles_to_json(cloud) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
 
 
-class Crowd(Node):
-    """In the place of a tracker of several targets: answers each image with those it has.
+class MultiTargetStandIn(Node):
+    """A stand-in for a tracker of several targets.
 
     Attributes:
         targets: Label and state by id; those that are not lost have a box.
-        stopped: Ids that it was told to stop.
-        selected: Id that it was told to select last, 0 for none.
+        stopped: Ids received on `~/stop_target`.
+        selected: Last id received on `~/select`, 0 for none.
     """
 
     def __init__(self, context):
@@ -138,7 +138,7 @@ class Crowd(Node):
         self.create_subscription(Image, "image", self._on_image, 10)
         self.create_subscription(UInt32, "~/stop_target", self._on_stop, 10)
         self.create_subscription(UInt32, "~/select", self._on_select, 10)
-        self.create_timer(0.2, self._tell)
+        self.create_timer(0.2, self._publish_diagnostics)
 
     @staticmethod
     def box(id):
@@ -163,21 +163,21 @@ class Crowd(Node):
     def _on_select(self, message):
         self.selected = message.data
 
-    def _tell(self):
-        told = status("pf_tracker: tracker", "tracking 3 targets", image_topic="/image")
-        self._health.publish(DiagnosticArray(status=[told]))
+    def _publish_diagnostics(self):
+        health = status("pf_tracker: tracker", "tracking 3 targets", image_topic="/image")
+        self._health.publish(DiagnosticArray(status=[health]))
 
 
 @pytest.fixture
-def crowd(graph):
-    node = Crowd(graph.context())
+def multi_tracker(graph):
+    node = MultiTargetStandIn(graph.context())
     graph.run(node)
     return node
 
 
 @pytest.fixture
-def shown(crowd, client, page, images):
-    """A page that shows the targets, and a function that shows frames until something is so."""
+def shown(multi_tracker, client, page, images):
+    """A page with the targets, and a function that shows frames until a condition holds."""
     numbers = iter(range(100_000))
 
     def show_until(condition, what):
@@ -198,34 +198,37 @@ def rectangle(rect):
     return [float(rect.get_attribute(name)) for name in names]
 
 
-def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, crowd):
+def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, multi_tracker):
     page, show_until = shown
     rects, texts = page.locator("#targets rect"), page.locator("#targets text")
-    assert [rectangle(rects.nth(i)) for i in range(2)] == [crowd.box(1), crowd.box(2)]
+    assert [rectangle(rects.nth(i)) for i in range(2)] == [
+        multi_tracker.box(1),
+        multi_tracker.box(2),
+    ]
     assert texts.all_text_contents() == ["1 car", f"2 {HOSTILE}"]
     assert {rects.nth(i).get_attribute("stroke") for i in range(2)} == {"#ff8000"}
     rows = page.locator("#target-list .choose").all_text_contents()
     assert rows == ["1 car · tracking 0.50", f"2 {HOSTILE} · occluded 0.50", "3 · lost 0.50"]
     assert page.text("target-count") == "3 of 4"
-    # The confidence of each has its line.
+    # Each target has its line of confidence.
     show_until(lambda: page.locator("#plot-confidence path").count() == 3, "lines")
     assert page.locator("img, script:not([src])").count() == 0
-    # None is selected, and there is no likelihood of any.
+    # No target is selected, so there is no likelihood.
     assert page.box is None
     page.keyboard.press("h")
-    page.wait_until(lambda: "click one to select it" in page.text("note"), "what the heat is of")
+    page.wait_until(lambda: "click a target to select it" in page.text("note"), "hint")
 
 
-def test_a_click_on_a_box_selects_it_and_beside_all_none(shown, crowd):
+def test_a_click_on_a_box_selects_its_target_and_beside_all_boxes_none(shown, multi_tracker):
     page, show_until = shown
     overlay = page.locator("#overlay")
 
     def select_by(action, id):
         action()
         show_until(lambda: overlay.get_attribute("data-selected") == (str(id) if id else ""), id)
-        assert crowd.selected == id
-        # It alone is drawn stronger, and told of in its row.
-        assert page.box == (crowd.box(id) if id else None)
+        assert multi_tracker.selected == id
+        # It alone is drawn stronger and marked in the list.
+        assert page.box == (multi_tracker.box(id) if id else None)
         assert page.locator("#halo").is_visible() == bool(id)
         pressed = page.locator("#target-list li", has=page.locator("[aria-pressed=true]"))
         rows = [row.get_attribute("data-id") for row in pressed.all()]
@@ -234,7 +237,6 @@ def test_a_click_on_a_box_selects_it_and_beside_all_none(shown, crowd):
     def click(x, y):
         return lambda: page.mouse.click(*page.to_screen(x, y))
 
-    # Where both are, the smaller or else the first one is meant; here they do not meet.
     select_by(click(12, 7), 1)
     select_by(click(48, 28), 2)
     select_by(click(48, 28), 0)
@@ -245,17 +247,17 @@ def test_a_click_on_a_box_selects_it_and_beside_all_none(shown, crowd):
     row.focus()
     select_by(lambda: page.keyboard.press("Enter"), 2)
     select_by(row.click, 0)
-    assert crowd.stopped == []
+    assert multi_tracker.stopped == []
 
 
-@pytest.mark.usefixtures("crowd")
-def test_a_click_where_nothing_is_and_nothing_is_selected_asks_for_a_target(shown, client):
+@pytest.mark.usefixtures("multi_tracker")
+def test_a_click_beside_all_boxes_without_a_selection_requests_a_target(shown, client):
     page, _ = shown
     page.mouse.click(*page.to_screen(130, 100))
-    page.wait_until(lambda: "/pf_tracker/click" in page.text("note"), "that nobody takes it")
+    page.wait_until(lambda: "/pf_tracker/click" in page.text("note"), "that there is no subscriber")
 
 
-def test_a_list_of_any_words_is_set_as_words(shown, crowd):
+def test_a_list_of_words_is_set(shown, multi_tracker):
     page, _ = shown
     page.locator("#groups summary", has_text="The tracker").click()
     words = page.locator("[id='parameter-detector.labels']")
@@ -263,24 +265,25 @@ def test_a_list_of_any_words_is_set_as_words(shown, crowd):
     words.fill("truck,  large van,")
     words.press("Enter")
     page.wait_until(
-        lambda: crowd.get_parameter("detector.labels").value == ["truck", "large van"], "words"
+        lambda: multi_tracker.get_parameter("detector.labels").value == ["truck", "large van"],
+        "words",
     )
-    # A preset names none.
+    # The preset's list is empty.
     assert page.locator(".parameter.changed", has=words).count() == 1
 
 
-def test_each_target_is_stopped_by_its_button_also_by_key(shown, crowd):
+def test_each_target_is_stopped_by_its_button_or_by_key(shown, multi_tracker):
     page, show_until = shown
     rows = page.locator("#target-list li")
     page.get_by_role("button", name="Stop 3").click()
     show_until(lambda: rows.count() == 2, "two targets")
     page.get_by_role("button", name="Stop 1 car").focus()
-    # A frame between does not take the focus away.
+    # A new frame keeps the focus.
     before = page.stamp
     show_until(lambda: page.stamp > before, "next frame")
     page.keyboard.press("Enter")
     show_until(lambda: rows.count() == 1, "one target")
-    assert crowd.stopped == [3, 1]
+    assert multi_tracker.stopped == [3, 1]
     show_until(lambda: page.locator("#targets rect").count() == 1, "one box")
 
 
@@ -291,7 +294,7 @@ def test_a_tracker_of_one_target_has_no_list(camera, page):
     assert page.locator("#targets-card").is_hidden()
 
 
-def test_there_may_be_more_targets_while_the_tracker_runs(tracker, camera, page, client):
+def test_max_targets_can_be_raised_while_the_tracker_runs(tracker, camera, page, client):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")

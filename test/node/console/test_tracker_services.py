@@ -10,18 +10,18 @@ from pf_tracker_ros.node.console import tracker_services
 from pf_tracker_ros.node.console.tracker_services import TrackerError, TrackerServices
 
 
-def test_what_is_not_answered_in_time_is_not_waited_for_any_more(client, monkeypatch):
-    """A tracker that hangs: its service is there, and nobody takes the requests."""
+def test_a_request_without_a_response_in_time_is_given_up(client, monkeypatch):
+    """A hanging tracker: its service exists, and nothing reads the requests."""
     server = client.create_service(Trigger, "/hangs/stop", lambda request, response: response)
     services = TrackerServices(client, "/hangs", lambda action: action())
     client.wait_for(services._stop.service_is_ready, "the service")
     client.destroy_service(server)
     monkeypatch.setattr(services._stop, "service_is_ready", lambda: True)
-    monkeypatch.setattr(tracker_services, "_PATIENCE", 0.05)
+    monkeypatch.setattr(tracker_services, "_TIMEOUT", 0.05)
     # In a thread, since the tests with a browser leave an event loop running in this one.
     with ThreadPoolExecutor(1) as executor:
         for _ in range(3):
-            asked = executor.submit(lambda: asyncio.run(services.stop()))
-            with pytest.raises(TrackerError, match="/hangs/stop does not answer"):
-                asked.result()
+            response = executor.submit(lambda: asyncio.run(services.stop()))
+            with pytest.raises(TrackerError, match="/hangs/stop does not respond"):
+                response.result()
     assert not services._stop._pending_requests

@@ -1,14 +1,14 @@
-"""Tuning the tracker on the page, through its parameter services."""
+"""Parameters of the tracker on the page."""
 
 import pytest
 import yaml
 
-IDLE = "Without effect at present"
+INACTIVE = "Without effect at present"
 
 
 @pytest.fixture
 def tuned(tracker, page):
-    """A page that knows the tracker's parameters, with every group open."""
+    """A page with the tracker's parameters, every group open."""
     page.locator("#groups details").first.wait_for()
     page.evaluate("() => document.querySelectorAll('details').forEach(one => { one.open = true; })")
     return page
@@ -64,12 +64,12 @@ def test_a_value_out_of_range_is_refused_at_its_field(tuned, client):
     assert shown.inner_text() == ""
 
 
-def test_a_refusal_goes_with_the_value_that_was_refused(tuned, client):
+def test_a_refusal_disappears_with_the_refused_value(tuned, client):
     (before,) = client.get_parameters("track.lost_after")
     field(tuned, "track.lost_after").fill("99999")
     field(tuned, "track.lost_after").press("Enter")
     tuned.wait_until(refusal(tuned, "track.lost_after").inner_text, "refusal")
-    # Whatever else comes of the parameters.
+    # Another parameter changes.
     field(tuned, "particles").fill("321")
     field(tuned, "particles").press("Enter")
     tuned.wait_until(lambda: client.get_parameters("particles") == [321], "another value")
@@ -78,25 +78,25 @@ def test_a_refusal_goes_with_the_value_that_was_refused(tuned, client):
     assert field(tuned, "track.lost_after").get_attribute("aria-invalid") is None
 
 
-def test_a_refused_value_is_reset_to_that_of_the_preset(tuned, client):
+def test_a_refused_value_can_be_reset(tuned, client):
     field(tuned, "track.lost_after").fill("99999")
     field(tuned, "track.lost_after").press("Enter")
     tuned.wait_until(refusal(tuned, "track.lost_after").inner_text, "refusal")
     tuned.get_by_label("Reset track.lost_after").click()
     tuned.wait_until(lambda: refusal(tuned, "track.lost_after").inner_text() == "", "its end")
-    (usual,) = client.get_parameters("track.lost_after")
+    (default,) = client.get_parameters("track.lost_after")
     shown = field(tuned, "track.lost_after")
-    tuned.wait_until(lambda: float(shown.input_value()) == usual, "its value")
+    tuned.wait_until(lambda: float(shown.input_value()) == default, "its value")
 
 
-def test_values_that_contradict_each_other_are_refused_in_the_nodes_words(tuned):
+def test_contradicting_values_are_refused_with_the_nodes_reason(tuned):
     field(tuned, "motion.model").select_option("affine")
     shown = refusal(tuned, "motion.model")
     tuned.wait_until(shown.inner_text, "refusal")
     assert "search" in shown.inner_text()
 
 
-def test_a_slider_sets_what_it_shows(tuned, client):
+def test_a_slider_sets_its_value(tuned, client):
     slider = tuned.locator(".parameter", has=field(tuned, "resampling.threshold")).locator(
         "input[type=range]"
     )
@@ -106,13 +106,13 @@ def test_a_slider_sets_what_it_shows(tuned, client):
     assert field(tuned, "resampling.threshold").input_value() == "0.5"
 
 
-def test_a_preset_makes_other_parameters_count_and_reset_its_values(tuned, client):
+def test_a_preset_changes_the_active_parameters_and_reset_restores_it(tuned, client):
     assert group_of(tuned, "proposal.share") == "Proposal"
     field(tuned, "preset").select_option("li2007")
     tuned.wait_until(
         lambda: group_of(tuned, "color_histogram.sharpness") == "Color histogram", "its group"
     )
-    assert group_of(tuned, "proposal.share") == IDLE
+    assert group_of(tuned, "proposal.share") == INACTIVE
     field(tuned, "particles").fill("77")
     field(tuned, "particles").press("Enter")
     tuned.wait_until(lambda: client.get_parameters("particles") == [77], "new value")
@@ -121,20 +121,20 @@ def test_a_preset_makes_other_parameters_count_and_reset_its_values(tuned, clien
     tuned.wait_until(lambda: field(tuned, "particles").input_value() == "60", "it on the page")
 
 
-def test_what_is_being_typed_stays_while_others_set_parameters(tuned, client, console, open_page):
+def test_unfinished_input_survives_changes_by_others(tuned, client, console, open_page):
     other = open_page(console.url)
     other.locator("#groups details").first.wait_for()
     field(tuned, "track.lost_after").fill("7.5")
     client.set_parameters(preset="li2007")
-    other.wait_until(lambda: group_of(other, "color_histogram.keep") != IDLE, "the other cues")
+    other.wait_until(lambda: group_of(other, "color_histogram.keep") != INACTIVE, "the other cues")
     assert field(tuned, "track.lost_after").input_value() == "7.5"
     field(tuned, "track.lost_after").press("Enter")
-    tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [7.5], "what was typed")
-    tuned.wait_until(lambda: group_of(tuned, "color_histogram.keep") != IDLE, "the other cues")
+    tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [7.5], "the input")
+    tuned.wait_until(lambda: group_of(tuned, "color_histogram.keep") != INACTIVE, "the other cues")
 
 
 def test_each_parameter_is_reset_by_itself(tuned, client):
-    (usual,) = client.get_parameters("track.lost_after")
+    (default,) = client.get_parameters("track.lost_after")
     resets = tuned.locator("#groups .reset:visible")
     assert resets.count() == 0
     for name, value in {"particles": "321", "track.lost_after": "7.5"}.items():
@@ -142,10 +142,10 @@ def test_each_parameter_is_reset_by_itself(tuned, client):
         field(tuned, name).press("Enter")
     tuned.wait_until(lambda: resets.count() == 2, "buttons beside what has changed")
     tuned.get_by_label("Reset track.lost_after").click()
-    tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [usual], "its value")
+    tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [default], "its value")
     tuned.wait_until(lambda: resets.count() == 1, "one button less")
     assert client.get_parameters("particles") == [321]
-    # The button has gone; whoever pressed it by key is at the field.
+    # The button disappears, and the focus goes to the field.
     focused = tuned.evaluate("() => document.activeElement.id")
     assert focused == "parameter-track.lost_after"
 
@@ -162,18 +162,18 @@ def test_lists_and_choices_are_reset_as_well(tuned, client):
     )
 
 
-def test_what_others_set_is_shown(tuned, client):
+def test_changes_by_others_are_shown(tuned, client):
     client.set_parameters(particles=123)
     tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")
 
 
-def test_a_number_of_many_digits_is_shown_short_and_told_in_full(tuned, client):
+def test_a_number_of_many_digits_is_rounded_and_has_a_full_title(tuned, client):
     exact = 1.0467401794744694e-08
     client.set_parameters(**{"template.update_above": exact})
     shown = field(tuned, "template.update_above")
     tuned.wait_until(lambda: shown.input_value() == "1.04674e-8", "the value, short")
     assert float(shown.get_attribute("title")) == exact
-    # Whoever only looks at it changes nothing.
+    # Focus alone changes nothing.
     shown.focus()
     shown.press("Tab")
     client.set_parameters(particles=123)
@@ -181,7 +181,7 @@ def test_a_number_of_many_digits_is_shown_short_and_told_in_full(tuned, client):
     assert client.get_parameters("template.update_above") == [exact]
 
 
-def test_what_differs_from_the_preset_is_given_as_a_parameter_file(tuned, client):
+def test_changed_values_can_be_downloaded_as_a_parameter_file(tuned, client):
     client.set_parameters(particles=123, cues=["correlation_response"])
     tuned.wait_until(lambda: field(tuned, "particles").input_value() == "123", "the value")
     with tuned.expect_download() as download:
@@ -199,7 +199,7 @@ def test_what_differs_from_the_preset_is_given_as_a_parameter_file(tuned, client
     }
 
 
-def test_the_cues_are_chosen_one_by_one(tuned, client):
+def test_cues_are_selected_one_by_one(tuned, client):
     tuned.get_by_label("hog", exact=True).check()
     wanted = ("color_contrast", "correlation_response", "hog")
     tuned.wait_until(lambda: client.get_parameters("cues") == [wanted], "the cue")

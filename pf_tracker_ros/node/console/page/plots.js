@@ -1,19 +1,20 @@
-// The last minute of the tracker's figures, as lines.
-import { seldom } from "./seldom.js";
+// Line plots of the last minute of status values.
+import { fit } from "./children.js";
+import { throttle } from "./throttle.js";
 
 const at = (id) => document.getElementById(id);
 const SECONDS = 60, WIDTH = 600, HEIGHT = 100;
-const SLOT = 0.25;       // seconds of which a line has the lowest and the highest value
-const INTERVAL = 500;    // milliseconds from one drawing to the next
+const SLOT = 0.25;       // seconds per minimum and maximum of a line
+const INTERVAL = 500;    // milliseconds between two redraws
 const SVG = "http://www.w3.org/2000/svg";
 
 const plots = [
   { id: "confidence", top: () => 1, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
-  { id: "effective", top: (most, values) => values.particles ?? most, of: (values) => ({ effective: values.effective_sample_size }) },
-  { id: "processing", top: (most) => Math.max(10, most), of: (values) => ({ processing: values.processing_time_ms }) },
-  { id: "powers", top: () => 1, of: (values) => Object.fromEntries(
+  { id: "effective", top: (highest, values) => values.particles ?? highest, of: (values) => ({ effective: values.effective_sample_size }) },
+  { id: "processing", top: (highest) => Math.max(10, highest), of: (values) => ({ processing: values.processing_time_ms }) },
+  { id: "weights", top: () => 1, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("cue_weight_")).map(([key, value]) => [key.slice(11), value])) },
-].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, lowest, highest] of each slot
+].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, minimum, maximum] of each slot
 
 export function add(values, targets) {
   const now = performance.now() / 1000;
@@ -32,7 +33,7 @@ function put(lines, name, now, value) {
   else [slot[1], slot[2]] = [Math.min(slot[1], value), Math.max(slot[2], value)];
 }
 
-const draw = seldom(INTERVAL, (values) => {
+const draw = throttle(INTERVAL, (values) => {
   const now = performance.now() / 1000;
   for (const { id, top, of, lines } of plots) {
     for (const [name, line] of lines) {
@@ -41,11 +42,9 @@ const draw = seldom(INTERVAL, (values) => {
     }
     const all = [...lines.values()];
     const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
-    const svg = at(`plot-${id}`);
-    while (svg.children.length > lines.size) svg.lastChild.remove();
-    while (svg.children.length < lines.size) svg.append(document.createElementNS(SVG, "path"));
-    all.forEach((line, i) => svg.children[i].setAttribute("d", path(line, now, highest)));
-    if (id === "powers") legend([...lines.keys()].map((name) => [name, of(values)[name]]));
+    const paths = fit(at(`plot-${id}`), lines.size, () => document.createElementNS(SVG, "path"));
+    all.forEach((line, i) => paths[i].setAttribute("d", path(line, now, highest)));
+    if (id === "weights") legend([...lines.keys()].map((name) => [name, of(values)[name]]));
     else at(`top-${id}`).textContent = highest.toFixed(highest < 2 ? 1 : 0);
   }
 });
@@ -63,8 +62,6 @@ function path(line, now, highest) {
 }
 
 function legend(cues) {
-  const list = at("cues");
-  while (list.children.length > cues.length) list.lastChild.remove();
-  while (list.children.length < cues.length) list.append(document.createElement("li"));
-  cues.forEach(([name, value], i) => { list.children[i].textContent = `${name.replaceAll("_", " ")} ${typeof value === "number" ? value.toFixed(2) : "–"}`; });
+  const items = fit(at("cues"), cues.length, () => document.createElement("li"));
+  cues.forEach(([name, value], i) => { items[i].textContent = `${name.replaceAll("_", " ")} ${typeof value === "number" ? value.toFixed(2) : "–"}`; });
 }

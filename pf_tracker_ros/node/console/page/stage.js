@@ -1,24 +1,24 @@
-// The picture, what is drawn over it, and drawing a target: by pointer, touch or keyboard.
-import * as drawing from "./drawing.js";
-import * as heat from "./heat.js";
+// The picture, its overlay, and drawing a target: by pointer, touch or keyboard.
+import * as editor from "./box_editor.js";
+import * as heatmap from "./heatmap.js";
 import * as recording from "./recording.js";
 import * as targets from "./targets.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d", { alpha: false });
-const { place, set } = drawing;
+const { place, set } = editor;
 const TRAIL_SECONDS = 3;
-const ELLIPSE = Math.sqrt(5.991);  // holds 95 % of a plane's normal distribution
+const ELLIPSE = Math.sqrt(5.991);  // 95 % region of a normal distribution in two dimensions
 
 let send, note;
-let frame = null;        // as shown
-let newest = null;       // [frame, bitmap] that came while the picture is frozen
+let frame = null;        // the displayed frame
+let newest = null;       // [frame, bitmap] received while the picture is frozen
 let mode = "live";       // live, drawing (the pointer is down), editing, or sent
-let last = null;         // [x, y, width, height] of the box that was sent
-let trail = [], selected = "";  // the way of the selected target, and its id
+let last = null;         // the last box sent, [x, y, width, height]
+let trail = [], selected = "";  // path of the selected target, and its id
 let paused = false;
-let blank = false;       // nothing is drawn over the picture, as nothing is known of it
-let told = "";           // the state, while it is blank
+let blank = false;       // no overlay, as there is no current status
+let blankState = "";     // the state while blank
 
 export function show(next, bitmap) {
   if (mode !== "live") {
@@ -44,10 +44,10 @@ export function show(next, bitmap) {
   drawOverlay();
 }
 
-// The answer to the frame comes back with the tracker: a picture that stands still gets no other.
+// The status of a still picture is kept while blank, as no other comes for it.
 export function setBlank(now, state) {
-  if (now === blank && (!now || state === told)) return;
-  [blank, told] = [now, state];
+  if (now === blank && (!now || state === blankState)) return;
+  [blank, blankState] = [now, state];
   trail = [];
   if (frame && mode === "live") drawOverlay();
 }
@@ -58,31 +58,31 @@ export function setPaused(now) {
   if (!recording.isOpen()) at("pause-word").textContent = paused ? "Resume" : "Pause";
 }
 
-// Whether a box is at hand that has not been sent, or was refused.
+// Whether there is a box that has not been sent, or was refused.
 export const isEditing = () => mode === "editing";
 
-// How the tracker took the box that was sent; "unanswered" where nobody will tell.
-export function judge(outcome, text = "") {
+// The outcome of the box that was sent; "unanswered" if the console has been restarted.
+export function showOutcome(outcome, text = "") {
   if (mode !== "sent") return;
-  if (outcome === "unanswered") note("the console has gone before it answered; Enter sends the box again", false);
-  // The node can only tell what is wrong with the stamp.
-  if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; on this page: Escape, pause with space, then draw`, false);
-  if (["refused", "unanswered"].includes(outcome) && drawing.box()) edit(drawing.box());
+  if (outcome === "unanswered") note("the console restarted before its response; press Enter to send the box again", false);
+  // The node reports the wrong stamp; the advice depends on this page.
+  if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; press Escape, pause with space, then draw`, false);
+  if (["refused", "unanswered"].includes(outcome) && editor.box()) edit(editor.box());
   else live();
 }
 
 function drawOverlay() {
   const { stamp, width, height } = frame, known = blank ? { stamp, width, height } : frame;
   const values = known.status?.values ?? {}, box = boxIn(known), chosen = known.status?.selected ?? "";
-  // Asked for after something was drawn, it would lay out the page once more.
+  // Read before any change, as it would trigger another layout afterwards.
   const unit = frame.width / overlay.clientWidth || 1;
-  overlay.dataset.state = values.state ?? (blank ? told : "");
+  overlay.dataset.state = values.state ?? (blank ? blankState : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
   overlay.dataset.selected = chosen;
   place(at("box"), box);
   place(at("halo"), box);
-  heat.show(known);
+  heatmap.show(known);
   targets.show(known, unit);
   set(at("particles"), { d: (known.particles ?? []).map(([x, y, weight]) => {
     const side = unit * (1.5 + 5 * weight);
@@ -90,7 +90,7 @@ function drawOverlay() {
   }).join("") });
   drawCovariance(values, box);
   const seconds = Number(BigInt(frame.stamp) / 1000000n) / 1000;
-  // Of a frame that was not looked at nothing is told.
+  // A skipped frame has no results.
   if (values.state !== "skipped" && chosen !== selected) [trail, selected] = [[], chosen];
   trail = trail.filter(([time]) => time <= seconds && seconds - time < TRAIL_SECONDS);
   if (box) trail.push([seconds, box[0] + box[2] / 2, box[1] + box[3] / 2]);
@@ -104,24 +104,24 @@ function drawCovariance({ covariance_xx: xx, covariance_xy: xy, covariance_yy: y
   const ellipse = at("covariance"), known = box && typeof xx === "number";
   ellipse.toggleAttribute("hidden", !known);
   if (!known) return;
-  const middle = (xx + yy) / 2, spread = Math.hypot((xx - yy) / 2, xy);
+  const mean = (xx + yy) / 2, difference = Math.hypot((xx - yy) / 2, xy);
   const [x, y] = [box[0] + box[2] / 2, box[1] + box[3] / 2];
   set(ellipse, {
-    cx: x, cy: y, rx: ELLIPSE * Math.sqrt(middle + spread), ry: ELLIPSE * Math.sqrt(Math.max(0, middle - spread)),
+    cx: x, cy: y, rx: ELLIPSE * Math.sqrt(mean + difference), ry: ELLIPSE * Math.sqrt(Math.max(0, mean - difference)),
     transform: `rotate(${90 * Math.atan2(2 * xy, xx - yy) / Math.PI} ${x} ${y})`,
   });
 }
 
 // Drawing
 
-function setMode(next, box = drawing.box()) {
+function setMode(next, box = editor.box()) {
   mode = next;
   const editing = mode === "editing";
   at("draw").setAttribute("aria-pressed", editing);
   at("frozen").hidden = mode === "live" || mode === "sent";
   at("numbers").disabled = !editing;
   at("stage").dataset.mode = mode;
-  drawing.show(box, editing);
+  editor.show(box, editing);
 }
 
 function live() {
@@ -136,14 +136,14 @@ function live() {
 const edit = (box) => setMode("editing", box);
 
 function sendBox() {
-  if (!drawing.box() || !frame) return;
-  last = drawing.box();
-  ask({ type: "target", box: last, stamp: frame.stamp });
+  if (!editor.box() || !frame) return;
+  last = editor.box();
+  request({ type: "target", box: last, stamp: frame.stamp });
 }
 
-// Whoever cannot send keeps the box, to send it once the console is back.
-function ask(message) {
-  if (!send(message)) { if (drawing.box()) edit(drawing.box()); else live(); return; }
+// Without a connection the box stays, to be sent later.
+function request(message) {
+  if (!send(message)) { if (editor.box()) edit(editor.box()); else live(); return; }
   setMode("sent");
   note("sent; waiting for the tracker", true, true);
 }
@@ -151,31 +151,31 @@ function ask(message) {
 function onDown(event) {
   if (!frame || event.button || mode === "sent" || !event.isPrimary) return;
   event.preventDefault();
-  drawing.grab(event);
+  editor.grab(event);
   setMode("drawing");
 }
 
 function onMove(event) {
-  if (mode === "drawing") drawing.drag(event);
+  if (mode === "drawing") editor.drag(event);
 }
 
 function onUp(event) {
   if (mode !== "drawing") return;
-  if (drawing.drop(event)) {
+  if (editor.drop(event)) {
     sendBox();
     return;
   }
-  const place = drawing.point(event), id = targets.idAt(frame, place), chosen = frame.status?.selected ?? "";
-  if (targets.areSeveral() && (id || chosen)) { live(); targets.select(id, chosen); }
-  else ask({ type: "click", point: place, stamp: frame.stamp });
+  const point = editor.point(event), id = targets.idAt(frame, point), chosen = frame.status?.selected ?? "";
+  if (targets.isMultiTarget() && (id || chosen)) { live(); targets.select(id, chosen); }
+  else request({ type: "click", point, stamp: frame.stamp });
 }
 
 function startDrawing() {
   if (!frame) { note("there is no picture to draw on", false); return; }
   if (mode === "editing") { live(); return; }
   if (mode !== "live") return;
-  edit((boxIn(frame) ?? last)?.map(Math.round) ?? drawing.middle([frame.width, frame.height]));
-  note("drag a box, or move this one with the arrow keys (with shift its size, with alt by a pixel); Enter sends it", true, true);
+  edit((boxIn(frame) ?? last)?.map(Math.round) ?? editor.centeredBox([frame.width, frame.height]));
+  note("drag a box, or move this one with the arrow keys (shift: resize, alt: by a pixel); Enter sends it", true, true);
 }
 
 function onKey(event) {
@@ -184,11 +184,11 @@ function onKey(event) {
   if (event.key === "Escape" && mode !== "live") { live(); note("nothing was sent"); }
   else if (event.key === "Enter" && mode === "editing" && (!typing || event.target.closest("#numbers")) && !event.target.matches("button")) sendBox();
   else if (typing) return;
-  else if (event.key.startsWith("Arrow") && mode === "editing") drawing.move(event);
+  else if (event.key.startsWith("Arrow") && mode === "editing") editor.move(event);
   else if (event.key === " " && !event.target.matches("button, summary")) pause();
   else if (key === "s") stop();
   else if (key === "r") startDrawing();
-  else if (key === "h") heat.toggle();
+  else if (key === "h") heatmap.toggle();
   else if (key === "n" && recording.isOpen()) recording.step();
   else return;
   event.preventDefault();
@@ -204,7 +204,7 @@ function stop() {
   send({ type: "stop" });
 }
 
-// What was clicked or chosen with a pointer keeps no keys from the shortcuts.
+// A control that was used by pointer loses the focus, so that the shortcuts work.
 function freeKeys() {
   let byPointer = false;
   document.addEventListener("pointerdown", () => { byPointer = true; }, true);
@@ -213,9 +213,9 @@ function freeKeys() {
   document.addEventListener("change", ({ target }) => { if (byPointer && target.matches("select, [type=range], [type=checkbox]")) target.blur(); });
 }
 
-export function begin(sender, notes) {
+export function init(sender, notes) {
   [send, note] = [sender, notes];
-  drawing.begin(() => frame && [frame.width, frame.height]);
+  editor.init(() => frame && [frame.width, frame.height]);
   overlay.addEventListener("pointerdown", onDown);
   overlay.addEventListener("pointermove", onMove);
   overlay.addEventListener("pointerup", onUp);

@@ -1,55 +1,43 @@
-// The targets and the detections: thin boxes over the picture where there may be several, and a list to
-// select and stop each target.
-const SVG = "http://www.w3.org/2000/svg", TEXT = 14;
+// The boxes of targets and detections over the picture, and a list to select and stop each target.
+// With a single target neither its thin box nor the list is shown.
+import { labeledBox, set } from "./box_editor.js";
+import { fit } from "./children.js";
+
+const TEXT = 14;
 const at = (id) => document.getElementById(id);
-const DETECTED = 1000;   // milliseconds for which a detection is shown
-const rows = new Map();    // id to the parts of its row
-const colors = new Map();  // id to the tracker's color for it
-let send, most = 1, detected = null;
+const DETECTED = 1000;   // milliseconds for which detections are shown
+const rows = new Map();    // id to the elements of its row
+const colors = new Map();  // id to the color that the tracker gave it
+let send, maxTargets = 1, detected = null;
 
 const title = ({ id, label }) => label ? `${id} ${label}` : id;
 
-// As many children as there are things, each made once.
-function fit(parent, count, make) {
-  while (parent.children.length > count) parent.lastChild.remove();
-  while (parent.children.length < count) parent.append(make());
-  return [...parent.children];
-}
-
-function labeledBox() {
-  const group = document.createElementNS(SVG, "g");
-  group.append(document.createElementNS(SVG, "rect"), document.createElementNS(SVG, "text"));
-  return group;
-}
-
 function draw(parent, boxes, unit) {
   fit(parent, boxes.length, labeledBox).forEach((group, i) => {
-    const [rect, text] = group.children, { box: [x, y, width, height], stroke, state, words } = boxes[i];
-    for (const [name, value] of Object.entries({ x, y, width, height })) rect.setAttribute(name, value);
+    const [rect, text] = group.children, { box: [x, y, width, height], stroke, state, caption } = boxes[i];
+    set(rect, { x, y, width, height });
     if (stroke) rect.setAttribute("stroke", stroke);
     rect.dataset.state = state ?? "";
-    text.setAttribute("x", x);
-    text.setAttribute("y", Math.max(TEXT * unit, y - 4 * unit));
-    text.setAttribute("font-size", TEXT * unit);
-    text.textContent = words;
+    set(text, { x, y: Math.max(TEXT * unit, y - 4 * unit), "font-size": TEXT * unit });
+    text.textContent = caption;
   });
 }
 
 const milliseconds = (stamp) => Number(BigInt(stamp) / 1000000n);
 
-// The unit is a pixel of the screen, in those of the image.
+// The unit is the size of a screen pixel in image pixels.
 export function show(frame, unit) {
   const boxes = frame.boxes ?? {}, found = frame.status?.targets ?? [];
   for (const [id, { color }] of Object.entries(boxes)) colors.set(id, color);
-  draw(at("targets"), found.filter(({ id }) => boxes[id] && most > 1).map((one) =>
-    ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, words: title(one) })), unit);
+  draw(at("targets"), found.filter(({ id }) => boxes[id] && maxTargets > 1).map((one) =>
+    ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, caption: title(one) })), unit);
   const isNew = detected && Math.abs(milliseconds(frame.stamp) - milliseconds(detected.stamp)) < DETECTED;
-  draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, words: label })), unit);
+  draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, caption: label })), unit);
   list(found, frame.status?.selected);
 }
 
-// Whether a click says which of them is meant.
-export const areSeveral = () => most > 1;
+// Whether a click selects a target instead of starting one.
+export const isMultiTarget = () => maxTargets > 1;
 
 // The id of the smallest box around a point [x, y], "" where there is none.
 export function idAt(frame, [u, v]) {
@@ -59,10 +47,10 @@ export function idAt(frame, [u, v]) {
   return around.sort((one, other) => area(one) - area(other))[0]?.[0] ?? "";
 }
 
-// Selects a target, or with the one that is selected none.
+// Selects a target; deselects it if it is selected.
 export const select = (id, selected) => send({ type: "select", id: id === selected ? "0" : id || "0" });
 
-export function detect(message) { detected = message; }
+export function setDetections(message) { detected = message; }
 
 function list(found, selected) {
   const ids = new Set(found.map(({ id }) => id));
@@ -71,13 +59,13 @@ function list(found, selected) {
     if (!rows.has(one.id)) add(one.id);
     const { mark, choose, stop } = rows.get(one.id);
     mark.style.background = colors.get(one.id) ?? "";
-    const words = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${one.confidence.toFixed(2)}` : ""}`;
-    if (choose.textContent !== words) choose.textContent = words;
+    const caption = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${one.confidence.toFixed(2)}` : ""}`;
+    if (choose.textContent !== caption) choose.textContent = caption;
     choose.setAttribute("aria-pressed", one.id === selected);
     choose.onclick = () => select(one.id, selected);
     stop.ariaLabel = `Stop ${title(one)}`;
   }
-  at("target-count").textContent = `${found.length} of ${most}`;
+  at("target-count").textContent = `${found.length} of ${maxTargets}`;
 }
 
 function add(id) {
@@ -87,14 +75,13 @@ function add(id) {
   row.append(mark, choose, stop);
   row.dataset.id = id;
   const list = at("target-list"), isAfter = ({ dataset }) => Number(dataset.id) > Number(id);
-  list.insertBefore(row, [...list.children].find(isAfter) ?? null);  // by their ids
+  list.insertBefore(row, [...list.children].find(isAfter) ?? null);  // sorted by id
   rows.set(id, { row, mark, choose, stop });
 }
 
-// Whether there is room for more than one decides whether the list is there.
-export function allow(count) {
-  most = count;
-  at("targets-card").hidden = most < 2;
+export function setMaxTargets(count) {
+  maxTargets = count;
+  at("targets-card").hidden = maxTargets < 2;
 }
 
-export function begin(sender) { send = sender; }
+export function init(sender) { send = sender; }

@@ -1,15 +1,15 @@
-// The tracker's parameters: a field for each, by what the node says of it.
+// The tracker's parameters: an input for each, by its type and range.
 const at = (id) => document.getElementById(id);
 let send;
-let structure = "";        // which fields there are
-let typing = false;        // what is being typed stays until it is given
-let waiting = null;        // parameters that came meanwhile
+let structure = "";        // the parameters without their values, as JSON
+let typing = false;        // unfinished input is kept
+let waiting = null;        // parameters received meanwhile
 const fields = new Map();  // name to { row, show, refusal, reset, input }
 
 function element(tag, properties = {}, ...children) {
-  const made = Object.assign(document.createElement(tag), properties);
-  made.append(...children);
-  return made;
+  const created = Object.assign(document.createElement(tag), properties);
+  created.append(...children);
+  return created;
 }
 
 export function show(parameters) {
@@ -24,11 +24,11 @@ export function show(parameters) {
   for (const one of parameters) {
     const field = fields.get(one.name);
     field.show(one.value);
-    const changed = one.usual !== null && JSON.stringify(one.value) !== JSON.stringify(one.usual);
+    const changed = one.default !== null && JSON.stringify(one.value) !== JSON.stringify(one.default);
     field.row.classList.toggle("changed", changed);
-    field.reset.disabled = !changed || one.fixed;
-    // What was refused has given way to what is in force.
-    if (document.activeElement !== field.input) judge(one.name, "");
+    field.reset.disabled = !changed || one.read_only;
+    // A refused value has been replaced by the present one.
+    if (document.activeElement !== field.input) showRefusal(one.name, "");
   }
   for (const details of at("groups").querySelectorAll("details")) {
     const changed = details.querySelectorAll(".changed").length;
@@ -36,7 +36,7 @@ export function show(parameters) {
   }
 }
 
-export function judge(name, refusal) {
+export function showRefusal(name, refusal) {
   const field = fields.get(name);
   if (!field) return;
   field.refusal.textContent = refusal;
@@ -62,25 +62,25 @@ function build(parameters) {
 function row(one) {
   const id = `parameter-${one.name}`;
   const refusal = element("p", { className: "refusal", id: `${id}-refusal`, role: "alert" });
-  const give = (value) => { refusal.textContent = ""; send({ type: "set", name: one.name, value }); };
-  const { inputs, show } = makers[kindOf(one)](one, give);
+  const submit = (value) => { refusal.textContent = ""; send({ type: "set", name: one.name, value }); };
+  const { inputs, show } = makers[kindOf(one)](one, submit);
   inputs[0].id = id;
   for (const input of inputs) {
     input.setAttribute("aria-describedby", `${id}-about ${refusal.id}`);
-    input.disabled = one.fixed;
+    input.disabled = one.read_only;
   }
   const allowed = one.range ? `${one.range[0]} to ${one.range[1]}` : one.constraints.replace(/^allowed: /, "");
   const reset = element("button", { type: "button", className: "reset", textContent: "Reset", ariaLabel: `Reset ${one.name}`, onclick() {
-    inputs[0].focus();  // the button goes as it has done its work
-    give(one.usual);
+    inputs[0].focus();  // the button is going to be disabled
+    submit(one.default);
   } });
-  const made = element("div", { className: "parameter" },
+  const entry = element("div", { className: "parameter" },
     element("label", { htmlFor: id, textContent: one.name }),
     element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input), reset),
-    element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.fixed ? " Fixed while the node runs." : ""}` }),
+    element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.read_only ? " Read-only while the node runs." : ""}` }),
     refusal);
-  fields.set(one.name, { row: made, show, refusal, reset, input: inputs[0] });
-  return made;
+  fields.set(one.name, { row: entry, show, refusal, reset, input: inputs[0] });
+  return entry;
 }
 
 function kindOf({ kind, choices }) {
@@ -88,22 +88,22 @@ function kindOf({ kind, choices }) {
   return kind === "texts" && !choices.length ? "words" : kind;
 }
 
-// A slider covers wide ranges finely where they are small.
+// A slider of a wide range has a finer scale near the lower end.
 const bend = ([low, high]) => high - low > 20 ? 3 : 1;
 const toValue = (place, range) => range[0] + (range[1] - range[0]) * place ** bend(range);
 const toPlace = (value, range) => Math.max(0, (value - range[0]) / (range[1] - range[0])) ** (1 / bend(range));
 const numberOf = (text) => text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : text;
 
-function numeric(one, give) {
+function numeric(one, submit) {
   const input = element("input", { type: "number", step: "any" });
   const slider = element("input", { type: "range", min: 0, max: 1, step: 0.001, tabIndex: -1 });
-  slider.setAttribute("aria-hidden", "true");  // the field beside it says the same
-  // What the field is too narrow for is told in full by its title.
+  slider.setAttribute("aria-hidden", "true");  // the field beside it has the same value
+  // The field is narrow; its title has all digits.
   const text = (value) => String(one.kind === "int" ? value : Number(value.toPrecision(6)));
   const digits = (value) => one.kind === "int" ? Math.round(value) : Number(value.toPrecision(3));
-  input.onchange = () => give(numberOf(input.value));
+  input.onchange = () => submit(numberOf(input.value));
   slider.oninput = () => { input.value = digits(toValue(slider.valueAsNumber, one.range)); };
-  slider.onchange = () => give(input.valueAsNumber);
+  slider.onchange = () => submit(input.valueAsNumber);
   return {
     inputs: one.range ? [input, slider] : [input],
     show(value) {
@@ -116,34 +116,34 @@ function numeric(one, give) {
 const makers = {
   int: numeric,
   float: numeric,
-  bool(one, give) {
-    const input = element("input", { type: "checkbox", onchange: () => give(input.checked) });
+  bool(one, submit) {
+    const input = element("input", { type: "checkbox", onchange: () => submit(input.checked) });
     return { inputs: [input], show(value) { input.checked = value; } };
   },
-  text(one, give) {
-    const input = element("input", { onchange: () => give(input.value) });
+  text(one, submit) {
+    const input = element("input", { onchange: () => submit(input.value) });
     return { inputs: [input], show(value) { input.value = value; } };
   },
-  choice(one, give) {
-    const input = element("select", { onchange: () => give(input.value) },
+  choice(one, submit) {
+    const input = element("select", { onchange: () => submit(input.value) },
       ...one.choices.map((choice) => element("option", { value: choice, textContent: choice })));
     return { inputs: [input], show(value) { input.value = value; } };
   },
-  numbers(one, give) {
+  numbers(one, submit) {
     const input = element("input", { onchange() {
       const values = input.value.replace(/[[\]]/g, "").split(",").filter((part) => part.trim()).map(numberOf);
-      give(values.every((value) => typeof value === "number") ? values : input.value);
+      submit(values.every((value) => typeof value === "number") ? values : input.value);
     } });
     return { inputs: [input], show(value) { input.value = value.join(", "); } };
   },
-  words(one, give) {
-    const input = element("input", { onchange: () => give(input.value.split(",").map((word) => word.trim()).filter(Boolean)) });
+  words(one, submit) {
+    const input = element("input", { onchange: () => submit(input.value.split(",").map((word) => word.trim()).filter(Boolean)) });
     return { inputs: [input], show(value) { input.value = value.join(", "); } };
   },
-  texts(one, give) {
+  texts(one, submit) {
     let order = [];
     const boxes = one.choices.map((choice) => element("input", { type: "checkbox", choice, onchange() {
-      give(this.checked ? [...order, choice] : order.filter((name) => name !== choice));
+      submit(this.checked ? [...order, choice] : order.filter((name) => name !== choice));
     } }));
     return { inputs: boxes, show(value) { order = value; for (const box of boxes) box.checked = value.includes(box.choice); } };
   },
@@ -155,10 +155,10 @@ function endTyping() {
   waiting = null;
 }
 
-export function begin(sender) {
+export function init(sender) {
   send = sender;
   at("groups").addEventListener("input", () => { typing = true; });
-  // Those of the fields themselves come first.
+  // The handlers of the fields themselves run first.
   for (const kind of ["change", "focusout"]) at("groups").addEventListener(kind, endTyping);
   at("reset").addEventListener("click", () => send({ type: "reset" }));
 }

@@ -1,55 +1,49 @@
-// Choosing a frame of a recording, and drawing the targets on it.
-import * as drawing from "./drawing.js";
+// Selecting frames of a recording, and drawing the targets on them.
+import * as editor from "./box_editor.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), seek = at("seek");
-const HOW = "drag a box around the target; then its corners, or the arrow keys (with shift its size, with alt by a pixel), put it right; Enter starts, Escape drops it";
-const MORE = "; A keeps it and asks for another target";
+const HOW = "drag a box around the target; correct it by its corners or the arrow keys (shift: resize, alt: by a pixel); Enter starts, Escape drops it";
+const MORE = "; A keeps it and adds another target";
 const NOTHING = "there is no box yet: drag one around the target, or press R for one in the middle";
-const NEXT = "drag a box around the next target, also in another frame; Enter starts, U takes back the last one";
+const NEXT = "drag a box around the next target, also in another frame; Enter starts, U undoes the last one";
 
-let frame = null;        // { number, width, height } as shown
-let mode = "looking";    // looking, drawing (the pointer is down), editing, sent, or done
+let frame = null;        // { number, width, height } of the displayed frame
+let mode = "browsing";   // browsing, drawing (the pointer is down), editing, sent, or done
 let loading = false;
-let wanted = null;       // number of the frame to show next
+let nextFrame = null;    // number of the frame to show next
 let kept = [];           // { frame, box, label } of the targets before the one that is edited
-let most = 1;            // targets that there may be
+let maxTargets = 1;
 
 function note(text, ok = true) {
   at("note").textContent = text;
   at("note").dataset.level = ok ? "ok" : "error";
 }
 
-function setMode(next, box = drawing.box()) {
+function setMode(next, box = editor.box()) {
   mode = next;
   const editing = mode === "editing", over = mode === "sent" || mode === "done";
   at("numbers").disabled = !editing;
-  at("add").disabled = !editing || kept.length + 1 >= most;
+  at("add").disabled = !editing || kept.length + 1 >= maxTargets;
   at("undo").disabled = over || !(editing || kept.length);
   at("send").disabled = over || !(editing || kept.length);
   at("draw").setAttribute("aria-pressed", editing);
   for (const id of ["draw", "cancel", "back", "forward"]) at(id).disabled = over;
   seek.disabled = over || !Number(seek.max);
   at("stage").dataset.mode = mode;
-  drawing.show(box, editing);
+  editor.show(box, editing);
   showKept();
 }
 
-function labeledBox() {
-  const group = document.createElementNS(overlay.namespaceURI, "g");
-  group.append(...["rect", "text"].map((name) => document.createElementNS(overlay.namespaceURI, name)));
-  return group;
-}
-
-// On the picture those of its frame, in the list all.
+// The picture has the targets of its frame, the list all.
 function showKept() {
   const unit = (frame?.width ?? 1) / overlay.clientWidth || 1;
   const here = kept.map((target, i) => [target, i + 1]).filter(([target]) => target.frame === frame?.number);
   at("kept").replaceChildren(...here.map(([{ box, label }, number]) => {
-    const group = labeledBox(), [rect, text] = group.children;
-    drawing.place(rect, box);
+    const group = editor.labeledBox(), [rect, text] = group.children;
+    editor.place(rect, box);
     text.textContent = `${number} ${label}`.trim();
-    drawing.set(text, { x: box[0], y: Math.max(box[1] - 4 * unit, 12 * unit), "font-size": 13 * unit });
+    editor.set(text, { x: box[0], y: Math.max(box[1] - 4 * unit, 12 * unit), "font-size": 13 * unit });
     return group;
   }));
   at("list").replaceChildren(...kept.map(({ frame, box, label }) => {
@@ -59,31 +53,31 @@ function showKept() {
   }));
 }
 
-async function ask(path, options) {
-  const answer = await fetch(path, options).catch(() => null);
-  if (!answer) return [false, "track does not answer; it may have ended"];
-  return [answer.ok, answer.ok && options === undefined ? answer : await answer.text()];
+async function request(path, options) {
+  const response = await fetch(path, options).catch(() => null);
+  if (!response) return [false, "there is no response; track may have ended"];
+  return [response.ok, response.ok && options === undefined ? response : await response.text()];
 }
 
-// One after another, and of those that were wished for meanwhile only the last.
+// One request at a time; of those made meanwhile only the last.
 async function show(number) {
-  wanted = Math.max(0, Math.min(number, Number(seek.max) || number));
+  nextFrame = Math.max(0, Math.min(number, Number(seek.max) || number));
   if (loading) return;
   loading = true;
-  while (wanted !== null) {
-    const now = wanted;
-    wanted = null;
-    const [ok, answer] = await ask(`/frame?number=${now}`);
-    if (ok) await put(answer);
-    else note(answer, false);
+  while (nextFrame !== null) {
+    const now = nextFrame;
+    nextFrame = null;
+    const [ok, response] = await request(`/frame?number=${now}`);
+    if (ok) await put(response);
+    else note(response, false);
   }
   loading = false;
 }
 
-async function put(answer) {
-  const [width, height] = answer.headers.get("X-Size").split(" ").map(Number);
-  const bitmap = await createImageBitmap(await answer.blob());
-  frame = { number: Number(answer.headers.get("X-Frame")), width, height };
+async function put(response) {
+  const [width, height] = response.headers.get("X-Size").split(" ").map(Number);
+  const bitmap = await createImageBitmap(await response.blob());
+  frame = { number: Number(response.headers.get("X-Frame")), width, height };
   [picture.width, picture.height] = [bitmap.width, bitmap.height];
   picture.getContext("2d").drawImage(bitmap, 0, 0);
   bitmap.close();
@@ -93,11 +87,11 @@ async function put(answer) {
   at("missing").hidden = true;
   seek.value = frame.number;
   at("frame").textContent = Number(seek.max) ? `${frame.number} / ${seek.max}` : frame.number;
-  drawing.show(drawing.box(), mode === "editing");
+  editor.show(editor.box(), mode === "editing");
   showKept();
 }
 
-const how = () => HOW + (kept.length + 1 < most ? MORE : "");
+const how = () => HOW + (kept.length + 1 < maxTargets ? MORE : "");
 
 function edit(box) {
   setMode("editing", box);
@@ -105,62 +99,62 @@ function edit(box) {
 }
 
 function drop() {
-  setMode("looking", null);
+  setMode("browsing", null);
   at("label").value = "";
   note(kept.length ? NEXT : how());
 }
 
-const edited = () => ({ frame: frame.number, box: drawing.box(), label: at("label").value.trim() });
+const edited = () => ({ frame: frame.number, box: editor.box(), label: at("label").value.trim() });
 
 function add() {
-  if (mode !== "editing" || kept.length + 1 >= most) return;
+  if (mode !== "editing" || kept.length + 1 >= maxTargets) return;
   document.activeElement?.blur();
   kept.push(edited());
   drop();
 }
 
 function undo() {
-  if (!canChoose()) return;
+  if (!canEdit()) return;
   document.activeElement?.blur();
-  if (mode === "looking") kept.pop();
+  if (mode === "browsing") kept.pop();
   drop();
 }
 
 async function decide(path, body) {
   const before = mode;
   setMode("sent");
-  const [ok, text] = await ask(path, { method: "POST", body });
+  const [ok, text] = await request(path, { method: "POST", body });
   note(text, ok);
   setMode(ok ? "done" : before);
 }
 
 function send() {
   const targets = mode === "editing" ? [...kept, edited()] : kept;
-  if (!canChoose()) return;
+  if (!canEdit()) return;
   if (targets.length) decide("/targets", JSON.stringify({ targets }));
   else note(NOTHING, false);
 }
 
-const canChoose = () => mode === "looking" || mode === "editing";
-const step = (by) => { if (frame && canChoose()) show((wanted ?? frame.number) + by); };
+const canEdit = () => mode === "browsing" || mode === "editing";
+const step = (by) => { if (frame && canEdit()) show((nextFrame ?? frame.number) + by); };
 
 function startDrawing() {
-  if (!frame || !canChoose()) return;
+  if (!frame || !canEdit()) return;
   if (mode === "editing") drop();
-  else edit(drawing.middle([frame.width, frame.height]));
+  else edit(editor.centeredBox([frame.width, frame.height]));
 }
 
 overlay.addEventListener("pointerdown", (event) => {
-  if (!frame || event.button || !event.isPrimary || !canChoose()) return;
+  if (!frame || event.button || !event.isPrimary || !canEdit()) return;
   event.preventDefault();
   document.activeElement?.blur();
-  drawing.grab(event);
+  editor.grab(event);
   setMode("drawing");
 });
-overlay.addEventListener("pointermove", (event) => { if (mode === "drawing") drawing.drag(event); });
+overlay.addEventListener("pointermove", (event) => { if (mode === "drawing") editor.drag(event); });
 overlay.addEventListener("pointerup", (event) => {
   if (mode !== "drawing") return;
-  const box = drawing.drop(event);
+  const box = editor.drop(event);
   if (box) edit(box);
   else drop();
 });
@@ -169,11 +163,11 @@ document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey) return;
   const key = event.key.toLowerCase(), typing = event.target.matches("input");
   if (key === "escape" && (mode === "editing" || mode === "drawing")) drop();
-  else if (key === "enter" && canChoose() && !event.target.matches("button")) send();
+  else if (key === "enter" && canEdit() && !event.target.matches("button")) send();
   else if (typing) return;
-  else if (key.startsWith("arrow") && mode === "editing") drawing.move(event);
-  else if (key === "n" || (key === "arrowright" && mode === "looking")) step(1);
-  else if (key === "p" || (key === "arrowleft" && mode === "looking")) step(-1);
+  else if (key.startsWith("arrow") && mode === "editing") editor.move(event);
+  else if (key === "n" || (key === "arrowright" && mode === "browsing")) step(1);
+  else if (key === "p" || (key === "arrowleft" && mode === "browsing")) step(-1);
   else if (key === "r") startDrawing();
   else if (key === "a") add();
   else if (key === "u") undo();
@@ -187,16 +181,16 @@ at("add").addEventListener("click", add);
 at("undo").addEventListener("click", undo);
 at("send").addEventListener("click", send);
 at("cancel").addEventListener("click", () => decide("/cancel", ""));
-seek.addEventListener("input", () => { if (canChoose()) show(seek.valueAsNumber); });
+seek.addEventListener("input", () => { if (canEdit()) show(seek.valueAsNumber); });
 
-drawing.begin(() => frame && [frame.width, frame.height]);
-const [ok, answer] = await ask("/recording");
+editor.init(() => frame && [frame.width, frame.height]);
+const [ok, response] = await request("/recording");
 if (ok) {
-  const { name, frames, most_targets } = await answer.json();
+  const { name, frames, max_targets } = await response.json();
   at("name").textContent = name;
   document.title = `track: draw the targets in ${name}`;
-  most = most_targets;
-  at("add").hidden = most < 2;
+  maxTargets = max_targets;
+  at("add").hidden = maxTargets < 2;
   seek.max = Math.max(0, (frames ?? 0) - 1);
 }
 drop();

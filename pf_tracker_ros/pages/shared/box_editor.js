@@ -1,12 +1,13 @@
-// A box that is drawn over a picture: by pointer, touch, keyboard or numbers. When, and what becomes of it,
-// is for the page to say; it has an svg #overlay with #drawn and #handles, and inputs #box-x to #box-height.
+// Editor of a box over a picture: by pointer, touch, keyboard or numbers. The page decides when to edit and
+// what to do with the box; it has an svg #overlay with #drawn and #handles, and inputs #box-x to #box-height.
 const at = (id) => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
 const overlay = at("overlay"), CLICK = 4, HANDLE = 7, NUMBERS = ["x", "y", "width", "height"];
 
 let sizeOf = () => null;  // [width, height] of the picture, null without one
 let drawn = null;         // [x, y, width, height] of the box
-let editing = false;      // it has handles
-let grip = null;          // what a pointer that is down moves
+let editing = false;      // whether the box has handles
+let grip = null;          // pointer position to box, while the pointer is down
 
 export const box = () => drawn;
 
@@ -18,6 +19,13 @@ export function place(element, box) {
   element.hidden = !box;
   element.toggleAttribute("hidden", !box);
   if (box) set(element, { x: box[0], y: box[1], width: Math.max(0, box[2]), height: Math.max(0, box[3]) });
+}
+
+// A rectangle with a text, for the svg.
+export function labeledBox() {
+  const group = document.createElementNS(SVG, "g");
+  group.append(...["rect", "text"].map((name) => document.createElementNS(SVG, name)));
+  return group;
 }
 
 export function show(box, edited) {
@@ -44,7 +52,7 @@ export function point(event) {
 
 const span = ([x, y], [u, v]) => [Math.min(x, u), Math.min(y, v), Math.abs(u - x), Math.abs(v - y)];
 
-// A pointer is down: on a handle, in the box, or where a new one begins.
+// Starts to move a corner, to move the box, or to draw a new one, by the place of the pointer.
 export function grab(event) {
   overlay.setPointerCapture(event.pointerId);
   const start = point(event), corner = [...at("handles").children].indexOf(event.target);
@@ -67,14 +75,14 @@ export function drag(event) {
   draw();
 }
 
-// The box as it was let go, null for a mere click.
+// Ends it and returns the box, null for a click.
 export function drop(event) {
   const isClick = grip.start && Math.hypot(event.clientX - grip.start[0], event.clientY - grip.start[1]) < CLICK;
   drawn = isClick ? null : grip(point(event)).map((value) => Math.round(value * 100) / 100);
   return drawn;
 }
 
-export const middle = ([width, height]) =>
+export const centeredBox = ([width, height]) =>
   [(width - width / 4) / 2, (height - height / 4) / 2, width / 4, height / 4].map(Math.round);
 
 export function move(event) {
@@ -85,9 +93,9 @@ export function move(event) {
   draw();
 }
 
-export function begin(sizes) {
+export function init(sizes) {
   sizeOf = sizes;
-  for (let i = 0; i < 4; i++) at("handles").append(document.createElementNS("http://www.w3.org/2000/svg", "circle"));
+  for (let i = 0; i < 4; i++) at("handles").append(document.createElementNS(SVG, "circle"));
   NUMBERS.forEach((name, i) => at(`box-${name}`).addEventListener("input", (event) => {
     if (drawn && Number.isFinite(event.target.valueAsNumber)) { drawn = drawn.with(i, event.target.valueAsNumber); draw(); }
   }));

@@ -1,5 +1,5 @@
-// Calls a function with the newest of what comes, at most every so many milliseconds, and at last.
-export function seldom(interval, call) {
+// Calls a function with the newest values, at most once per interval in milliseconds, and after the last ones.
+export function throttle(interval, call) {
   let called = -Infinity, later = null, newest = [];
   const now = () => {
     clearTimeout(later);
@@ -9,6 +9,6 @@ export function seldom(interval, call) {
   return (...values) => {
     newest = values;
     if (performance.now() - called >= interval) now();
-    else later ??= setTimeout(now, 1.25 * interval);  // after what comes meanwhile, if it comes often
+    else later ??= setTimeout(now, 1.25 * interval);  // after the next values, if they come often
   };
 }
