@@ -180,7 +180,7 @@ def test_what_waits_is_published_before_the_topic_goes(one, listener, overlays, 
     for number in range(3):
         one.show(str(number))
     go_on.release(3)
-    one.outputs._drawing.close()
+    one.outputs._overlay.close()
     listener.wait_for(lambda: len(overlays) == 3)
 
 
