@@ -155,7 +155,7 @@ def particles_message(
         header: Header of the message.
         boxes: (N, 4) x, y, width, height in pixels.
         weights: (N,) their weights.
-        ids: (N,) of the targets that they are of.
+        ids: (N,) ids of their targets.
     """
     names = (*PARTICLE_FIELDS, "id")
     centers, depths = boxes[:, :2] + boxes[:, 2:] / 2, np.zeros(len(boxes))
@@ -178,16 +178,16 @@ def particles_message(
     )
 
 
-def markers_message(new: MessageFactory, header: Any, outlines: Sequence[BoxMarker]) -> Any:
-    """Boxes as visualization_msgs/MarkerArray, which replaces all markers before it.
+def markers_message(new: MessageFactory, header: Any, boxes: Sequence[BoxMarker]) -> Any:
+    """Boxes as visualization_msgs/MarkerArray, which replaces all earlier markers.
 
-    The first marker deletes those; then come for each box a line (namespace `boxes`) and a text
-    (`labels`) of its id.
+    The first marker deletes them. Each box has a line (namespace `boxes`) and a text (`labels`),
+    with its id.
 
     Args:
         new: See the module.
-        header: Of each marker.
-        outlines: What to draw.
+        header: Header of each marker.
+        boxes: Boxes with their texts and colors.
     """
 
     def pose(x: float, y: float) -> Any:
@@ -195,15 +195,15 @@ def markers_message(new: MessageFactory, header: Any, outlines: Sequence[BoxMark
         return new("geometry_msgs/msg/Pose", position=new(_POINT, x=x, y=y), orientation=upright)
 
     markers = [new(_MARKER, header=header, action=_DELETE_ALL, pose=pose(0.0, 0.0))]
-    for outline in outlines:
-        corners = [new(_POINT, x=x, y=y) for x, y in box_corners(outline.box)]
-        color = new("std_msgs/msg/ColorRGBA", **dict(zip("rgba", outline.color, strict=True)))
-        shared = {"header": header, "id": outline.id, "action": _ADD, "color": color}
+    for box in boxes:
+        corners = [new(_POINT, x=x, y=y) for x, y in box_corners(box.box)]
+        color = new("std_msgs/msg/ColorRGBA", **dict(zip("rgba", box.color, strict=True)))
+        shared = {"header": header, "id": box.id, "action": _ADD, "color": color}
         line = {
             "ns": "boxes",
             "type": _LINE_STRIP,
             "pose": pose(0.0, 0.0),
-            "scale": new("geometry_msgs/msg/Vector3", x=outline.width),
+            "scale": new("geometry_msgs/msg/Vector3", x=box.width),
             "points": [*corners, corners[0]],
         }
         text = {
@@ -211,7 +211,7 @@ def markers_message(new: MessageFactory, header: Any, outlines: Sequence[BoxMark
             "type": _TEXT,
             "pose": pose(corners[0].x, corners[0].y - _TEXT_HEIGHT / 2),
             "scale": new("geometry_msgs/msg/Vector3", z=_TEXT_HEIGHT),
-            "text": outline.text,
+            "text": box.text,
         }
         markers += [new(_MARKER, **shared, **line), new(_MARKER, **shared, **text)]
     return new(MARKERS_TYPE, markers=markers)

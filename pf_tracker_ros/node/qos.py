@@ -70,7 +70,7 @@ def subscribe(
     return _create(node, create, topic, entity="subscription", profile=profile, report=report)
 
 
-def take_pending(subscription: Subscription, most: int | None = None) -> int:
+def take_pending(subscription: Subscription, limit: int | None = None) -> int:
     """Run a subscription's callback with its pending messages; returns their number.
 
     The executor takes one message of each subscription in turn, so the second of two messages
@@ -78,10 +78,10 @@ def take_pending(subscription: Subscription, most: int | None = None) -> int:
 
     Args:
         subscription: The subscription.
-        most: Maximum number of messages; None for all.
+        limit: Maximum number of messages; None for all.
     """
     taken = 0
-    while taken != most and (message := take_oldest(subscription)) is not None:
+    while taken != limit and (message := take_oldest(subscription)) is not None:
         subscription.callback(message)
         taken += 1
     return taken

@@ -131,7 +131,7 @@ def _shutdown_on_signal(reader: int) -> Iterator[None]:
 
 def _create_and_spin(create: Callable[[], Node], command_line: list[str], reader: int) -> None:
     """Create the node and spin it; no reference to it is left afterwards."""
-    # Before the signal handling: a half-made executor logs errors at a shutdown.
+    # Before the signal handling: a shutdown during its construction logs errors.
     executor = SingleThreadedExecutor()
     with _shutdown_on_signal(reader):
         try:
@@ -146,7 +146,7 @@ def _create_and_spin(create: Callable[[], Node], command_line: list[str], reader
                 node.get_logger().warning(warning)
             _spin(executor, node)
         except Exception:
-            # Half-made objects raise anything at a shutdown.
+            # A shutdown during a construction raises any exception.
             if ok():
                 raise
         finally:

@@ -115,9 +115,9 @@ class ImageSubscription:
             self._check_timer = None
         self._unsubscribe()
 
-    def take_pending(self, most: int) -> int:
-        """Receive at most `most` deferred images; returns their number."""
-        return take_pending(self._subscription, most) if self._subscription else 0
+    def take_pending(self, limit: int) -> int:
+        """Receive at most `limit` deferred images; returns their number."""
+        return take_pending(self._subscription, limit) if self._subscription else 0
 
     def _offered_reliability(self, topic: str) -> str:
         """The reliability that all publishers offer; the present one without publishers."""

@@ -30,7 +30,7 @@ class _DetectorChoice(NamedTuple):
 
     @classmethod
     def of(cls, values: Values) -> _DetectorChoice:
-        """The choice by the values of all parameters."""
+        """The choice by the values of all parameters of the node."""
         node = build(NodeParameters, {name: values[name] for name in declarations(NodeParameters)})
         name = node.built_in_detector
         return cls(name, node.detector_parameters.get(name), node.built_in_detector_rate)

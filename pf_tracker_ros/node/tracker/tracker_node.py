@@ -65,8 +65,8 @@ class TrackerNode(ManagedNode):
     node runs, but does not track until the parameter is corrected.
 
     Args:
-        command_line: Command line of the process; it has the order of parameters and parameter
-            files, which the node's overrides have not.
+        command_line: Command line of the process, for the order of parameters and parameter files;
+            the node's overrides have no order.
         has_process: Whether the node owns the process, and may set its priority.
         **options: Keyword arguments of `rclpy.node.Node`.
     """
@@ -353,7 +353,7 @@ class TrackerNode(ManagedNode):
         return _Processed(outcome.frame, result)
 
     def _frame_result(self, image: NDArray[Any] | None = None) -> FrameResult:
-        """The result after a processed frame, with its image where it is shown."""
+        """The result after a processed frame; `image` is that of the frame."""
         session = self._manager.session
         if session is None:
             return FrameResult()
