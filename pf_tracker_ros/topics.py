@@ -46,7 +46,7 @@ _UNLABELED = "target"
 SKIPPED = ("refused", *DROPPED_ARRIVALS, "paused")
 """Outcomes of skipped frames; "paused" is the node's alone."""
 
-Values = dict[str, str | float | int]
+StatusValues = dict[str, str | float | int]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,7 +85,7 @@ class FrameResult:
         return [target for target in self.targets if target.estimate.state != "lost"]
 
     @property
-    def values(self) -> Values:
+    def values(self) -> StatusValues:
         """Values of the status for the frame and the selected target."""
         values = common_values(self.targets, self.selected, self.detector_runs, self.estimate)
         return values | likelihood_values(self.likelihood) if self.likelihood else values
@@ -208,10 +208,10 @@ def _likelihood(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     return image_message(new, header, result.likelihood.log_likelihood.astype(np.float32))
 
 
-def likelihood_values(likelihood: LikelihoodMap) -> Values:
+def likelihood_values(likelihood: LikelihoodMap) -> StatusValues:
     """Extent of the likelihood image and the cues' likelihoods, under the keys of the status."""
     x, y, side, _ = likelihood.extent
-    values: Values = {"likelihood_x": x, "likelihood_y": y, "likelihood_side": side}
+    values: StatusValues = {"likelihood_x": x, "likelihood_y": y, "likelihood_side": side}
     for name, cue in likelihood.cues.items():
         values[f"at_target_{name}"] = cue.at_target
         values[f"at_second_peak_{name}"] = cue.at_second_peak

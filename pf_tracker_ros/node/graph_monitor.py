@@ -113,7 +113,8 @@ class GraphMonitor:
                 remedy = f"receive them with -p image_transport:=compressed{remapping}"
             elif not publishes:
                 remedy = f"publish {mine.topic_type}, or {remedy}"
-            return f"{them}, which {they} {other.topic_type}, but {me} {we} {mine.topic_type}; {remedy}"
+            types = f"{they} {other.topic_type}, but {me} {we} {mine.topic_type}"
+            return f"{them}, which {types}; {remedy}"
         profiles = mine.qos_profile, other.qos_profile
         policy = _differing_policy(*(profiles if publishes else profiles[::-1]))
         if not policy:

@@ -16,7 +16,7 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.parameter_group import ParameterGroup, ResetCondition, Values
+from pf_tracker_ros.node.parameter_group import ParameterGroup, ParameterValues, ResetCondition
 from pf_tracker_ros.node.ros_parameters import descriptor_of, ros_parameter, ros_type
 from pf_tracker_ros.parameters import Declaration
 
@@ -82,15 +82,15 @@ class ParameterBinding:
         self._superseded: set[str] = set()
         self._locked = False
         self._request: _Request | None = None
-        self._check: Callable[[Values], None] = lambda values: None
-        self._apply: Callable[[Values], None] = lambda changes: None
+        self._check: Callable[[ParameterValues], None] = lambda values: None
+        self._apply: Callable[[ParameterValues], None] = lambda changes: None
         self._ready: Callable[[], bool] = lambda: True
 
     def declare(
         self,
         group_type: type,
         *,
-        defaults: Callable[[Values], Values] | None = None,
+        defaults: Callable[[ParameterValues], ParameterValues] | None = None,
         reset_by: Mapping[str, ResetCondition] | None = None,
         kept: Collection[str] = (),
         superseded: Collection[str] = (),
@@ -147,8 +147,8 @@ class ParameterBinding:
     def listen(
         self,
         *,
-        check: Callable[[Values], None] | None = None,
-        apply: Callable[[Values], None] | None = None,
+        check: Callable[[ParameterValues], None] | None = None,
+        apply: Callable[[ParameterValues], None] | None = None,
         ready: Callable[[], bool] | None = None,
     ) -> None:
         """Follow changes at run time, and report unknown parameters given at start-up.

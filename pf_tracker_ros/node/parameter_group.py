@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from pf_tracker_ros.node.ros_parameters import checked_value
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
-Values = Mapping[str, Any]
+ParameterValues = Mapping[str, Any]
 ResetCondition = Callable[[Any, Any], bool]
 """Returns from the present and the new value of a parameter whether it resets others."""
 
@@ -49,7 +49,7 @@ class ParameterGroup:
 
     group_type: type
     keeps_read_only: bool
-    defaults: Callable[[Values], Values]
+    defaults: Callable[[ParameterValues], ParameterValues]
     reset_by: Mapping[str, ResetCondition]
     kept: Collection[str] = ()
     declared: Collection[str] = ()
@@ -63,14 +63,16 @@ class ParameterGroup:
             if name not in self.declared
         }
 
-    def is_reset(self, before: Values, changes: Values) -> bool:
+    def is_reset(self, before: ParameterValues, changes: ParameterValues) -> bool:
         """Whether changes of earlier groups reset this one; both full name to value."""
         return any(
             name in changes and resets(before[name], changes[name])
             for name, resets in self.reset_by.items()
         )
 
-    def read(self, given: Mapping[str, Parameter], before: Values, others: Values) -> Reading:
+    def read(
+        self, given: Mapping[str, Parameter], before: ParameterValues, others: ParameterValues
+    ) -> Reading:
         """Check given values, and complete them.
 
         Args:

@@ -84,8 +84,8 @@ class Client(Node):
         self.statuses, self.boxes, self.particles, self.overlays = [], [], [], []
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
-        quality = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
-        self.images = self.create_publisher(Image, "image", quality)
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
+        self.images = self.create_publisher(Image, "image", profile)
         # With a full history, Fast DDS requests an acknowledgment with each message, otherwise
         # every three seconds.
         self.targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 1)
@@ -105,8 +105,8 @@ class Client(Node):
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
         for message_type, name, callback in subscriptions:
-            quality = latched if name == "status" else _DEPTH
-            self.create_subscription(message_type, f"pf_tracker/{name}", callback, quality)
+            profile = latched if name == "status" else _DEPTH
+            self.create_subscription(message_type, f"pf_tracker/{name}", callback, profile)
         self.health = []
         self.create_subscription(
             DiagnosticArray,

@@ -180,7 +180,7 @@ REFUSED = {
         {"engine.kind": "none", "signals": ["bell"], "bell.tone": 5},
         "no cars without an engine",
     ),
-    "a foreign parameter of a wrong type": (
+    "another parameter of another type": (
         {"signals": ["bell"], "bell.tone": 5, "use_sim_time": 1},
         "expected 'Type.BOOL'",
     ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from pf_tracker_ros.node.parameter_group import Values
+from pf_tracker_ros.node.parameter_group import ParameterValues
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.plurals import counted
@@ -29,7 +29,7 @@ class _DetectorChoice(NamedTuple):
     rate: float = 0.0
 
     @classmethod
-    def of(cls, values: Values) -> _DetectorChoice:
+    def of(cls, values: ParameterValues) -> _DetectorChoice:
         """The choice by the values of all parameters of the node."""
         node = build(NodeParameters, {name: values[name] for name in declarations(NodeParameters)})
         name = node.built_in_detector
@@ -65,7 +65,7 @@ class SessionManager:
         self._detector_thread: DetectorThread | None = None
         self._choice = _DetectorChoice()
 
-    def check(self, values: Values) -> None:
+    def check(self, values: ParameterValues) -> None:
         """Check parameters as `configure` does, without a change.
 
         Raises:
@@ -79,7 +79,7 @@ class SessionManager:
         if choice[:2] != self._choice[:2]:
             choice.make()
 
-    def configure(self, values: Values) -> None:
+    def configure(self, values: ParameterValues) -> None:
         """Apply parameters; creates the session and the detector as needed.
 
         Args:
@@ -161,5 +161,5 @@ class SessionManager:
         self._detector_thread, self._choice = None, _DetectorChoice()
 
 
-def _tracker_values(values: Values) -> dict[str, Any]:
+def _tracker_values(values: ParameterValues) -> dict[str, Any]:
     return {name: values[name] for name in declarations(TrackerParameters)}

@@ -20,7 +20,7 @@ from pf_tracker_ros.node.graph_monitor import GraphMonitor
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.override_sources import parameters_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
-from pf_tracker_ros.node.parameter_group import Values
+from pf_tracker_ros.node.parameter_group import ParameterValues
 from pf_tracker_ros.node.parameter_requests import serve_atomic_requests
 from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.real_time import RealTimePriority
@@ -130,7 +130,7 @@ class TrackerNode(ManagedNode):
             self._log.info("waiting to be configured and activated, as 'autostart' is false")
 
     @property
-    def _values(self) -> Values:
+    def _values(self) -> ParameterValues:
         return self._binding.values
 
     def _update_preset(self) -> None:
@@ -205,11 +205,11 @@ class TrackerNode(ManagedNode):
 
     # Parameters
 
-    def _check(self, values: Values) -> None:
+    def _check(self, values: ParameterValues) -> None:
         if self._manager.session or not (self._configuration_error or self._binding.refused):
             self._manager.check(values)
 
-    def _apply(self, changes: Values) -> None:
+    def _apply(self, changes: ParameterValues) -> None:
         self._update_preset()
         if changes.keys() & {"preset", "max_targets"}:
             self._log.info(f"preset {self._preset.description}")
@@ -480,7 +480,7 @@ class _Processed(NamedTuple):
     result: FrameResult | None = None
 
 
-def _is_multi_target(values: Values) -> bool:
+def _is_multi_target(values: ParameterValues) -> bool:
     """Whether more than one target is allowed."""
     return bool(values["max_targets"] > 1)
 

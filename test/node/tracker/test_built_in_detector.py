@@ -13,7 +13,7 @@ from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
-SEVERAL = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
+MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
 
 
 def scene(number):
@@ -39,7 +39,7 @@ def show_until(client, condition, first=0, scene=scene):
 
 
 def test_a_moving_object_starts_a_target(graph, client):
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     status, number = show_until(client, lambda status: status.targets)
     assert status.targets[0].values["label"] == "moving"
     for following in range(number, number + 5):
@@ -49,7 +49,7 @@ def test_a_moving_object_starts_a_target(graph, client):
 
 
 def test_the_detector_changes_at_run_time(graph, client):
-    graph.tracker(client, **SEVERAL)
+    graph.tracker(client, **MULTI_TARGET)
     key = "detector_runs"
     for number in range(3):
         assert client.show(scene(number)[0], client.at(number)).values[key] == "0"
@@ -63,7 +63,7 @@ def test_the_detector_changes_at_run_time(graph, client):
 
 
 def test_a_detector_starts_a_single_target(graph, client):
-    graph.tracker(client, built_in_detector="motion", **{**SEVERAL, "max_targets": 1})
+    graph.tracker(client, built_in_detector="motion", **{**MULTI_TARGET, "max_targets": 1})
     status, _ = show_until(client, lambda status: status.targets)
     assert (status.values["state"], status.values["selected"]) == ("tracking", "1")
     assert status.targets[0].values["label"] == "moving"
@@ -89,7 +89,7 @@ def without_people_detector(monkeypatch):
 
 @pytest.mark.usefixtures("without_people_detector")
 def test_a_failing_detector_is_refused_and_changes_nothing(graph, client):
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     _, number = show_until(client, lambda status: status.targets)
     refused = client.set_parameters(built_in_detector="people", particles=77)
     assert not refused.successful
@@ -101,7 +101,7 @@ def test_a_failing_detector_is_refused_and_changes_nothing(graph, client):
 
 @pytest.mark.usefixtures("without_people_detector")
 def test_a_failing_detector_at_start_up_keeps_the_node_idle_until_corrected(graph, client):
-    graph.tracker(client, built_in_detector="people", **SEVERAL)
+    graph.tracker(client, built_in_detector="people", **MULTI_TARGET)
     status = client.show(scene(0)[0], client.at(0))
     assert (status.level, status.values["frame"]) == ("ERROR", "waiting")
     assert "not tracking: the built-in detector 'people' cannot be created" in status.message
@@ -116,7 +116,7 @@ def test_an_error_while_detecting_costs_no_frame(graph, client, monkeypatch):
             raise RuntimeError("no eyes")
 
     monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Broken))
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: no eyes"
     assert status.values["frame"] == "waiting"
@@ -132,7 +132,7 @@ def test_detections_of_frames_before_a_time_jump_are_discarded(graph, client, mo
             return Detections([[100.0, 10.0, 30.0, 30.0]])
 
     monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Slow))
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     try:
         client.show(scene(0)[0], client.at(50))
         client.show(scene(0)[0], client.at(0))

@@ -100,8 +100,8 @@ class Compressed:
 
     def __init__(self, client, topic="image/compressed"):
         self._client = client
-        quality = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._publisher = client.create_publisher(CompressedImage, topic, quality)
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        self._publisher = client.create_publisher(CompressedImage, topic, profile)
 
     def meet(self, node):
         def is_connected():

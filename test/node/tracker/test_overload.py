@@ -29,8 +29,8 @@ class Overload:
     def __init__(self, context, overrides):
         self.node = Node("overloaded", context=context, parameter_overrides=overrides)
         self.published, self.processed = [], []
-        quality = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._images = self.node.create_publisher(Image, "image", quality)
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        self._images = self.node.create_publisher(Image, "image", profile)
         self._numbers = count(1)
         self._last = 0
         self.input = ImageSubscription(self.node, self._process, pytest.fail)

@@ -168,16 +168,16 @@ def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes
     client.show(images[0], client.at(0))
     names = ["preset", "particles", "motion.model", "time_jump", "click_size"]
     before = client.get_parameters(*names)
-    wrong = {
+    invalid = {
         "preset": "zhang2015",
         "particles": 77,
         "motion__model": "affine",
         "time_jump": "wait",
         "click_size": -1.0,
     }
-    assert not client.set_parameters(**wrong).successful
+    assert not client.set_parameters(**invalid).successful
     assert client.get_parameters(*names) == before
-    assert client.set_parameters(**wrong | {"click_size": 9.0}).successful
+    assert client.set_parameters(**invalid | {"click_size": 9.0}).successful
     assert client.get_parameters(*names) == ["zhang2015", 77, "affine", "wait", 9.0]
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 

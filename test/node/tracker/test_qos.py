@@ -30,16 +30,16 @@ def reliability(node, topic="/image"):
 def lossy_camera(graph):
     """A best-effort camera in its own context."""
     camera = rclpy.create_node("lossy", context=graph.context())
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    camera.create_publisher(Image, "image", quality)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    camera.create_publisher(Image, "image", profile)
     return camera
 
 
 def test_images_are_requested_reliably_without_a_camera(graph):
     node = graph.tracker()
-    quality = endpoint(node, "/image")
-    assert quality.reliability == ReliabilityPolicy.RELIABLE
-    assert quality.durability == DurabilityPolicy.VOLATILE
+    profile = endpoint(node, "/image")
+    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.durability == DurabilityPolicy.VOLATILE
 
 
 def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
@@ -74,8 +74,8 @@ def test_a_given_reliability_stays_with_any_camera(graph, reliability_given):
 def test_auto_requests_the_offered_reliability_of_compressed_images(graph):
     node = graph.tracker(image_transport="compressed")
     camera = graph.client()
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    camera.create_publisher(CompressedImage, "image/compressed", quality)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    camera.create_publisher(CompressedImage, "image/compressed", profile)
     camera.wait_for(
         lambda: reliability(node, "/image/compressed") == ["BEST_EFFORT"], "best effort"
     )
@@ -96,8 +96,8 @@ def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
 def test_a_best_effort_publisher_of_targets_is_reported(graph, images):
     client = graph.client()
     graph.tracker(client, **QUICK)
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    client.create_publisher(PolygonStamped, "pf_tracker/target", profile)
     text = client.wait_for(lambda: last_error(client), "report")
     assert text == (
         "nothing arrives on /pf_tracker/target from /client (RELIABILITY BEST_EFFORT), but "
@@ -133,9 +133,9 @@ def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
     tracker = graph.tracker(client, **QUICK)
     faults = []
     monitor = GraphMonitor(tracker, faults.append)
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     for count in (1, 2):
-        publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
+        publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", profile)
         client.wait_for(lambda count=count: len(faults) == count, "report")
         before = len(client.health)
         client.wait_for(lambda before=before: len(client.health) == before + 2, "further polls")

@@ -170,12 +170,12 @@ IMAGES = st.tuples(
     ),
     STAMPS,
 )
-PICTURES = st.tuples(st.just("picture"), st.integers(0, 19), STAMPS)
+VALID_IMAGES = st.tuples(st.just("valid image"), st.integers(0, 19), STAMPS)
 TARGETS = st.tuples(
     st.just("target"), st.lists(st.tuples(COORDINATES, COORDINATES), max_size=4), STAMPS
 )
 CLICKS = st.tuples(st.just("click"), st.tuples(st.floats(), st.floats()), STAMPS)
-SERVICES = st.tuples(st.sampled_from(["stop", "pause", "go on"]), st.none(), st.none())
+SERVICES = st.tuples(st.sampled_from(["stop", "pause", "resume"]), st.none(), st.none())
 
 
 def valid(declaration):
@@ -216,7 +216,7 @@ SETS = st.tuples(
     | parameters(NAMES, lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name]))),
     st.none(),
 )
-EVENTS = st.one_of(IMAGES, PICTURES, TARGETS, CLICKS, SERVICES, SETS)
+EVENTS = st.one_of(IMAGES, VALID_IMAGES, TARGETS, CLICKS, SERVICES, SETS)
 
 
 class Sender:
@@ -233,7 +233,7 @@ class Sender:
     def send(self, kind, content, stamp):
         if kind == "image":
             message = Image(**content)
-        elif kind == "picture":
+        elif kind == "valid image":
             message = self._client.message(self._images[content], 0)
         elif kind == "target":
             message = PolygonStamped()
@@ -248,7 +248,7 @@ class Sender:
             service, request = {
                 "stop": (self._stop, Trigger.Request()),
                 "pause": (self._enable, SetBool.Request(data=False)),
-                "go on": (self._enable, SetBool.Request(data=True)),
+                "resume": (self._enable, SetBool.Request(data=True)),
             }[kind]
             self._client.call(service.call_async, request)
             return
@@ -288,7 +288,7 @@ def test_after_any_messages_in_any_order_the_next_target_is_tracked(
     def check(events):
         for event in events:
             sender.send(*event)
-        sender.send("go on", None, None)
+        sender.send("resume", None, None)
         sender.send("stop", None, None)
         assert sender.set(calm()).result.successful
         # After all pending messages.
@@ -307,11 +307,15 @@ def test_any_parameter_values_keep_the_target(graph, client, images, box):
     sender = Sender(client, images)
     client.show(images[0], client.at(0))
     names = st.sampled_from(NAMES)
-    wrong = names.flatmap(lambda name: st.tuples(st.just(name), ANY_VALUE))
-    right = names.flatmap(lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name])))
+    invalid_items = names.flatmap(lambda name: st.tuples(st.just(name), ANY_VALUE))
+    valid_items = names.flatmap(lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name])))
 
     @cases(40)
-    @given(st.lists(wrong | right, min_size=1, max_size=3, unique_by=lambda item: item[0]))
+    @given(
+        st.lists(
+            invalid_items | valid_items, min_size=1, max_size=3, unique_by=lambda item: item[0]
+        )
+    )
     def check(values):
         result = sender.set(values).result
         assert result.successful or result.reason

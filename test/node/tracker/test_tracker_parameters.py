@@ -72,7 +72,7 @@ REFUSED = {
     "out of range": ("particles", 0, 20, "int, 1 to 100000"),
     "not a number": ("motion__position_noise", math.nan, 0.5, "float, 0 to 50"),
     "infinite": ("track__lost_after", math.inf, 2.0, "float, 0 to 3600"),
-    "of the wrong type": ("particles", "many", 20, "int, 1 to 100000"),
+    "of another type": ("particles", "many", 20, "int, 1 to 100000"),
     "no choice": ("resampling__scheme", "fair", "systematic", "'stratified'"),
     "no model": ("motion__model", "straight", "constant_velocity", "'constant_velo"),
     "no cue": ("cues", ["smell"], ["color_contrast"], "list of strings, each at most once"),
@@ -85,21 +85,21 @@ REFUSED = {
 
 @pytest.mark.parametrize("kind", REFUSED)
 def test_an_invalid_parameter_keeps_the_node_idle_until_corrected(graph, client, images, kind):
-    name, wrong, right, allowed = REFUSED[kind]
+    name, invalid, valid, allowed = REFUSED[kind]
     box = [20.0, 30.0, 24.0, 24.0]
-    graph.tracker(client, **{"target_box": box, **QUICK, name: wrong})
+    graph.tracker(client, **{"target_box": box, **QUICK, name: invalid})
     for index in range(2):
         status = client.show(images[0], client.at(index))
         assert (status.level, status.values["state"]) == ("ERROR", "idle")
         for text in (status.message, status.values["last_error"]):
-            assert f"parameter '{name.replace('__', '.')}' is {wrong!r}" in text
+            assert f"parameter '{name.replace('__', '.')}' is {invalid!r}" in text
             assert allowed in text
     client.point_at(box)
     status = client.show(images[0], client.at(2))
     assert "target refused: not tracking" in status.message
     assert not client.boxes
 
-    assert client.set_parameters(**{name: right}).successful
+    assert client.set_parameters(**{name: valid}).successful
     status = client.show(images[1], client.at(3))
     assert (status.level, status.values["frame"]) == ("OK", "started")
     client.box_at(client.at(3))
@@ -181,8 +181,8 @@ def test_a_change_at_run_time_keeps_the_target(graph, client, images, box):
 def test_a_refused_request_changes_nothing_and_is_reported(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
-    for wrong in ({"particles": 0}, {"track__lost_after": math.nan}, {"resampling__scheme": ""}):
-        result = client.set_parameters(**{"motion__position_noise": 3.0, **wrong})
+    for invalid in ({"particles": 0}, {"track__lost_after": math.nan}, {"resampling__scheme": ""}):
+        result = client.set_parameters(**{"motion__position_noise": 3.0, **invalid})
         assert not result.successful
         assert result.reason
     assert get(client, "motion.position_noise", "particles") == [

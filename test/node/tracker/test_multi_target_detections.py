@@ -286,8 +286,8 @@ def test_detections_without_stamps_are_of_the_next_image(client, start_detector,
 
 def test_a_detector_at_best_effort_is_reported(client, graph, detector):
     node = graph.tracker(client, **MULTI_TARGET)
-    quality = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
-    client.create_publisher(detector.kind(), "detections", quality)
+    profile = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
+    client.create_publisher(detector.kind(), "detections", profile)
     image = np.zeros((20, 20), np.uint8)
     frame = 0
 
