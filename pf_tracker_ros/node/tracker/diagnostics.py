@@ -23,7 +23,7 @@ from pf_tracker_ros.node.image_topics import image_publisher_hint
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.topics import SKIPPED
+from pf_tracker_ros.topics import SKIPPED, StatusValues
 from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN
 
 # With fewer intervals there is no estimate.
@@ -84,7 +84,7 @@ def frame_statistics(stamps: Sequence[int], arrivals: Sequence[float]) -> FrameS
     if longer > (1.0 + _RATE_TOLERANCE) * shorter:
         return None
     multiples = gaps / interval
-    # An error of the interval adds up over a long gap, which shows no regularity.
+    # The error of the interval adds up over a long gap: only short gaps show regularity.
     short = multiples[multiples < _MAX_MULTIPLE]
     if np.mean(np.abs(short - np.rint(short)) < _MULTIPLE_TOLERANCE) < _REGULAR_SHARE:
         return None
@@ -128,8 +128,8 @@ def overload_warning(processing: float) -> str:
         processing: Processing time of a frame, seconds.
     """
     return (
-        f"overloaded: a frame takes {1e3 * processing:.0f} ms, longer than the camera's interval; "
-        "use a cheaper preset, fewer particles or smaller images"
+        f"overloaded, so frames are dropped: each takes {1e3 * processing:.0f} ms; use a cheaper "
+        "preset, fewer particles or smaller images"
     )
 
 
@@ -155,8 +155,6 @@ def loss_warning(found: FrameStatistics, topic: str, reliability: str) -> str:
         f"or {profile}"
     )
 
-
-Value = str | float | int
 
 PERIOD = 1.0
 _WINDOW = 5.0
@@ -189,7 +187,7 @@ class Health:
     image_topic: str
     image_reliability: str
     is_compressed: bool
-    values: dict[str, Value]
+    values: StatusValues
 
 
 @dataclass(frozen=True)
@@ -319,9 +317,9 @@ class Diagnostics:
         """Mean processing time of a frame, seconds."""
         return sum(frame.processing for frame in self._frames) / len(self._frames)
 
-    def _statistics_values(self, now: float, found: FrameStatistics | None) -> dict[str, Value]:
+    def _statistics_values(self, now: float, found: FrameStatistics | None) -> StatusValues:
         frames = list(self._frames)
-        values: dict[str, Value] = {
+        values: StatusValues = {
             "input_rate": len(frames) / min(_WINDOW, max(now - self._start, PERIOD)),
             "frames": self._outcomes.total(),
         }

@@ -24,8 +24,8 @@ _PROFILES = {
     "best_effort": QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
     "reliable": QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
 }
-# With a depth of 1, Fast DDS drops the complete image for the first fragment of the next one, so a
-# busy node would hardly receive any.
+# With a depth of 1, Fast DDS drops a complete image for the first fragment of the next one: a busy
+# node would hardly receive any.
 _NEWEST_RELIABLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
 # For a callback group that defers images.
 _DEFERRED = {
@@ -33,8 +33,8 @@ _DEFERRED = {
     for name, profile in _PROFILES.items()
 }
 
-# An image was queued if it comes within this share of the last one's processing time after it. So
-# many in a row are an overload: the newest is processed. After one hold-up, all are.
+# An image that follows the last one within this share of its processing time was in the queue.
+# After this many in a row the newest image is processed; after a single hold-up each of them is.
 _QUEUED_WITHIN, _MAX_QUEUED = 0.25, 3
 
 # The remedy for a publisher that offers less reliability than requested.

@@ -20,7 +20,7 @@ from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
     description,
 )
-from pf_tracker_ros.topics import FrameResult
+from pf_tracker_ros.topics import FrameResult, StatusValues
 from pf_tracker_ros.tracking.estimate import SEVERITIES, Estimate
 
 # Seconds of skipped frames before a warning. Single duplicate or broken frames are normal.
@@ -241,9 +241,9 @@ class NodeStatus:
         return description(self.result.targets, self.result.selected)
 
     @property
-    def values(self) -> dict[str, str | float | int]:
+    def values(self) -> StatusValues:
         """State and estimate of the target, key to value; no estimate of a skipped frame."""
-        values: dict[str, str | float | int] = {"state": self.state}
+        values: StatusValues = {"state": self.state}
         if self.skipped:
             values["skipped_frames"] = self.skipped.count
             values["skipped_seconds"] = self.skipped.seconds
@@ -289,7 +289,7 @@ class StatusOutput:
             level = max(level, WARN)
         if status.configuration_error or not errors:
             errors.insert(0, status.description)
-        values: dict[str, str | float | int] = {"frame": status.outcome}
+        values: StatusValues = {"frame": status.outcome}
         values |= status.values
         values["processing_time_ms"] = 1e3 * elapsed
         values["frame_loss_rate"] = status.frame_loss_rate

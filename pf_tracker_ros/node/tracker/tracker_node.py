@@ -50,7 +50,7 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
-from pf_tracker_ros.topics import SKIPPED, FrameResult
+from pf_tracker_ros.topics import SKIPPED, FrameResult, StatusValues
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import ActivePreset, preset_parameters
 
@@ -445,7 +445,7 @@ class TrackerNode(ManagedNode):
         self._errors_in_health = self._reporter.count
         if errors and level == OK:
             level, message = WARN, self._reporter.last_error
-        values: dict[str, str | float | int] = {
+        values: StatusValues = {
             f"refused_{cause}": count for cause, count in self._reporter.failures.items()
         }
         values |= {

@@ -128,7 +128,7 @@ def test_an_overload_is_a_warning(graph, client, images, box):
 
     def overloaded():
         client.images.publish(client.message(images[0], client.at(next(numbers))))
-        return [h for h in client.health if "overloaded: " in h.message]
+        return [h for h in client.health if "overloaded, so frames are dropped" in h.message]
 
     report = client.wait_for(overloaded, "report of overload")[0]
     assert report.level == "WARN"
