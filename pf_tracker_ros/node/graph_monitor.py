@@ -86,8 +86,8 @@ class GraphMonitor:
             own, others = (side(topic) for side in (sides if publishes else sides[::-1]))
             for mine in [one for one in own if _name_of(one) == me][:1]:
                 for other in others:
-                    if why := self._mismatch(topic, mine, other, publishes=publishes):
-                        yield why, _POLLS_UNNAMED if _name_of(other) == _UNNAMED else _POLLS
+                    if fault := self._mismatch(topic, mine, other, publishes=publishes):
+                        yield fault, _POLLS_UNNAMED if _name_of(other) == _UNNAMED else _POLLS
 
     def _has_unmatched(self, endpoint: Publisher | Subscription) -> bool:
         """Whether the topic has more endpoints on the other side than are matched."""
