@@ -1,11 +1,11 @@
-"""Start the tracker on a camera's images with a detector that starts and corrects its targets.
+"""Start the tracker on a camera's images, with a detector that starts and corrects targets.
 
-For example, on what a YOLO says of people and cars, a few times a second::
+For example, with a YOLO that detects people and cars a few times a second::
 
     ros2 launch pf_tracker_ros detector.launch.py image:=/camera/image_raw \
         detections:=/yolo/detections labels:=person,car
 
-Or with the tracker's own detector of people, and no other node::
+Or with the built-in detector of people, without another node::
 
     ros2 launch pf_tracker_ros detector.launch.py image:=/camera/image_raw \
         built_in_detector:=people
@@ -26,12 +26,12 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
-# Arguments that are parameters of the tracker and have the names of these.
+# Arguments that are parameters of the tracker, by the same name.
 EXTRA_TRACKER_PARAMETERS = ("max_targets", "built_in_detector", "built_in_detector_rate")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
-    """The tracker node with what was given, and a console; the rest is for their own defaults."""
+    """The tracker with the given arguments, and a console on request."""
     given = LaunchArguments(context)
     parameters = tracker_parameters(given)
     declared = declarations(NodeParameters)
@@ -50,25 +50,22 @@ def start_tracker(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Arguments and the tracker; an empty argument leaves the node's own default in force."""
+    """Arguments and the tracker; an empty argument keeps the node's default."""
     return LaunchDescription(
         [
             *shared_arguments("image"),
             argument(
                 "detections",
-                "Topic of the detector, vision_msgs/Detection2DArray with the stamps of the "
-                "images that it saw.",
+                "Topic of the detector, vision_msgs/Detection2DArray, stamped as its images.",
                 default="detections",
             ),
             argument(
-                "labels", "Labels of the detections that count, such as person,car; empty: all."
+                "labels", "Labels of the detections to use, such as person,car; empty for all."
             ),
-            argument("score_above", "Detections of a lower score are left out."),
-            argument("max_targets", "Most targets at a time.", default="32"),
-            argument(
-                "built_in_detector", "none, people or motion: a detector of the tracker's own."
-            ),
-            argument("built_in_detector_rate", "Most frames in a second that it looks at."),
+            argument("score_above", "Minimum score of detections."),
+            argument("max_targets", "Maximum number of targets.", default="32"),
+            argument("built_in_detector", "Detector within the tracker: none, people or motion."),
+            argument("built_in_detector_rate", "Maximum rate of the built-in detector, Hz."),
             *shared_arguments("namespace", "preset", "params_file"),
             *shared_arguments("image_reliability", "image_transport", "seed"),
             *shared_arguments(

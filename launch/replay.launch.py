@@ -1,10 +1,10 @@
-"""Replay a recording as a camera's topic, into a tracker unless told otherwise.
+"""Replay a recording as a camera's topic, by default with a tracker.
 
 For example, a video whose target is drawn as a box in its first frame::
 
     ros2 launch pf_tracker_ros replay.launch.py source:=clip.mp4 target_box:="[62, 31, 53, 70]"
 
-The launch ends with the recording, and fails if that cannot be played.
+The launch ends with the recording, and fails if the recording cannot be played.
 """
 
 from pathlib import Path
@@ -30,7 +30,7 @@ from pf_tracker_ros.parameters import declarations
 
 TEXTS = ("bag_topic",)
 FLAGS = ("loop", "start_paused", "lockstep", "target_from_ground_truth", "publish_clock")
-# Handed on to the tracker as they are.
+# Passed to the tracker unchanged.
 FORWARDED_ARGUMENTS = (
     "namespace",
     "preset",
@@ -45,7 +45,7 @@ FORWARDED_ARGUMENTS = (
 
 
 def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEventHandler]:
-    """The replay publisher with what was given, and the tracker that it plays to."""
+    """The replay publisher with the given arguments, and its tracker."""
     given = LaunchArguments(context)
     parameters = {name: ParameterValue(given.text(name), value_type=str) for name in TEXTS}
     parameters |= {name: given.flag(name) for name in FLAGS}
@@ -58,7 +58,7 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEv
         name="replay",
         parameters=[parameters],
         remappings=[("image", image), ("image/compressed", f"{image}/compressed")],
-        # Not as a parameter: so the launch ends at once if it cannot be played.
+        # Not as a parameter: the launch ends at once if the source cannot be played.
         arguments=[given.text("source"), *given.log_arguments()],
         on_exit=[
             Shutdown(reason="the replay has ended"),
@@ -74,17 +74,15 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEv
         launch_arguments={
             **{name: given.text(name) for name in FORWARDED_ARGUMENTS},
             "image": image,
-            # The replay publisher sends the target, after which it plays the first frame.
+            # The replay publisher sends the target before the first frame.
             "target_box": "",
             "image_reliability": "",
             "autostart": "true",
             "use_sim_time": given.text("publish_clock"),
         }.items(),
     )
-    # A group, because the tracker's arguments would otherwise replace those of the same name here.
-    # It comes first: where an argument is wrong, nothing runs that would outlive the launch.
-    # Without a tracker the replay would wait for one, or play to nobody.
-    watch = RegisterEventHandler(
+    # Without a tracker the replay would wait for one, or play to no subscriber.
+    on_tracker_exit = RegisterEventHandler(
         OnProcessExit(
             target_action=lambda action: getattr(action, "node_executable", "") == "tracker",
             on_exit=[
@@ -93,11 +91,13 @@ def start_replay(context: LaunchContext) -> list[Node | GroupAction | RegisterEv
             ],
         )
     )
-    return [watch, GroupAction([tracker]), replay]
+    # A group keeps the tracker's arguments from replacing those of the same name here. It precedes
+    # the replay: after an invalid argument no process outlives the launch.
+    return [on_tracker_exit, GroupAction([tracker]), replay]
 
 
 def fail_with(context: LaunchContext, name: str) -> None:
-    """Let the launch fail where a process of it has ended by itself with an error."""
+    """Let the launch fail after a process that ended by itself with an error."""
     code = context.locals.event.returncode
     if code and not context.is_shutdown:
         raise RuntimeError(f"the {name} has ended with the exit code {code}")
@@ -112,26 +112,26 @@ def generate_launch_description() -> LaunchDescription:
                 description="A rosbag2 folder or .mcap file, a video, a folder of images or a "
                 "sequence folder.",
             ),
-            argument(
-                "bag_topic", "Image topic of the bag; empty takes the only one that there is."
-            ),
+            argument("bag_topic", "Image topic of the bag; empty if it has only one."),
             argument("rate", "Speed relative to the recording.", default="1.0"),
-            argument("loop", "Begin again at the end.", default="false"),
+            argument("loop", "Start again at the end.", default="false"),
             argument(
                 "start_paused", "Wait for the service ~/pause before the first frame.", "false"
             ),
             argument(
-                "lockstep", "Play each frame after the tracker's answer to the last.", "false"
+                "lockstep",
+                "Publish each frame after the tracker's status of the last one.",
+                "false",
             ),
             argument("target_box", "Target in the first frame, [x, y, width, height] in pixels."),
             argument(
                 "target_from_ground_truth",
-                "Take the target from the source's ground truth.",
+                "Start the target on the first box of the ground truth.",
                 default="false",
             ),
             argument(
                 "publish_clock",
-                "Publish the recording's time on /clock, and track by it.",
+                "Publish the recording's time on /clock; the tracker uses it.",
                 default="false",
             ),
             *shared_arguments("image"),
@@ -139,7 +139,7 @@ def generate_launch_description() -> LaunchDescription:
             argument("tracker", "Start a tracker as well.", default="true"),
             argument(
                 "console",
-                "Serve the tracker's page on the loopback as long as the replay runs.",
+                "Serve the console on the loopback interface during the replay.",
                 default="false",
             ),
             *shared_arguments("console_port"),
@@ -147,15 +147,15 @@ def generate_launch_description() -> LaunchDescription:
             argument("params_file", "ROS parameter file of the tracker."),
             argument(
                 "image_transport",
-                "compressed for a bag of compressed images; else the tracker takes raw ones.",
+                "compressed for a bag of compressed images; empty expects raw ones.",
             ),
-            argument("seed", "Seeds all randomness of the tracker."),
+            argument("seed", "Seed of all random numbers of the tracker."),
             argument(
                 "large_images",
                 "Use the Fast DDS profile for large images in both nodes.",
                 default="false",
             ),
-            argument("log_level", "debug, info, warn, error or fatal, of both nodes."),
+            argument("log_level", "Log level of both nodes: debug, info, warn, error or fatal."),
             OpaqueFunction(function=start_replay),
         ]
     )

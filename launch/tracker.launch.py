@@ -20,7 +20,7 @@ from pf_tracker_ros.launching import (
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
-    """The tracker node with what was given, and a console; the rest is for their own defaults."""
+    """The tracker with the given arguments, and a console on request."""
     given = LaunchArguments(context)
     parameters = tracker_parameters(given)
     if not given.flag("autostart"):
@@ -31,19 +31,19 @@ def start_tracker(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Arguments and the tracker; an empty argument leaves the node's own default in force."""
+    """Arguments and the tracker; an empty argument keeps the node's default."""
     return LaunchDescription(
         [
             *shared_arguments("image", "namespace", "preset", "params_file"),
             argument(
                 "target_box",
-                "Box to track from the first image on, [x, y, width, height] in pixels; without it "
-                "the tracker waits for a target on ~/target.",
+                "Box to track from the first image on, [x, y, width, height] in pixels; empty "
+                "waits for a target on ~/target.",
             ),
             *shared_arguments("image_reliability", "image_transport", "seed"),
             argument(
                 "autostart",
-                "Start tracking at once; false leaves it to a lifecycle manager.",
+                "Activate the node at start-up; false waits for a lifecycle manager.",
                 default="true",
             ),
             *shared_arguments(

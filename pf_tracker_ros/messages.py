@@ -1,8 +1,8 @@
-"""ROS messages of images, boxes, particles and statuses, whoever makes and serializes them.
+"""ROS messages of images, boxes, particles and statuses, for the node and for bag writers.
 
-Each function is given `new`, which makes a message out of the name of its type and of fields, the
-others being 0 or empty: `new("geometry_msgs/msg/Point", x=1.0)`. A node gives one that makes
-rclpy's messages, a bag writer one that makes those of its own library.
+The argument `new` creates a message from the name of its type and from fields, the others being 0
+or empty: `new("geometry_msgs/msg/Point", x=1.0)`. The node's creates messages of rclpy, a bag
+writer's those of its own library.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pf_tracker_ros.boxes import Box, bounding_box, box_corners
 from pf_tracker_ros.plurals import counted
 
 MessageFactory = Callable[..., Any]
-"""Makes a message."""
+"""Creates a message from a type name and fields."""
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
 POLYGON_TYPE = "geometry_msgs/msg/PolygonStamped"
@@ -32,13 +32,13 @@ OK, WARN, ERROR = 0, 1, 2
 """Levels of diagnostic_msgs/DiagnosticStatus."""
 
 PARTICLE_FIELDS = ("x", "y", "z", "width", "height", "weight")
-# Bytes of a sample to an encoding.
+# Bytes of a sample to encoding.
 _GRAY = {1: "mono8", 2: "mono16", 4: "32FC1"}
 _STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
-# Of markers, pixels.
+# Height of the text of markers, pixels.
 _TEXT_HEIGHT = 16.0
 _MARKER, _POINT = "visualization_msgs/msg/Marker", "geometry_msgs/msg/Point"
-# visualization_msgs/Marker and sensor_msgs/PointField have them so.
+# Constants of visualization_msgs/Marker and sensor_msgs/PointField.
 _LINE_STRIP, _TEXT, _ADD, _DELETE_ALL = 4, 9, 0, 3
 _FIELD, _FLOAT32 = "sensor_msgs/msg/PointField", 7
 
@@ -47,11 +47,11 @@ class BoxMarker(NamedTuple):
     """A box with a text.
 
     Attributes:
-        id: Its own.
+        id: Id of the target.
         box: (x, y, width, height) in pixels.
-        text: At its upper left corner.
+        text: Text at its upper left corner.
         color: Red, green, blue and opacity, 0 to 1.
-        width: Of the line, pixels.
+        width: Line width, pixels.
     """
 
     id: int
@@ -62,13 +62,13 @@ class BoxMarker(NamedTuple):
 
 
 class Status(NamedTuple):
-    """One of several statuses.
+    """A diagnostic_msgs/DiagnosticStatus.
 
     Attributes:
-        name: Of the node that tells it, or of its part.
+        name: Name of the node or of its part.
         level: `OK`, `WARN` or `ERROR`.
-        text: One sentence for people.
-        values: What there is to know, key to value.
+        text: The message, one sentence.
+        values: Values by key.
     """
 
     name: str
@@ -81,8 +81,8 @@ def image_message(new: MessageFactory, header: Any, image: NDArray[Any]) -> Any:
     """An array as sensor_msgs/Image, of little-endian samples.
 
     Args:
-        new: See above.
-        header: Of the message.
+        new: See the module.
+        header: Header of the message.
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
     """
     pixels = np.ascontiguousarray(image, dtype=image.dtype.newbyteorder("<"))
@@ -102,8 +102,8 @@ def box_message(new: MessageFactory, header: Any, box: Sequence[float]) -> Any:
     """A box as geometry_msgs/PolygonStamped of its corners, clockwise from the top left.
 
     Args:
-        new: See above.
-        header: Of the message.
+        new: See the module.
+        header: Header of the message.
         box: (x, y, width, height) in pixels.
     """
     points = [new("geometry_msgs/msg/Point32", x=x, y=y) for x, y in box_corners(box)]
@@ -111,8 +111,8 @@ def box_message(new: MessageFactory, header: Any, box: Sequence[float]) -> Any:
 
 
 def box_in_single_precision(box: Sequence[float]) -> Box:
-    """A box (x, y, width, height) as the corners of a message, in single precision, tell it."""
-    # What is too large for single precision is infinite there, and refused where it is used.
+    """A box (x, y, width, height) rounded as the single-precision corners of a message."""
+    # Too large values become infinite, and are refused where the box is used.
     with np.errstate(over="ignore"):
         return bounding_box(np.array(box_corners(box), dtype=np.float32))
 
@@ -151,11 +151,11 @@ def particles_message(
     """Particles as sensor_msgs/PointCloud2 of `PARTICLE_FIELDS` and `id`, each at its box's center.
 
     Args:
-        new: See above.
-        header: Of the message.
+        new: See the module.
+        header: Header of the message.
         boxes: (N, 4) x, y, width, height in pixels.
         weights: (N,) their weights.
-        ids: (N,) of the targets that they are of.
+        ids: (N,) ids of their targets.
     """
     names = (*PARTICLE_FIELDS, "id")
     centers, depths = boxes[:, :2] + boxes[:, 2:] / 2, np.zeros(len(boxes))
@@ -178,16 +178,16 @@ def particles_message(
     )
 
 
-def markers_message(new: MessageFactory, header: Any, outlines: Sequence[BoxMarker]) -> Any:
-    """Boxes as visualization_msgs/MarkerArray, which replaces all markers before it.
+def markers_message(new: MessageFactory, header: Any, boxes: Sequence[BoxMarker]) -> Any:
+    """Boxes as visualization_msgs/MarkerArray, which replaces all earlier markers.
 
-    The first marker deletes those; then come for each box a line (namespace `boxes`) and a text
-    (`labels`) of its id.
+    The first marker deletes them. Each box has a line (namespace `boxes`) and a text (`labels`),
+    with its id.
 
     Args:
-        new: See above.
-        header: Of each marker.
-        outlines: What to draw.
+        new: See the module.
+        header: Header of each marker.
+        boxes: Boxes with their texts and colors.
     """
 
     def pose(x: float, y: float) -> Any:
@@ -195,15 +195,15 @@ def markers_message(new: MessageFactory, header: Any, outlines: Sequence[BoxMark
         return new("geometry_msgs/msg/Pose", position=new(_POINT, x=x, y=y), orientation=upright)
 
     markers = [new(_MARKER, header=header, action=_DELETE_ALL, pose=pose(0.0, 0.0))]
-    for outline in outlines:
-        corners = [new(_POINT, x=x, y=y) for x, y in box_corners(outline.box)]
-        color = new("std_msgs/msg/ColorRGBA", **dict(zip("rgba", outline.color, strict=True)))
-        shared = {"header": header, "id": outline.id, "action": _ADD, "color": color}
+    for box in boxes:
+        corners = [new(_POINT, x=x, y=y) for x, y in box_corners(box.box)]
+        color = new("std_msgs/msg/ColorRGBA", **dict(zip("rgba", box.color, strict=True)))
+        shared = {"header": header, "id": box.id, "action": _ADD, "color": color}
         line = {
             "ns": "boxes",
             "type": _LINE_STRIP,
             "pose": pose(0.0, 0.0),
-            "scale": new("geometry_msgs/msg/Vector3", x=outline.width),
+            "scale": new("geometry_msgs/msg/Vector3", x=box.width),
             "points": [*corners, corners[0]],
         }
         text = {
@@ -211,7 +211,7 @@ def markers_message(new: MessageFactory, header: Any, outlines: Sequence[BoxMark
             "type": _TEXT,
             "pose": pose(corners[0].x, corners[0].y - _TEXT_HEIGHT / 2),
             "scale": new("geometry_msgs/msg/Vector3", z=_TEXT_HEIGHT),
-            "text": outline.text,
+            "text": box.text,
         }
         markers += [new(_MARKER, **shared, **line), new(_MARKER, **shared, **text)]
     return new(MARKERS_TYPE, markers=markers)

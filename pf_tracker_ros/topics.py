@@ -1,7 +1,7 @@
-"""What the tracker publishes of each frame, whoever makes and serializes the messages.
+"""The published result of a frame, for the node and for bag writers.
 
-`OUTPUT_TOPICS` has the topics with what others act on first; the status is apart, since a frame that was
-not looked at has one, too. See `pf_tracker_ros.messages` for `new`.
+`OUTPUT_TOPICS` starts with the topics that robots act on. The status is not among them, because
+skipped frames have one, too. `pf_tracker_ros.messages` describes the argument `new`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from pf_tracker_ros.messages import (
     particles_message,
 )
 from pf_tracker_ros.overlay import draw_tracked, target_caption, target_color
-from pf_tracker_ros.targets.session import estimate_of
+from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, estimate_of
 from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
     common_values,
@@ -40,23 +40,26 @@ from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 
 _LINE_WIDTH = 2.0
-# The class of a target that nobody has called anything.
+# Class of a target without a label.
 _UNLABELED = "target"
 
-Values = dict[str, str | float | int]
+SKIPPED = ("refused", *DROPPED_ARRIVALS, "paused")
+"""Outcomes of skipped frames; "paused" is the node's alone."""
+
+StatusValues = dict[str, str | float | int]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FrameResult:
-    """What is known after a frame.
+    """The result after a frame.
 
     Attributes:
-        targets: All of them, in the order of their ids.
-        selected: Id of the one that a robot acts on, 0 without.
-        max_targets: How many there may be.
-        detector_runs: Number of the answers of detectors so far.
-        image: As for `Tracker.update`; None where it is not shown.
-        likelihood: Around the selected target, None where nobody asked for it.
+        targets: All targets in the order of their ids.
+        selected: Id of the target that a robot acts on, 0 without.
+        max_targets: Maximum number of targets.
+        detector_runs: Number of detector outputs so far.
+        image: As for `Tracker.update`; None if it is not drawn.
+        likelihood: Around the selected target, None if it is not requested.
     """
 
     targets: tuple[TrackedTarget, ...] = ()
@@ -68,12 +71,12 @@ class FrameResult:
 
     @property
     def estimate(self) -> Estimate | None:
-        """Of the selected target, None without it."""
+        """Estimate of the selected target, None without one."""
         return estimate_of(self.targets, self.selected)
 
     @property
     def state(self) -> str:
-        """The state of the selected target, without one of that seen best, or `idle`."""
+        """State of the selected target, else of the best visible one; `idle` without targets."""
         return overall_state(self.targets, self.selected)
 
     @property
@@ -82,17 +85,13 @@ class FrameResult:
         return [target for target in self.targets if target.estimate.state != "lost"]
 
     @property
-    def values(self) -> Values:
-        """What the status tells of the frame as a whole and of the selected target."""
+    def values(self) -> StatusValues:
+        """Values of the status for the frame and the selected target."""
         values = common_values(self.targets, self.selected, self.detector_runs, self.estimate)
         return values | likelihood_values(self.likelihood) if self.likelihood else values
 
     def target_statuses(self, node: str) -> list[Status]:
-        """A status for each target.
-
-        Args:
-            node: Fully qualified name of the node.
-        """
+        """A status for each target; `node` is the fully qualified name of the node."""
         return [
             Status(
                 f"{node}: target {target.id}",
@@ -104,26 +103,26 @@ class FrameResult:
         ]
 
     def draw(self) -> NDArray[np.uint8]:
-        """(H, W, 3) BGR: the image with the targets drawn into it.
+        """The image with the targets drawn into it, (H, W, 3) uint8 BGR.
 
         Raises:
             ValueError: There is no image.
         """
         if self.image is None:
-            raise ValueError("there is no image to draw into")
+            raise ValueError("the result has no image to draw on")
         multi_target = self.max_targets > 1
         return draw_tracked(self.image, self.targets, self.selected, multi_target=multi_target)
 
 
 class OutputTopic(NamedTuple):
-    """A topic on which the tracker tells of frames.
+    """A topic of each frame.
 
     Attributes:
-        name: Of the topic, below that of the node.
+        name: Name of the topic, below the node's name.
         message_type: As `package/msg/Name`.
-        build: Makes the message out of `new`, a header and what is known of the frame; None where
-            there is none, such as a box while the target is lost.
-        is_visualization: Whether it is only looked at, and may come after what others act on.
+        build: Builds the message from `new`, a header and a result; None without a message, such
+            as the box of a lost target.
+        is_visualization: Whether it is for display only, and may follow the other topics.
     """
 
     name: str
@@ -140,14 +139,14 @@ def _box(new: MessageFactory, header: Any, result: FrameResult) -> Any:
 
 
 def _boxes(new: MessageFactory, header: Any, result: FrameResult) -> Any:
-    outlines = []
+    markers = []
     for target in result.present:
         blue, green, red = (value / 255.0 for value in target_color(target.id))
         color = (red, green, blue, 1.0 if target.estimate.state == "tracking" else 0.5)
         width = 2 * _LINE_WIDTH if target.id == result.selected else _LINE_WIDTH
         box, text = target.estimate.box, target_caption(target)
-        outlines.append(BoxMarker(target.id, box, text, color, width))
-    return markers_message(new, header, outlines)
+        markers.append(BoxMarker(target.id, box, text, color, width))
+    return markers_message(new, header, markers)
 
 
 def _detections(new: MessageFactory, header: Any, result: FrameResult) -> Any:
@@ -158,7 +157,7 @@ def _detections(new: MessageFactory, header: Any, result: FrameResult) -> Any:
 def _detection(new: MessageFactory, header: Any, target: TrackedTarget) -> Any:
     """A target as a Detection2D; its score is the confidence.
 
-    The covariance of the center stands in the first two rows and columns of the pose's.
+    The first two rows and columns of the pose's covariance are those of the center, px^2.
     """
     estimate = target.estimate
     x, y, width, height = estimate.box
@@ -187,7 +186,7 @@ def _detection(new: MessageFactory, header: Any, target: TrackedTarget) -> Any:
 
 
 def _particles(new: MessageFactory, header: Any, result: FrameResult) -> Any:
-    """Those of all targets."""
+    """Particles of all targets."""
     if not result.targets:
         return None
     estimates = [target.estimate for target in result.targets]
@@ -203,16 +202,16 @@ def _overlay(new: MessageFactory, header: Any, result: FrameResult) -> Any:
 
 
 def _likelihood(new: MessageFactory, header: Any, result: FrameResult) -> Any:
-    """The fused log likelihood around the selected target, a pixel a place."""
+    """Fused log likelihood around the selected target, one pixel for each candidate center."""
     if result.likelihood is None:
         return None
     return image_message(new, header, result.likelihood.log_likelihood.astype(np.float32))
 
 
-def likelihood_values(likelihood: LikelihoodMap) -> Values:
-    """Where the likelihood image lies, and what each cue says, under the keys of the status."""
+def likelihood_values(likelihood: LikelihoodMap) -> StatusValues:
+    """Extent of the likelihood image and the cues' likelihoods, under the keys of the status."""
     x, y, side, _ = likelihood.extent
-    values: Values = {"likelihood_x": x, "likelihood_y": y, "likelihood_side": side}
+    values: StatusValues = {"likelihood_x": x, "likelihood_y": y, "likelihood_side": side}
     for name, cue in likelihood.cues.items():
         values[f"at_target_{name}"] = cue.at_target
         values[f"at_second_peak_{name}"] = cue.at_second_peak
@@ -227,4 +226,4 @@ OUTPUT_TOPICS: Sequence[OutputTopic] = (
     OutputTopic("particles", POINTS_TYPE, _particles, is_visualization=True),
     OutputTopic("overlay", IMAGE_TYPE, _overlay, is_visualization=True),
 )
-"""The topics; `build` costs nothing worth saving but for those that people look at."""
+"""All topics besides the status."""

@@ -80,7 +80,7 @@ def test_without_ros_one_line_says_how_to_get_it(name):
     )
     assert outcome.returncode == 2
     (line,) = outcome.stderr.splitlines()
-    assert line.startswith(f"{name}: error: there is no rclpy: ")
+    assert line.startswith(f"{name}: error: rclpy is not installed: ")
 
 
 def test_replay_ends_if_the_path_cannot_be_played(ros_domain):

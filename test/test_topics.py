@@ -1,4 +1,4 @@
-"""What is published of a frame, in the messages of rosbags and, where there is ROS, of rclpy."""
+"""The published messages of a frame, as those of rosbags and, with ROS, of rclpy."""
 
 import struct
 from dataclasses import replace
@@ -62,7 +62,7 @@ def writer(tmp_path):
 
 @pytest.fixture
 def build(writer):
-    """Makes the message of a topic by its name."""
+    """A function that builds the message of a topic."""
 
     def make(name, result):
         return BY_NAME[name].build(writer.new, writer.header(12_000_000_034, "lens"), result)
@@ -70,7 +70,7 @@ def build(writer):
     return make
 
 
-def test_the_box_is_that_of_the_selected_target_unless_that_is_lost(build):
+def test_the_box_is_of_the_selected_target_unless_lost(build):
     points = build("box", MANY).polygon.points
     corners = [(10, 20), (14, 20), (14, 26), (10, 26)]
     assert [(point.x, point.y, point.z) for point in points] == [(*c, 0) for c in corners]
@@ -78,7 +78,7 @@ def test_the_box_is_that_of_the_selected_target_unless_that_is_lost(build):
         assert build("box", lost) is None
 
 
-def test_boxes_are_those_of_all_that_are_not_lost(build):
+def test_boxes_are_of_all_targets_that_are_not_lost(build):
     first, *markers = build("boxes", MANY).markers
     assert (first.action, first.header.frame_id, first.header.stamp.nanosec) == (3, "lens", 34)
     assert [(one.ns, one.id, one.type, one.text) for one in markers] == [
@@ -95,7 +95,7 @@ def test_boxes_are_those_of_all_that_are_not_lost(build):
     blue, green, red = target_color(2)
     assert (line.color.r, line.color.g, line.color.b) == (red / 255, green / 255, blue / 255)
     assert (label.pose.position.x, label.pose.position.y, label.scale.z) == (10, 12, 16)
-    # None at all deletes those before.
+    # Without targets, the markers before are deleted.
     assert [one.action for one in build("boxes", FrameResult(max_targets=2)).markers] == [3]
 
 
@@ -112,7 +112,7 @@ def test_particles_are_packed_with_the_ids_of_their_targets(build):
     assert build("particles", FrameResult()) is None
 
 
-def test_what_is_drawn_and_the_likelihood_are_images(build):
+def test_overlay_and_likelihood_are_images(build):
     overlay = build("overlay", MANY)
     assert (overlay.encoding, overlay.width, overlay.height, overlay.step) == ("bgr8", 60, 40, 180)
     assert overlay.data.tobytes() == MANY.draw().tobytes()
@@ -124,14 +124,14 @@ def test_what_is_drawn_and_the_likelihood_are_images(build):
         FrameResult().draw()
 
 
-def test_the_selected_target_is_drawn_stronger():
+def test_the_selected_target_has_a_wider_outline():
     image = np.full((600, 600), 9, np.uint8)
     one = replace(MANY, image=image, targets=(target(2, box=(200.0, 200.0, 90.0, 90.0)),))
     drawn = [(replace(one, selected=id).draw() == target_color(2)).all(axis=2) for id in (0, 2)]
     assert drawn[1].sum() > 1.5 * drawn[0].sum()
 
 
-def test_the_status_tells_of_the_selected_target_and_then_of_each():
+def test_there_is_a_status_of_the_selected_and_of_each_target():
     values = MANY.values
     assert (values["targets"], values["selected"], values["detector_runs"]) == (3, 5, 3)
     assert (values["confidence"], values["covariance_xy"], values["particles"]) == (0.25, 0.5, 2)
@@ -141,7 +141,7 @@ def test_the_status_tells_of_the_selected_target_and_then_of_each():
     statuses = MANY.target_statuses("/ns/tracker")
     assert [(one.name, one.level, one.values["id"]) for one in statuses] == [
         ("/ns/tracker: target 2", 0, 2),
-        # Behind another, which is no fault.
+        # Occluded by another target, which is no fault.
         ("/ns/tracker: target 5", 0, 5),
         ("/ns/tracker: target 6", 2, 6),
     ]
@@ -155,12 +155,12 @@ def test_16_bit_images_are_little_endian(writer):
     assert (message.encoding, message.data.tobytes()) == ("mono16", b"\x01\x00\x00\x01")
 
 
-def test_a_box_is_sent_in_single_precision():
+def test_a_box_is_rounded_to_single_precision():
     assert box_in_single_precision((0.1, 1.0, 2.0, 3.0))[0] == np.float32(0.1)
 
 
 @pytest.mark.parametrize("result", [MANY, ALONE])
-def test_messages_of_rclpy_and_of_a_bag_say_the_same(writer, typestore, result):
+def test_messages_of_rclpy_and_of_a_bag_are_equal(writer, typestore, result):
     pytest.importorskip("rclpy")
     from rclpy.serialization import serialize_message
     from std_msgs.msg import Header
@@ -171,7 +171,7 @@ def test_messages_of_rclpy_and_of_a_bag_say_the_same(writer, typestore, result):
         theirs, ours = build(new_message, header), build(writer.new, own)
         assert (theirs is None) == (ours is None)
         if ours is not None:
-            # Once through the other library, as octets between two fields may be any.
+            # Converted by one library, because padding bytes are arbitrary.
             read = typestore.deserialize_cdr(serialize_message(theirs), kind)
             octets = [bytes(typestore.serialize_cdr(one, kind)) for one in (read, ours)]
             assert octets[0] == octets[1]
@@ -186,7 +186,7 @@ def test_messages_of_rclpy_and_of_a_bag_say_the_same(writer, typestore, result):
     assert_same(STATUS_TYPE, lambda new, its: status_message(new, its, statuses))
 
 
-def test_detections_are_the_targets_that_are_not_lost():
+def test_detections_are_of_all_targets_that_are_not_lost():
     def new(message_type, /, **fields):
         return SimpleNamespace(kind=message_type, **fields)
 

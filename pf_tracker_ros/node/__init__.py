@@ -1,9 +1,9 @@
-"""The ROS side: the nodes, and what turns messages into arrays and estimates into messages."""
+"""The ROS nodes, and the conversion between ROS and the library."""
 
 from importlib.util import find_spec
 
 if find_spec("rclpy") is None:
     raise ModuleNotFoundError(
-        "there is no rclpy: source a ROS 2 that is installed, or install one into this virtual "
-        "environment with pip install '.[ros]'"
+        "rclpy is not installed: source an installed ROS 2, or run pip install '.[ros]' in this "
+        "virtual environment"
     )

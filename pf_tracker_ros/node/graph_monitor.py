@@ -1,7 +1,7 @@
-"""Faults of the ROS graph around a node: endpoints that cannot match, a second node of its name.
+"""Monitors the ROS graph for incompatible endpoints and a second node of the same name.
 
-rclpy's event of incompatible QoS tells neither whose endpoint it is nor when it has gone, with Fast
-DDS nothing at all of other types, and costs time with each message: the graph is looked at instead.
+rclpy's event of incompatible QoS names neither the other node nor its end, with Fast DDS reports no
+other types, and costs time with each message. Polling the graph has none of these faults.
 """
 
 from __future__ import annotations
@@ -19,101 +19,102 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from pf_tracker_ros.node.qos import OVERRIDE_PREFIX, ErrorCallback
 
-# Seconds from one look to the next.
+# Seconds between polls.
 _PERIOD = 0.5
-# Looks in a row before a report: an endpoint may be about to be exchanged, the name of its node is
-# discovered later, and a node that crashed stays in the graph for 20 s.
-_LOOKS, _LOOKS_UNNAMED, _LOOKS_NODE = 2, 8, 60
+# Consecutive polls before a report: an endpoint may be replaced, its node's name is discovered
+# later, and a crashed node stays in the graph for 20 s.
+_POLLS, _POLLS_UNNAMED, _POLLS_NODE = 2, 8, 60
 _UNNAMED = "a node"
-# Every node publishes it, and rclpy reports its mismatches.
+# Every node publishes it; rclpy reports its mismatches.
 _EVENTS = "/parameter_events"
 _RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _POLICIES = ("reliability", "durability", "deadline", "liveliness", "liveliness_lease_duration")
 
 
 class GraphMonitor:
-    """Looks at the graph twice a second and reports each lasting fault once.
+    """Polls the graph twice a second and reports each lasting fault once.
 
     Attributes:
-        lasting: What has been reported and is still so, a sentence each.
+        lasting: The reported faults that persist, a sentence each.
 
     Args:
-        node: Whose publishers, subscriptions and name are looked at.
-        report: Called with a sentence for each fault, again where it has been gone.
-        cure: Tells by topic and policy what to do where that is something else than to override
-            the policy; empty where it is not.
+        node: The node whose publishers, subscriptions and name are checked.
+        report: Called with a sentence for each fault, again if it returns.
+        remedy: Returns the remedy for a topic and a policy, where it is not a QoS override; empty
+            otherwise.
     """
 
     def __init__(
-        self, node: Node, report: ErrorCallback, cure: Callable[[str, str], str] = lambda *_: ""
+        self, node: Node, report: ErrorCallback, remedy: Callable[[str, str], str] = lambda *_: ""
     ) -> None:
         self._node = node
         self._report = report
-        self._cure = cure
-        # Looks in a row that found each fault.
-        self._looks: dict[str, int] = {}
+        self._remedy = remedy
+        # Consecutive polls with each fault.
+        self._polls: dict[str, int] = {}
         self.lasting: tuple[str, ...] = ()
-        node.create_timer(_PERIOD, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         needed = dict(self._faults())
-        self._looks = {fault: self._looks.get(fault, 0) + 1 for fault in needed}
-        self.lasting = tuple(one for one, looks in self._looks.items() if looks >= needed[one])
+        self._polls = {fault: self._polls.get(fault, 0) + 1 for fault in needed}
+        self.lasting = tuple(one for one, polls in self._polls.items() if polls >= needed[one])
         for fault in self.lasting:
-            if self._looks[fault] == needed[fault]:
+            if self._polls[fault] == needed[fault]:
                 self._report(fault)
 
     def _faults(self) -> Iterator[tuple[str, int]]:
-        """Each fault, with the number of looks in a row before its report."""
+        """Each fault, with the number of consecutive polls before its report."""
         node, me = self._node, self._node.get_fully_qualified_name()
         names = node.get_node_names_and_namespaces()
-        # A node that has gone may stay among the names for long, but has no publishers any more.
+        # An ended node may stay among the names for long, but has no publishers.
         if names.count((node.get_name(), node.get_namespace())) > 1 and (
             [_name_of(one) for one in node.get_publishers_info_by_topic(_EVENTS)].count(me) > 1
         ):
             yield (
-                f"another node is called {me}, too, and what both say is mixed up: end it, or give "
-                "this one another name (-r __node:=another_name)",
-                _LOOKS_NODE,
+                f"another node is named {me}, and the topics of both are mixed: end it, or rename "
+                "this one (-r __node:=another_name)",
+                _POLLS_NODE,
             )
         endpoints: list[Publisher | Subscription] = [*node.publishers, *node.subscriptions]
         for topic, publishes in dict.fromkeys(
-            (one.topic_name, isinstance(one, Publisher)) for one in endpoints if self._lacks(one)
+            (one.topic_name, isinstance(one, Publisher))
+            for one in endpoints
+            if self._has_unmatched(one)
         ):
             sides = node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic
             own, others = (side(topic) for side in (sides if publishes else sides[::-1]))
             for mine in [one for one in own if _name_of(one) == me][:1]:
                 for other in others:
-                    if why := self._mismatch(topic, mine, other, publishes=publishes):
-                        yield why, _LOOKS_UNNAMED if _name_of(other) == _UNNAMED else _LOOKS
+                    if fault := self._mismatch(topic, mine, other, publishes=publishes):
+                        yield fault, _POLLS_UNNAMED if _name_of(other) == _UNNAMED else _POLLS
 
-    def _lacks(self, endpoint: Publisher | Subscription) -> bool:
-        """Whether there are more on the other side than an endpoint has been matched with."""
+    def _has_unmatched(self, endpoint: Publisher | Subscription) -> bool:
+        """Whether the topic has more endpoints on the other side than are matched."""
         topic = endpoint.topic_name
         if isinstance(endpoint, Publisher):
-            lacking = self._node.count_subscribers(topic) - endpoint.get_subscription_count()
+            unmatched = self._node.count_subscribers(topic) - endpoint.get_subscription_count()
         else:
-            lacking = self._node.count_publishers(topic) - endpoint.get_publisher_count()
-        return topic != _EVENTS and lacking > 0
+            unmatched = self._node.count_publishers(topic) - endpoint.get_publisher_count()
+        return topic != _EVENTS and unmatched > 0
 
     def _mismatch(
         self, topic: str, mine: TopicEndpointInfo, other: TopicEndpointInfo, *, publishes: bool
     ) -> str:
-        """Why two endpoints cannot match, and what to do; empty where they can."""
+        """Why two endpoints cannot match, with the remedy; empty if they can."""
         where = f"{topic} does not reach" if publishes else f"nothing arrives on {topic} from"
         me, them = _name_of(mine), f"{where} {_name_of(other)}"
         if mine.topic_type != other.topic_type:
-            they, we = ("takes", "publishes") if publishes else ("publishes", "takes")
-            cure = "remap one of the two"
+            they, we = ("expects", "publishes") if publishes else ("publishes", "expects")
+            remedy = "remap one of the two"
             if not publishes and (mine.topic_type, other.topic_type) == (_RAW, _COMPRESSED):
                 base = topic.removesuffix("/compressed")
                 remapping = "" if base == topic else f" -r image:={base}"
-                cure = f"take them with -p image_transport:=compressed{remapping}"
+                remedy = f"receive them with -p image_transport:=compressed{remapping}"
             elif not publishes:
-                cure = f"publish {mine.topic_type}, or {cure}"
-            return (
-                f"{them}, which {they} {other.topic_type}, but {me} {we} {mine.topic_type}; {cure}"
-            )
+                remedy = f"publish {mine.topic_type}, or {remedy}"
+            types = f"{they} {other.topic_type}, but {me} {we} {mine.topic_type}"
+            return f"{them}, which {types}; {remedy}"
         profiles = mine.qos_profile, other.qos_profile
         policy = _differing_policy(*(profiles if publishes else profiles[::-1]))
         if not policy:
@@ -125,17 +126,17 @@ class GraphMonitor:
         override = (
             f"{OVERRIDE_PREFIX}{topic}.{'publisher' if publishes else 'subscription'}.{policy}"
         )
-        cure = self._cure(topic, policy) or (
+        remedy = self._remedy(topic, policy) or (
             f"; change it there, or here with the parameter {override}"
         )
-        return f"{them} ({theirs}), but {me} {'offers' if publishes else 'asks for'} {ours}{cure}"
+        return f"{them} ({theirs}), but {me} {'offers' if publishes else 'requests'} {ours}{remedy}"
 
 
-def _differing_policy(offered: QoSProfile, asked: QoSProfile) -> str:
-    """The first policy that keeps two endpoints from matching, empty if none does."""
+def _differing_policy(offered: QoSProfile, requested: QoSProfile) -> str:
+    """The first incompatible policy of two profiles, empty if they are compatible."""
     for policy in _POLICIES:
         alone = copy(offered)
-        setattr(alone, policy, getattr(asked, policy))
+        setattr(alone, policy, getattr(requested, policy))
         if qos_check_compatible(offered, alone)[0] == QoSCompatibility.ERROR:
             return policy
     return ""

@@ -1,4 +1,4 @@
-"""A lifecycle node whose transitions are plain methods, and whose failures are told."""
+"""A lifecycle node with plain methods as transitions, which logs their failures."""
 
 from __future__ import annotations
 
@@ -14,32 +14,32 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 class ManagedNode(LifecycleNode):
     """Runs `configure`, `activate`, `deactivate` and `clean_up` as its transitions.
 
-    rclpy swallows what a transition raises. Here a ValueError says why the transition cannot be:
-    it is logged, and the node stays in the state that it was in. Anything else is an error of the
-    program: it is logged with its traceback, and the node is cleaned up.
+    rclpy ignores exceptions of a transition. Here a ValueError refuses it: the reason is logged,
+    and the node keeps its state. Any other exception is logged with its traceback, and the node is
+    cleaned up.
 
     Args:
-        name: Of the node.
-        **options: Of `rclpy.node.Node`.
+        name: Name of the node.
+        **options: Keyword arguments of `rclpy.node.Node`.
     """
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        # rclpy answers a transition that the state does not have with an exception, that is, not.
+        # rclpy raises for an invalid transition, so its client would get no response.
         service = self._service_change_state
         service.callback = partial(self._change_state, service.callback)
 
     def configure(self) -> None:
-        """Take what is needed."""
+        """Create what the node needs."""
 
     def activate(self) -> None:
-        """Begin to work."""
+        """Start to work."""
 
     def deactivate(self) -> None:
-        """Cease to work."""
+        """Stop to work."""
 
     def clean_up(self) -> None:
-        """Give back whatever was taken; called in any state."""
+        """Remove what `configure` and `activate` created; called in any state."""
 
     def start(self) -> None:
         """Configure and activate the node, as a lifecycle manager would."""
@@ -68,17 +68,17 @@ class ManagedNode(LifecycleNode):
 
     def _change_state(
         self,
-        change: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
+        respond: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
         request: ChangeState.Request,
         response: ChangeState.Response,
     ) -> ChangeState.Response:
         try:
-            return change(request, response)
+            return respond(request, response)
         except RuntimeError as error:
-            # The end of the context is no failure to tell of, here and below.
+            # A shut down context is no failure to log, here and below.
             if self.context.ok():
                 logger = self.get_logger()  # type: ignore[no-untyped-call]
-                logger.error(f"no such transition from the state {self.lifecycle_state}: {error}")
+                logger.error(f"the state {self.lifecycle_state} has no such transition: {error}")
             response.success = False
             return response
 

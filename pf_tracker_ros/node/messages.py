@@ -1,4 +1,4 @@
-"""Makes rclpy's messages by the names of their types, for `pf_tracker_ros.messages`."""
+"""Creates rclpy messages by type name, for `pf_tracker_ros.messages`."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 
 
 def new_message(message_type: str, /, **fields: Any) -> Any:
-    """A message; what is left out is 0 or empty.
+    """A message; omitted fields are 0 or empty.
 
     Args:
         message_type: As `package/msg/Name`.
-        fields: By their names; `data` as an array of octets.
+        **fields: By name; `data` as an array of bytes.
 
     Raises:
         ModuleNotFoundError: The package is not installed.
@@ -24,13 +24,13 @@ def new_message(message_type: str, /, **fields: Any) -> Any:
         fields["level"] = bytes([level])
     message = message_class(message_type)(**fields)
     if data is not None:
-        # In place: what a message is made with it copies once more, an ndarray one by one.
+        # In place: the constructor copies, an ndarray element by element.
         message.data.frombytes(np.ascontiguousarray(data).data)
     return message
 
 
 @cache
 def message_class(message_type: str) -> Any:
-    """The class of a message by `package/msg/Name`; raises as `new_message`."""
+    """The class of a message type `package/msg/Name`; raises as `new_message`."""
     package, _, name = message_type.partition("/msg/")
     return getattr(import_module(f"{package}.msg"), name)

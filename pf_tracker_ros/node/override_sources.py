@@ -1,8 +1,7 @@
-"""What gave the parameters at start-up, and in which order: rcl hands them over merged.
+"""The order of parameters and parameter files on the command line, which rcl merges.
 
-A preset replaces the values of the parameter files before it, and of those alone: what the command
-line names by `-p` is meant beside it, and a file behind it comes over it. (A launch file's
-dictionary of parameters reaches the node as a file, behind those that the launch file names.)
+A preset replaces the values of parameter files before it. Values of `-p` and of later files stay.
+A launch file's dictionary of parameters is a file, too, after those that the launch file names.
 """
 
 from __future__ import annotations
@@ -21,28 +20,27 @@ _VALUE_OPTIONS = ("-p", "--param")
 
 
 def parameters_superseded_by(name: str, node_name: str, command_line: Sequence[str]) -> set[str]:
-    """What parameter files give only before `name` is given for the last time.
+    """Parameters that only files before the last occurrence of `name` set.
 
     Args:
-        name: Of the parameter.
+        name: Name of the parameter.
         node_name: Fully qualified name of the node.
         command_line: With the arguments between `--ros-args` and `--`.
 
     Returns:
-        Full names of parameters that the command line does not give by `-p`; none if `name` was not
-        given. Of a file that is no regular one, which rcl alone could read, nothing is known.
+        Full names; none if `name` does not occur. Unreadable files, such as a pipe that rcl has
+        read, are left out.
     """
-    # (names, whether a file gives them) of each argument, in order.
+    # (names, whether from a file) of each argument, in order.
     sources: list[tuple[set[str], bool]] = []
     for option, value in _options(command_line):
         if option in _FILE_OPTIONS:
-            # rcl has read the file before, so whatever cannot be read here does not concern
-            # parameters; a pipe is empty by then.
+            # rcl has read the file before, so an error here is none of its parameters.
             with contextlib.suppress(YamlError):
                 document = read_yaml(Path(value), "parameter file")
                 sources.append((set(parameter_names_for(document, node_name)), True))
         elif option in _VALUE_OPTIONS:
-            # Of one node alone: node:name:=value.
+            # node:name:=value is for one node.
             node, _, given = value.partition(":=")[0].rpartition(":")
             if not node or matches_node(node, node_name):
                 sources.append(({given}, False))
@@ -54,7 +52,7 @@ def parameters_superseded_by(name: str, node_name: str, command_line: Sequence[s
 
 
 def unmatched_file_warnings(node_name: str, command_line: Sequence[str]) -> Iterator[str]:
-    """What is to be told of each parameter file that gives a node nothing, as rcl tells nothing.
+    """Warnings of parameter files without parameters for the node, which rcl ignores silently.
 
     Args:
         node_name: Fully qualified name of the node.
@@ -67,12 +65,11 @@ def unmatched_file_warnings(node_name: str, command_line: Sequence[str]) -> Iter
             patterns = node_patterns(read_yaml(Path(path), "parameter file"))
             if patterns and not any(matches_node(pattern, node_name) for pattern in patterns):
                 yield (
-                    f"the parameter file {path} gives {node_name} nothing: it is for "
-                    f"{' and '.join(patterns)}; {node_name} or /** has to stand above its "
-                    "ros__parameters"
+                    f"the parameter file {path} has nothing for {node_name}, only for "
+                    f"{' and '.join(patterns)}; write {node_name} or /** above its ros__parameters"
                 )
 
 
 def _options(command_line: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Each argument for ROS with the one behind it."""
+    """Each ROS argument with the next one."""
     return itertools.pairwise(split_ros_arguments(command_line)[1])

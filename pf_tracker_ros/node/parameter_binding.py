@@ -1,9 +1,8 @@
 """Declared parameters as parameters of a ROS node.
 
-A `ParameterBinding` declares the parameters on a node, with their descriptors, checks what the
-user gave at start-up, and keeps the checked values up to date as they are set at run time. A wrong
-value at start-up does not end the node: it is reported, listed in `ParameterBinding.refused`, and
-the parameter holds its default until it is set rightly.
+A `ParameterBinding` declares them with their descriptors, checks the values given at start-up, and
+follows changes at run time. An invalid value at start-up does not end the node: it is reported and
+listed in `ParameterBinding.refused`, and the parameter has its default until it is corrected.
 """
 
 from __future__ import annotations
@@ -17,58 +16,57 @@ from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.parameter_group import ParameterGroup, ResetCondition, Values
+from pf_tracker_ros.node.parameter_group import ParameterGroup, ParameterValues, ResetCondition
 from pf_tracker_ros.node.ros_parameters import descriptor_of, ros_parameter, ros_type
 from pf_tracker_ros.parameters import Declaration
 
-# More of them are no help to read.
-_MOST_NAMED = 12
+# With more parameters a message refers to the documentation.
+_MAX_NAMED = 12
 
 
 class NoSuchParameter(ParameterNotDeclaredException):
-    """A request names parameters that there are not, and says why.
+    """A request names unknown parameters.
 
     Args:
-        reason: One sentence or several.
+        reason: The message, complete.
     """
 
     def __init__(self, reason: str) -> None:
-        # What rclpy makes of names alone does not say what to do.
+        # Not rclpy's constructor, whose message has names only.
         Exception.__init__(self, reason)
 
 
 class _Request(NamedTuple):
-    """What a request comes to.
+    """A checked request.
 
     Attributes:
-        values: Full name to value, of every parameter after it.
-        changes: Full name to value of what is requested or follows from it.
-        wrong: Full name to the reason, of what cannot be set to what is asked.
-        unknown: Full name to the reason, of what is not there.
+        values: Full name to value of all parameters after it.
+        changes: Full name to value of the requested parameters and those reset with them.
+        invalid: Full name to reason of refused values.
+        unknown: Full name to reason of unknown parameters.
     """
 
     values: dict[str, Any]
     changes: dict[str, Any]
-    wrong: dict[str, str]
+    invalid: dict[str, str]
     unknown: dict[str, str]
 
 
 class ParameterBinding:
-    """Keeps the parameters of a node and their declarations together.
+    """Binds declarations to the parameters of a node.
 
-    First `declare`, as often as needed; then `listen`, once, to follow changes at run time. From
-    then on read-only parameters are fixed, but not before every wrong value has been corrected.
+    Call `declare` for each group, then `listen` once to follow changes at run time. From then on
+    read-only parameters are fixed, as soon as all invalid values are corrected.
 
     Attributes:
-        values: Full name to checked value, in the declared type. What was refused at start-up has
-            its default.
-        refused: Full name to the reason, for each parameter that was given a wrong value at
-            start-up and has not been set rightly since.
+        values: Full name to checked value, in the declared type. Parameters refused at start-up
+            have their default.
+        refused: Full name to reason of parameters refused at start-up and not corrected since.
 
     Args:
-        node: The node that gets the parameters.
-        report: Called with one sentence for every refused or unknown parameter; by default it goes
-            to the node's log as an error.
+        node: The node of the parameters.
+        report: Called with a sentence for each refused or unknown parameter; by default the node's
+            error log.
     """
 
     def __init__(self, node: Node, report: Callable[[str], None] | None = None) -> None:
@@ -78,42 +76,41 @@ class ParameterBinding:
         self._report = report or node.get_logger().error
         self._groups: list[ParameterGroup] = []
         self._declarations: dict[str, Declaration] = {}
-        # rclpy has no public way to see an override before it is declared, and declaring one of
-        # the wrong type raises instead of telling what it was.
+        # rclpy has no public access to an override before its declaration, which raises for a value
+        # of another type without naming it.
         self._overrides: dict[str, Parameter] = dict(node._parameter_overrides)
         self._superseded: set[str] = set()
         self._locked = False
         self._request: _Request | None = None
-        self._check: Callable[[Values], None] = lambda values: None
-        self._apply: Callable[[Values], None] = lambda changes: None
+        self._check: Callable[[ParameterValues], None] = lambda values: None
+        self._apply: Callable[[ParameterValues], None] = lambda changes: None
         self._ready: Callable[[], bool] = lambda: True
 
     def declare(
         self,
         group_type: type,
         *,
-        defaults: Callable[[Values], Values] | None = None,
+        defaults: Callable[[ParameterValues], ParameterValues] | None = None,
         reset_by: Mapping[str, ResetCondition] | None = None,
         kept: Collection[str] = (),
         superseded: Collection[str] = (),
         keeps_read_only: bool = True,
     ) -> None:
-        """Declare a group's parameters on the node; what the user gave comes over the defaults.
+        """Declare the parameters of a group on the node; the user's values override the defaults.
 
-        Those that a group before has as well are declared once.
-
-        An int is taken for a float and an empty list for any list.
+        Parameters of earlier groups are not declared again. An int is valid for a float and an
+        empty list for any list.
 
         Args:
-            group_type: A frozen dataclass as `pf_tracker_ros.parameters.declarations` takes it.
-            defaults: From the values of what was declared before to full name to value, where that is
-                another than the declared default; may name what is not in the group.
-            reset_by: Full name of a parameter that was declared before, to whether all of this
-                group begin anew from `defaults` when it is set.
-            kept: Full names of those that do not.
-            superseded: Full names that count as not given at start-up.
-            keeps_read_only: Whether what is declared read-only is so on the node; it can't be
-                where it does not stay.
+            group_type: A frozen dataclass as for `pf_tracker_ros.parameters.declarations`.
+            defaults: Computes defaults from the values of earlier groups, full name to value, in
+                place of the declared ones; other names are ignored.
+            reset_by: Full name of a parameter of an earlier group to the condition under which a
+                change of it resets this group to `defaults`.
+            kept: Full names of parameters that are not reset.
+            superseded: Full names whose values at start-up are ignored.
+            keeps_read_only: Whether declared read-only parameters are so on the node; false for a
+                group that is reset.
         """
         superseded = set(superseded) - set(kept)
         defaults = defaults or (lambda _: {})
@@ -127,14 +124,14 @@ class ParameterBinding:
         )
         given = {name: one for name, one in self._overrides.items() if name not in superseded}
         reading = group.read(given, {}, self.values)
-        for reason in reading.wrong.values():
+        for reason in reading.invalid.values():
             self._report(reason)
-        self.refused |= reading.wrong
+        self.refused |= reading.invalid
         self._superseded |= group.declarations.keys() & superseded
         self._groups.append(group)
         self.values |= reading.values
         self._declarations |= group.declarations
-        # Declared by type and set afterwards, because rclpy takes an empty list for bytes.
+        # Declared by type and set afterwards, because rclpy reads an empty list as bytes.
         self._node.declare_parameters(
             "",
             [
@@ -150,18 +147,17 @@ class ParameterBinding:
     def listen(
         self,
         *,
-        check: Callable[[Values], None] | None = None,
-        apply: Callable[[Values], None] | None = None,
+        check: Callable[[ParameterValues], None] | None = None,
+        apply: Callable[[ParameterValues], None] | None = None,
         ready: Callable[[], bool] | None = None,
     ) -> None:
-        """Follow changes at run time, and report what was given at start-up but does not exist.
+        """Follow changes at run time, and report unknown parameters given at start-up.
 
         Args:
-            check: Called with all values as they would become; raises ValueError to refuse the
-                whole set. It must not change anything.
-            apply: Called with the changed values once `values` holds them: what was requested, and
-                what begins anew with it.
-            ready: Whether the node has begun; until then read-only parameters can be corrected.
+            check: Called with all values after a request; raises ValueError to refuse it. It must
+                not change anything.
+            apply: Called with the changed values, requested and reset, once `values` has them.
+            ready: Whether the node has started; until then read-only parameters can change.
         """
         self._check = check or self._check
         self._apply = apply or self._apply
@@ -170,45 +166,45 @@ class ParameterBinding:
         self._node.add_on_set_parameters_callback(self._validate)
         self._node.add_post_set_parameters_callback(self._store)
         self._lock()
-        told = self.refused.keys() | self._superseded
+        reported = self.refused.keys() | self._superseded
         for name in self._overrides:
             is_foreign = self._node.has_parameter(name) or name.startswith("qos_overrides.")
-            if name not in told and not is_foreign:
+            if name not in reported and not is_foreign:
                 self._report(f"{self._why_unknown(name)}; it has no effect")
 
     def faults(self, parameters: Sequence[Parameter]) -> dict[str, str]:
-        """What of a request cannot be, whatever else is in it; each is reported.
+        """Report the unknown and invalid parameters of a request.
 
         Args:
-            parameters: Of the request.
+            parameters: Parameters of the request.
 
         Returns:
-            Full name to the reason.
+            Full name to reason.
         """
         request = self._read(parameters)
-        faults = request.unknown | request.wrong
+        faults = request.unknown | request.invalid
         for reason in faults.values():
             self._report(reason)
         return faults
 
     def resets_others(self, name: str) -> bool:
-        """Whether others begin anew when a parameter is set, so that it has to come first."""
+        """Whether a parameter resets others, so that it has to be set first."""
         return any(name in group.reset_by for group in self._groups)
 
     def _convert(self, parameters: list[Parameter]) -> list[Parameter]:
-        """Give each value its declared type, and add what follows.
+        """Convert each value to its declared type, and add reset parameters.
 
-        In place of a wrong value stands the present one, so that it is `_validate` that refuses it:
-        what rclpy says of a wrong type or range does not always name the parameter.
+        An invalid value is replaced by the present one, for `_validate` to refuse it: the messages
+        of rclpy do not always name the parameter.
         """
         self._request = request = self._read(parameters)
-        reasons = [*request.unknown.values(), *request.wrong.values()]
+        reasons = [*request.unknown.values(), *request.invalid.values()]
         for reason in reasons:
             self._report(reason)
         if request.unknown:
             raise NoSuchParameter("; ".join(reasons))
         foreign = [one for one in parameters if one.name not in self._declarations]
-        values = request.changes | {name: self.values[name] for name in request.wrong}
+        values = request.changes | {name: self.values[name] for name in request.invalid}
         bound = [ros_parameter(self._declarations[name], value) for name, value in values.items()]
         return foreign + bound
 
@@ -216,22 +212,22 @@ class ParameterBinding:
         request = _Request({}, {}, {}, {})
         given = {parameter.name: parameter for parameter in parameters}
         for group in self._groups:
-            is_renewed = group.is_reset(self.values, request.changes)
-            stays = group.kept if is_renewed else group.declarations
-            before = {name: self.values[name] for name in stays}
+            is_reset = group.is_reset(self.values, request.changes)
+            unchanged = group.kept if is_reset else group.declarations
+            before = {name: self.values[name] for name in unchanged}
             reading = group.read(given, before, request.values)
             request.values.update(reading.values)
-            request.wrong.update(reading.wrong)
+            request.invalid.update(reading.invalid)
             request.changes.update(
                 (name, value)
                 for name, value in reading.values.items()
-                if name in reading.taken or name not in before
+                if name in reading.given or name not in before
             )
         for name in given:
             declaration = self._declarations.get(name)
             if declaration and declaration.read_only and self._locked:
-                request.wrong[name] = (
-                    f"parameter '{name}' is fixed while the node runs; give it at start-up instead"
+                request.invalid[name] = (
+                    f"parameter '{name}' is read-only while the node runs; set it at start-up"
                 )
             if not self._node.has_parameter(name):
                 request.unknown[name] = self._why_unknown(name)
@@ -241,8 +237,8 @@ class ParameterBinding:
         request = self._request_of(parameters)
         if request is None:
             return SetParametersResult(successful=True)
-        if request.wrong:
-            return SetParametersResult(successful=False, reason="; ".join(request.wrong.values()))
+        if request.invalid:
+            return SetParametersResult(successful=False, reason="; ".join(request.invalid.values()))
         try:
             self._check(request.values)
         except ValueError as error:
@@ -262,12 +258,12 @@ class ParameterBinding:
         self._lock()
 
     def _request_of(self, parameters: Iterable[Parameter]) -> _Request | None:
-        """What rclpy asks for, None if it is none of this binding's business."""
+        """The request of these parameters, None without any of this binding."""
         is_bound = any(parameter.name in self._declarations for parameter in parameters)
         return self._request if is_bound else None
 
     def _lock(self) -> None:
-        """Make read-only what is declared so, once nothing awaits correction."""
+        """Fix the read-only parameters, once all invalid values are corrected."""
         if self._locked or self.refused or not self._ready():
             return
         self._locked = True
@@ -278,11 +274,11 @@ class ParameterBinding:
     def _why_unknown(self, name: str) -> str:
         close = difflib.get_close_matches(name, self._declarations, n=1)
         guess = f"did you mean '{close[0]}'?" if close else _known(self._declarations)
-        return f"there is no parameter '{name}' ({guess})"
+        return f"no parameter '{name}' ({guess})"
 
 
 def _known(names: Collection[str]) -> str:
-    """Which parameters there are, as far as that can be read."""
-    if len(names) > _MOST_NAMED:
-        return "`ros2 param list` and docs/parameters.md name those that there are"
+    """The names of all parameters, or where to find them."""
+    if len(names) > _MAX_NAMED:
+        return "see `ros2 param list` or docs/parameters.md"
     return f"there are: {', '.join(sorted(names))}"

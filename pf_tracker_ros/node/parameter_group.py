@@ -1,4 +1,4 @@
-"""A group of declared parameters on a node, and with which values."""
+"""A group of declared parameters on a node, and their values."""
 
 from __future__ import annotations
 
@@ -13,24 +13,23 @@ from rclpy.parameter import Parameter
 from pf_tracker_ros.node.ros_parameters import checked_value
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
-Values = Mapping[str, Any]
+ParameterValues = Mapping[str, Any]
 ResetCondition = Callable[[Any, Any], bool]
-"""Tells from a parameter's value as it is, and as it is set, whether others begin anew with it."""
+"""Returns from the present and the new value of a parameter whether it resets others."""
 
 
 class Reading(NamedTuple):
-    """The parameters of a group after some have been given.
+    """Checked values of a group.
 
     Attributes:
-        values: Full name to value; what was given wrongly has the value that it has where nothing
-            is given.
-        taken: Full names of what was given rightly.
-        wrong: Full name to the reason, of what was given wrongly.
+        values: Full name to value; the default in place of an invalid value.
+        given: Full names of the valid given values.
+        invalid: Full name to reason of invalid values.
     """
 
     values: dict[str, Any]
-    taken: set[str]
-    wrong: dict[str, str]
+    given: set[str]
+    invalid: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -38,46 +37,48 @@ class ParameterGroup:
     """The parameters of a group on a node, and their values.
 
     Attributes:
-        group_type: A frozen dataclass as `declarations` takes it.
-        keeps_read_only: Whether what is declared read-only is so on the node.
-        defaults: From the values of the groups before to full name to value, where that is another
-            than the declared default; may name what is not in the group.
-        reset_by: Full name of a parameter of a group before, to whether all of this group begin
-            anew from `defaults` when it is set.
-        kept: Full names of those that do not.
-        declared: Full names of parameters of the groups before, which are not once more in this.
+        group_type: A frozen dataclass as for `declarations`.
+        keeps_read_only: Whether declared read-only parameters are so on the node.
+        defaults: Computes defaults from the values of earlier groups, full name to value, in place
+            of the declared ones; other names are ignored.
+        reset_by: Full name of a parameter of an earlier group to the condition under which a change
+            of it resets this group to `defaults`.
+        kept: Full names of parameters that are not reset.
+        declared: Full names of parameters of earlier groups, which are left out here.
     """
 
     group_type: type
     keeps_read_only: bool
-    defaults: Callable[[Values], Values]
+    defaults: Callable[[ParameterValues], ParameterValues]
     reset_by: Mapping[str, ResetCondition]
     kept: Collection[str] = ()
     declared: Collection[str] = ()
 
     @cached_property
     def declarations(self) -> dict[str, Declaration]:
-        """Full name to declaration of all parameters."""
+        """Full name to declaration."""
         return {
             name: one if self.keeps_read_only else dataclasses.replace(one, read_only=False)
             for name, one in declarations(self.group_type).items()
             if name not in self.declared
         }
 
-    def is_reset(self, before: Values, changes: Values) -> bool:
-        """Whether changes of the groups before renew this one; both full name to value."""
+    def is_reset(self, before: ParameterValues, changes: ParameterValues) -> bool:
+        """Whether changes of earlier groups reset this one; both full name to value."""
         return any(
-            name in changes and renews(before[name], changes[name])
-            for name, renews in self.reset_by.items()
+            name in changes and resets(before[name], changes[name])
+            for name, resets in self.reset_by.items()
         )
 
-    def read(self, given: Mapping[str, Parameter], before: Values, others: Values) -> Reading:
-        """The parameters when some are given.
+    def read(
+        self, given: Mapping[str, Parameter], before: ParameterValues, others: ParameterValues
+    ) -> Reading:
+        """Check given values, and complete them.
 
         Args:
-            given: Full name to ROS parameter; may name what is not in the group.
-            before: Full name to the value that stays where none is given.
-            others: Full name to value, of the groups before.
+            given: Full name to ROS parameter; other names are ignored.
+            before: Full name to value of the parameters that keep it unless given.
+            others: Full name to value of earlier groups.
         """
         defaults = {**self.defaults(others), **before}
         reading = Reading({}, set(), {})
@@ -87,7 +88,7 @@ class ParameterGroup:
                 continue
             try:
                 reading.values[name] = checked_value(declaration, given[name])
-                reading.taken.add(name)
+                reading.given.add(name)
             except ParameterError as error:
-                reading.wrong[name] = str(error)
+                reading.invalid[name] = str(error)
         return reading

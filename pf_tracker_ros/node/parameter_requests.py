@@ -1,4 +1,4 @@
-"""Requests that set several parameters at once, such as `ros2 param load` sends them."""
+"""Atomic requests for several parameters, such as those of `ros2 param load`."""
 
 from __future__ import annotations
 
@@ -15,27 +15,30 @@ from pf_tracker_ros.node.parameter_binding import ParameterBinding
 
 
 def serve_atomic_requests(node: Node, binding: ParameterBinding) -> None:
-    """Let the service `set_parameters` take a request as a whole, where that is allowed.
+    """Make the service `set_parameters` apply a request as a whole, where possible.
 
-    rclpy sets the parameters of a request one by one in their order, so values that are right
-    together could be refused on the way there, and one with which others begin anew would undo
-    those that stand before it. What cannot be is refused alone. Where the rest cannot be taken as a
-    whole, rclpy's way remains, with those that renew others before them.
+    rclpy sets the parameters one by one in their order. Values that are valid together could be
+    refused, and a parameter that resets others would undo earlier ones. Here:
 
-    A read-only parameter that is given the value that it has is no reason to refuse: what
-    `ros2 param dump` wrote can be loaded again.
+    1. A read-only parameter with its present value is accepted, so that the file of
+       `ros2 param dump` can be loaded.
+    2. Invalid and unknown parameters are refused individually.
+    3. The rest is set as a whole; if that is refused, one by one, parameters that reset others
+       first.
 
     Args:
-        node: Offers the service.
-        binding: Of the node's parameters.
+        node: The node of the service.
+        binding: Binding of its parameters.
     """
     service = next(one for one in node.services if one.srv_name.endswith("/set_parameters"))
-    one_by_one: Any = service.callback
+    set_one_by_one: Any = service.callback
 
     def on_request(request: Any, response: Any) -> Any:
         given = list(request.parameters)
         results = [SetParametersResult(successful=True) for _ in given]
-        changes = [index for index, one in enumerate(given) if not _is_settled(node, one)]
+        changes = [
+            index for index, one in enumerate(given) if not _is_unchanged_read_only(node, one)
+        ]
         faults = binding.faults([Parameter.from_parameter_msg(given[index]) for index in changes])
         for index in changes:
             if reason := faults.get(given[index].name):
@@ -44,7 +47,7 @@ def serve_atomic_requests(node: Node, binding: ParameterBinding) -> None:
         if len(changes) < 2 or not _set_as_a_whole(node, [given[index] for index in changes]):
             order = sorted(changes, key=lambda index: not binding.resets_others(given[index].name))
             request.parameters = [given[index] for index in order]
-            for index, result in zip(order, one_by_one(request, response).results, strict=True):
+            for index, result in zip(order, set_one_by_one(request, response).results, strict=True):
                 results[index] = result
         response.results = results
         return response
@@ -52,8 +55,8 @@ def serve_atomic_requests(node: Node, binding: ParameterBinding) -> None:
     service.callback = on_request
 
 
-def _is_settled(node: Node, given: ParameterMessage) -> bool:
-    """Whether a parameter cannot change, and is not asked to."""
+def _is_unchanged_read_only(node: Node, given: ParameterMessage) -> bool:
+    """Whether a parameter is read-only and requested with its present value."""
     if not node.has_parameter(given.name) or not node.describe_parameter(given.name).read_only:
         return False
     return bool(node.get_parameter(given.name).get_parameter_value() == given.value)

@@ -1,7 +1,7 @@
-"""Quality of service: what the node asks for and offers, and what users override of it.
+"""Quality of service (QoS): default profiles of publishers and subscriptions, and user overrides.
 
-Endpoints have none of rclpy's events by default, which the executor asks for before and after every
-message: `graph_watch.py` looks for those that cannot match.
+Endpoints have no event callbacks by default, because the executor polls them with every message.
+`graph_monitor.py` finds incompatible endpoints.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rclpy.subscription import Subscription
 ErrorCallback = Callable[[str], None]
 
 DEFAULT_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-# Whoever comes late hears the last ones too.
+# A late subscriber receives the last messages.
 LATCHED_QOS = QoSProfile(
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -47,15 +47,15 @@ def subscribe(
     """Subscribe with the user's QoS overrides.
 
     Args:
-        node: The node that subscribes.
-        message_type: Of the messages.
+        node: The subscribing node.
+        message_type: Message class.
         topic: Name of the topic.
         callback: Called with each message.
-        profile: What is asked of publishers.
-        report: Called with a sentence if the overrides are wrong.
-        on_mismatch: Called with rclpy's event as soon as a publisher offers less than that.
-        raw: Whether the callback gets the messages as the bytes that they came as.
-        group: That tells when the executor may take a message, None for always.
+        profile: The requested profile.
+        report: Called with a sentence if the overrides are invalid.
+        on_mismatch: Called with rclpy's event for a publisher of an incompatible profile.
+        raw: Whether the callback receives serialized messages.
+        group: Callback group that decides when the executor takes a message, None for always.
     """
     events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch, use_default_callbacks=False)
     create = partial(
@@ -70,25 +70,25 @@ def subscribe(
     return _create(node, create, topic, entity="subscription", profile=profile, report=report)
 
 
-def take_pending(subscription: Subscription, most: int | None = None) -> int:
-    """Run a subscription's callback with each message that waits for it; how many did.
+def take_pending(subscription: Subscription, limit: int | None = None) -> int:
+    """Run a subscription's callback with its pending messages; returns their number.
 
-    The executor takes one message of each subscription at a time, so of two that came before an
-    image the second would come after it.
+    The executor takes one message of each subscription in turn, so the second of two messages
+    before an image would follow it.
 
     Args:
-        subscription: Whose messages they are.
-        most: How many to take; None for all.
+        subscription: The subscription.
+        limit: Maximum number of messages; None for all.
     """
     taken = 0
-    while taken != most and (message := take_oldest(subscription)) is not None:
+    while taken != limit and (message := take_oldest(subscription)) is not None:
         subscription.callback(message)
         taken += 1
     return taken
 
 
 def take_oldest(subscription: Subscription) -> Any:
-    """The message of a subscription that waits longest, None if none waits."""
+    """The oldest pending message of a subscription, None without one."""
     with subscription.handle:
         found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
     return None if found is None else found[0]
@@ -97,7 +97,7 @@ def take_oldest(subscription: Subscription) -> Any:
 def advertise(
     node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: ErrorCallback
 ) -> Publisher:
-    """Publish with the user's QoS overrides; wrong ones are reported."""
+    """Create a publisher with the user's QoS overrides; invalid ones are reported."""
     events = PublisherEventCallbacks(use_default_callbacks=False)
     create = partial(node.create_publisher, message_type, topic, event_callbacks=events)
     return _create(node, create, topic, entity="publisher", profile=profile, report=report)
@@ -105,7 +105,7 @@ def advertise(
 
 def given_overrides(node: Node) -> set[str]:
     """Names of the QoS overrides that the user gave at start-up."""
-    # rclpy has no public way to see an override before it is declared.
+    # rclpy has no public access to an override before its declaration.
     return {name for name in node._parameter_overrides if name.startswith(OVERRIDE_PREFIX)}
 
 
@@ -113,8 +113,8 @@ def is_overridden(node: Node, topic: str, entity: str, policy: str) -> bool:
     """Whether the user gave a policy of an endpoint at start-up.
 
     Args:
-        node: Of the endpoint.
-        topic: Its full name.
+        node: Node of the endpoint.
+        topic: Full name of its topic.
         entity: `publisher` or `subscription`.
         policy: Such as `reliability`.
     """
@@ -130,16 +130,16 @@ def _create(
     profile: QoSProfile,
     report: ErrorCallback,
 ) -> Any:
-    """Create an endpoint; overrides that cannot be are reported and left out.
+    """Create an endpoint; invalid overrides are reported and ignored.
 
-    Only policies that the user overrides become parameters: a declared one would hold the profile
-    of the first endpoint for all later ones.
+    Only overridden policies become parameters: a declared one would keep the profile of the first
+    endpoint for all later ones.
     """
     name = node.resolve_topic_name(topic)
     policies = [
         policy for policy in QoSPolicyKind if is_overridden(node, name, entity, policy.name.lower())
     ]
-    # rclpy writes the overrides into the profile that it is given.
+    # rclpy writes the overrides into the profile.
     try:
         return create(
             qos_profile=copy(profile), qos_overriding_options=QoSOverridingOptions(policies)
@@ -147,6 +147,6 @@ def _create(
     except Exception as error:
         if not policies:
             raise
-        # Each wrong kind of value ends in another exception of rclpy, Exception itself included.
-        report(f"the QoS overrides of the {entity} on {name} are wrong and not used: {error}")
+        # rclpy raises various exceptions for invalid values, Exception itself included.
+        report(f"invalid QoS overrides of the {entity} on {name} are ignored: {error}")
         return create(qos_profile=copy(profile))

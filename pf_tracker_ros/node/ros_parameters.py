@@ -1,4 +1,4 @@
-"""A declared parameter as ROS has it: its type, its descriptor, its value."""
+"""Conversion of declared parameters to ROS: type, descriptor and value."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def descriptor_of(declaration: Declaration, *, read_only: bool) -> ParameterDesc
 
     Args:
         declaration: The parameter.
-        read_only: Whether ROS refuses to change it.
+        read_only: Whether ROS refuses changes.
 
     Returns:
-        The descriptor; numbers carry their range, which is also what rejects NaN and infinity.
+        The descriptor; the range of numbers also rejects NaN and infinity.
     """
     unit = f" [{declaration.unit}]" if declaration.unit else ""
     descriptor = ParameterDescriptor(
@@ -63,14 +63,14 @@ def ros_parameter(declaration: Declaration, value: Any) -> Parameter:
 def checked_value(declaration: Declaration, parameter: Parameter) -> Any:
     """The value of a ROS parameter in the declared type.
 
-    An int is taken for a float and an empty list for any list.
+    An int is valid for a float and an empty list for any list.
 
     Raises:
-        ParameterError: It has another type or is not allowed.
+        ParameterError: The type is another one, or the value is not allowed.
     """
     value = parameter.value
     if value is None and declaration.type in (tuple[float, ...], tuple[str, ...]):
-        # An empty list in a parameter file arrives as a parameter without a value.
+        # An empty list of a parameter file is a parameter without a value.
         value = ()
     elif hasattr(value, "__len__") and not isinstance(value, (str, bytes)):
         value = list(value)

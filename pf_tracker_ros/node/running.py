@@ -1,4 +1,4 @@
-"""Running a node as a process: start, spin, and end cleanly whatever happens."""
+"""Runs a node as a process: start, spin, and a clean end in any case."""
 
 from __future__ import annotations
 
@@ -25,53 +25,52 @@ from rclpy.utilities import ok, try_shutdown
 from pf_tracker_ros.node.override_sources import unmatched_file_warnings
 from pf_tracker_ros.signals import hold_signals, ignore_signals
 
-_HOW_TO_GIVE = (
+_SYNTAX = (
     "give names as -r FROM:=TO, parameters as -p NAME:=VALUE, a list of numbers in quotation marks "
     'and all of one kind ("[62, 31, 53, 70]" or "[62.0, 31.5, 53.0, 70.0]"), and a parameter '
     "file with the node's name and ros__parameters above the parameters"
 )
 
-_OF_ARGUMENTS = "Couldn't parse"
+_PARSE_ERROR = "Couldn't parse"
 
-# Seconds from one collection of garbage to the next.
-_COLLECT_EVERY = 1.0
+# Seconds between garbage collections.
+_COLLECTION_PERIOD = 1.0
 
 
 def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
     """Create a node and spin it until SIGINT, SIGTERM or a shutdown of its context.
 
-    An exception that leaves a callback is logged with its traceback, and the node goes on. Garbage
-    is collected between callbacks, never within one. Afterwards signals are ignored: the process is
-    to end.
+    An exception in a callback is logged with its traceback, and the node continues. Garbage is
+    collected between callbacks only. After the return signals are ignored, for the process to end.
 
     Args:
-        create: Makes the node; called once rclpy is initialized.
+        create: Creates the node; called once rclpy is initialized.
         arguments: The command line with the program's name, by default that of the process.
 
     Raises:
-        SystemExit: The ROS arguments cannot be parsed, or ROS does not let the node start.
+        SystemExit: The ROS arguments are invalid, or ROS does not start the node.
     """
     reader = hold_signals()
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except rclpy_implementation.UnknownROSArgsError as error:
-        sys.exit(f"not understood after --ros-args: {str(error).strip('[]')}; {_HOW_TO_GIVE}")
+        sys.exit(f"not understood after --ros-args: {str(error).strip('[]')}; {_SYNTAX}")
     except RuntimeError as error:
-        # It has one kind of error for all that keeps it from starting.
-        if _OF_ARGUMENTS in str(error):
-            sys.exit(f"the ROS arguments cannot be read: {error}; {_HOW_TO_GIVE}")
+        # rclpy has one exception for all causes.
+        if _PARSE_ERROR in str(error):
+            sys.exit(f"the ROS arguments cannot be read: {error}; {_SYNTAX}")
         sys.exit(f"ROS cannot start: {error}")
-    _live(create, sys.argv if arguments is None else arguments, reader)
+    _create_and_spin(create, sys.argv if arguments is None else arguments, reader)
     _collect_all()
     ignore_signals()
 
 
 @contextmanager
 def spinning(create: Callable[[Context], Node], domain: int) -> Iterator[Any]:
-    """A node that spins in a thread and a ROS context of its own until the block ends.
+    """A node that spins in its own thread and ROS context until the block ends.
 
     Args:
-        create: Makes the node in the context.
+        create: Creates the node in the context.
         domain: ROS domain of the context.
     """
     context = Context()
@@ -93,7 +92,7 @@ def spinning(create: Callable[[Context], Node], domain: int) -> Iterator[Any]:
 
 
 def spin_until_shutdown(node: Node) -> None:
-    """Spin a node until its context is shut down, also by another thread."""
+    """Spin a node until its context is shut down, possibly by another thread."""
     executor = SingleThreadedExecutor(context=node.context)
     executor.add_node(node)
     try:
@@ -101,7 +100,7 @@ def spin_until_shutdown(node: Node) -> None:
     except ExternalShutdownException:
         pass
     except RuntimeError:
-        # A shutdown between two waits takes the context from under the executor.
+        # A shutdown between two waits invalidates the context of the executor.
         if node.context.ok():
             raise
     finally:
@@ -109,8 +108,8 @@ def spin_until_shutdown(node: Node) -> None:
 
 
 @contextmanager
-def _ended_by_signal(reader: int) -> Iterator[None]:
-    """Shut the context down, which ends what spins, once a signal has come."""
+def _shutdown_on_signal(reader: int) -> Iterator[None]:
+    """Shut the context down, and so end the spinning, on a signal."""
     done, finish = os.pipe()
 
     def wait() -> None:
@@ -124,30 +123,30 @@ def _ended_by_signal(reader: int) -> Iterator[None]:
     try:
         yield
     finally:
-        # A thread that is still in rclpy when the interpreter ends may take the process with it.
+        # A thread in rclpy at the end of the interpreter may crash the process.
         os.close(finish)
         thread.join()
         os.close(done)
 
 
-def _live(create: Callable[[], Node], command_line: list[str], reader: int) -> None:
-    """Make the node and spin it; afterwards nothing refers to it but itself."""
-    # While nothing can take the context away: one that is half made complains as it goes.
+def _create_and_spin(create: Callable[[], Node], command_line: list[str], reader: int) -> None:
+    """Create the node and spin it; no reference to it is left afterwards."""
+    # Before the signal handling: a shutdown during its construction logs errors.
     executor = SingleThreadedExecutor()
-    with _ended_by_signal(reader):
+    with _shutdown_on_signal(reader):
         try:
             try:
                 node = create()
             except rclpy_implementation.RCLError as error:
-                # Such as for want of what SROS 2 asks for.
+                # Such as missing files of SROS 2.
                 if not ok():
                     raise
                 sys.exit(f"the node cannot start: {error}")
-            for problem in unmatched_file_warnings(node.get_fully_qualified_name(), command_line):
-                node.get_logger().warning(problem)
+            for warning in unmatched_file_warnings(node.get_fully_qualified_name(), command_line):
+                node.get_logger().warning(warning)
             _spin(executor, node)
         except Exception:
-            # Whatever is half made when the context goes away may raise anything.
+            # A shutdown during a construction raises any exception.
             if ok():
                 raise
         finally:
@@ -166,7 +165,7 @@ def _spin(executor: SingleThreadedExecutor, node: Node) -> None:
             except Exception:
                 if ok():
                     node.get_logger().error(
-                        f"unexpected error, going on: {traceback.format_exc()}",
+                        f"unexpected error, continuing: {traceback.format_exc()}",
                         throttle_duration_sec=5.0,
                     )
     finally:
@@ -175,22 +174,22 @@ def _spin(executor: SingleThreadedExecutor, node: Node) -> None:
 
 
 def _collect_between_callbacks(node: Node) -> None:
-    """Let no callback be held up by the collection of garbage.
+    """Keep garbage collection out of callbacks.
 
-    What there is by now, such as all modules, stays for good: looking through it takes as long as a
-    frame does. What the callbacks leave behind is little, and collected by a timer.
+    The present objects, such as all modules, are permanent: scanning them takes as long as a frame.
+    The little garbage of the callbacks is collected by a timer.
     """
     gc.collect()
     gc.freeze()
     gc.disable()
     clock = Clock(clock_type=ClockType.STEADY_TIME)
-    node.create_timer(_COLLECT_EVERY, gc.collect, clock=clock)
+    node.create_timer(_COLLECTION_PERIOD, gc.collect, clock=clock)
 
 
 def _collect_all() -> None:
-    """Collect the node, and with it what DDS has for it.
+    """Collect the node and its DDS entities.
 
-    What DDS has when the process ends is freed while its threads are still at work with it.
+    At the end of the process they would be freed while the threads of DDS still use them.
     """
     gc.unfreeze()
     gc.enable()

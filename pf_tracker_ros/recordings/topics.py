@@ -9,7 +9,7 @@ from pf_tracker_ros.footage.bag_writing import BagWriter
 from pf_tracker_ros.messages import ERROR, STATUS_TYPE, WARN, Status, status_message
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.targets.tracked_target import description
-from pf_tracker_ros.topics import OUTPUT_TOPICS, Values
+from pf_tracker_ros.topics import OUTPUT_TOPICS, StatusValues
 from pf_tracker_ros.tracking.estimate import SEVERITIES
 
 NODE = "/pf_tracker"
@@ -76,7 +76,7 @@ class TopicBag:
         if problems:
             level = max(level, ERROR if tracked.problem else WARN)
         text = "; ".join(problems) or description(tracked.targets, tracked.selected)
-        values: Values = {"frame": tracked.outcome, "state": tracked.state}
+        values: StatusValues = {"frame": tracked.outcome, "state": tracked.state}
         if tracked.state == "skipped":
             values["last_state"] = self._last_state
             text = text if problems else f"not looked at: {tracked.outcome}"

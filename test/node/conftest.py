@@ -1,4 +1,4 @@
-"""Real nodes over real DDS: a tracker in a thread or a process, and a client that talks to it."""
+"""Real nodes over real DDS: a tracker in a thread or a process, and its client."""
 
 import os
 import signal
@@ -31,19 +31,19 @@ from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-# Read once a process, by the first node.
+# Fast DDS reads it once in a process, with the first node.
 os.environ.setdefault(
     "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
 )
 DEADLINE = 60.0
 PATIENCE = 4.0
-# What a client that shares its process with the nodes may have waiting.
-_HISTORY = 1000
+# Depth of the subscriptions of a client, which shares its process with the nodes.
+_DEPTH = 1000
 FRAME_INTERVAL = 40_000_000
 FIRST_STAMP = 1_700_000_000_000_000_000
 EVERY_TUNABLE = declarations(TrackerParameters)
-# What rclpy declares by itself.
-COMMON_PARAMETER_PREFIXES = {"use_sim_time", "start_type_description_service"}
+# Parameters that rclpy declares.
+RCLPY_PARAMETERS = {"use_sim_time", "start_type_description_service"}
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def _image_message(image, stamp=0, encoding="bgr8"):
 
 
 class Client(Node):
-    """Sends images and targets to a tracker and keeps what it answers."""
+    """Publishes images and targets for a tracker, and stores its messages."""
 
     def __init__(
         self, context, *, particles=False, overlay=False, reliability="RELIABLE", namespace=""
@@ -84,10 +84,10 @@ class Client(Node):
         self.statuses, self.boxes, self.particles, self.overlays = [], [], [], []
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
-        quality = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
-        self.images = self.create_publisher(Image, "image", quality)
-        # With its history full, Fast DDS asks for an acknowledgment with each message, else every
-        # three seconds.
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
+        self.images = self.create_publisher(Image, "image", profile)
+        # With a full history, Fast DDS requests an acknowledgment with each message, otherwise
+        # every three seconds.
         self.targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 1)
         subscriptions = [
             (DiagnosticArray, "status", lambda message: self.statuses.append(_parsed(message))),
@@ -97,16 +97,16 @@ class Client(Node):
             subscriptions.append((PointCloud2, "particles", self.particles.append))
         if overlay:
             subscriptions.append((Image, "overlay", self.overlays.append))
-        # As latched as the status is: what a latched publisher sends while it gets to know a
-        # subscriber that is not, may be lost.
+        # Latched as the status: another subscriber may lose messages of a latched publisher during
+        # the discovery.
         latched = QoSProfile(
-            depth=_HISTORY,
+            depth=_DEPTH,
             reliability=ReliabilityPolicy.RELIABLE,
             durability=DurabilityPolicy.TRANSIENT_LOCAL,
         )
         for message_type, name, callback in subscriptions:
-            quality = latched if name == "status" else _HISTORY
-            self.create_subscription(message_type, f"pf_tracker/{name}", callback, quality)
+            profile = latched if name == "status" else _DEPTH
+            self.create_subscription(message_type, f"pf_tracker/{name}", callback, profile)
         self.health = []
         self.create_subscription(
             DiagnosticArray,
@@ -133,31 +133,31 @@ class Client(Node):
         return result
 
     def send(self, message):
-        """Publish an image message and return the status that answers it."""
+        """Publish an image message and return its status."""
         stamp, before = stamp_of(message.header), len(self.statuses)
         self.images.publish(message)
 
-        def answers():
+        def found():
             return [status for status in self.statuses[before:] if status.stamp == stamp]
 
-        return self.wait_for(answers, f"status for stamp {stamp}")[0]
+        return self.wait_for(found, f"status for stamp {stamp}")[0]
 
     def meet(self):
-        """Wait until a tracker in a process answers; it refuses these images and nothing else."""
+        """Wait for a tracker in a process; it refuses the image that is sent for it."""
         ping = self.message(np.zeros((1, 1), np.uint8), 1, "ping")
 
-        def answered():
+        def is_connected():
             self.images.publish(ping)
             return self.statuses and self.targets.get_subscription_count()
 
-        self.wait_for(answered, "status of the process")
+        self.wait_for(is_connected, "status of the process")
 
     def show(self, image, stamp, encoding="bgr8"):
-        """Publish an image and return the status that answers it."""
+        """Publish an image and return its status."""
         return self.send(self.message(image, stamp, encoding))
 
     def show_all(self, images, encoding="bgr8"):
-        """Show images one interval apart and return their statuses."""
+        """Publish images one interval apart and return their statuses."""
         return [self.show(image, self.at(i), encoding) for i, image in enumerate(images)]
 
     def point_at(self, box, stamp=0):
@@ -170,7 +170,7 @@ class Client(Node):
         set_stamp(message.header, stamp)
         message.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
         self.targets.publish(message)
-        # The tracker must have it before the next image, which comes by another topic.
+        # The tracker must have it before the next image, which has another topic.
         assert self.targets.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE))
 
     def box_at(self, stamp):
@@ -178,7 +178,7 @@ class Client(Node):
         return self.answer(self.boxes, stamp)
 
     def answer(self, messages, stamp):
-        """The message among `messages` with this stamp, once it has come."""
+        """The message among `messages` with this stamp, once it arrived."""
 
         def found():
             return [message for message in messages if stamp_of(message.header) == stamp]
@@ -186,7 +186,7 @@ class Client(Node):
         return self.wait_for(found, f"message for stamp {stamp}")[0]
 
     def answer_of_array(self, arrays, stamp):
-        """The markers of the array among `arrays` for a frame, once it has come."""
+        """The markers of the array among `arrays` with this stamp, once it arrived."""
 
         def found():
             return [one.markers for one in arrays if stamp_of(one.markers[0].header) == stamp]
@@ -210,12 +210,12 @@ class Client(Node):
         return [tuple(value) if isinstance(value, list) else value for value in found]
 
     def parameter_names(self):
-        """The parameters that the node has, without those of every node."""
+        """The parameters of the node, without those of rclpy."""
         names = self.call(self.parameters.list_parameters).result.names
-        return [name for name in names if name not in COMMON_PARAMETER_PREFIXES]
+        return [name for name in names if name not in RCLPY_PARAMETERS]
 
     def tunables(self):
-        """Name to value of each parameter of the tracker that the node has."""
+        """Name to value of the tracker's parameters on the node."""
         names = [name for name in self.parameter_names() if name in EVERY_TUNABLE]
         return dict(zip(names, self.get_parameters(*names), strict=True))
 
@@ -236,29 +236,30 @@ class Client(Node):
 
 
 class Services:
-    """The services of another node, asked by one that it knows.
+    """The services of another node.
 
     Args:
-        node: That asks.
-        name: Of the node whose services they are.
-        wait_for: Spins the first until a condition is true and returns it; takes that and a name.
+        node: The client's node.
+        name: Name of the other node.
+        wait_for: Spins the client's node until a condition is true and returns its value; takes the
+            condition and a name.
     """
 
     def __init__(self, node, name, wait_for):
         self._node, self._name, self._wait_for = node, name, wait_for
-        self._known = {}
+        self._clients = {}
 
     def ask(self, service_type, name, **request):
         """The future of a service's response to a request that arrives once."""
-        if name not in self._known:
-            self._known[name] = self._introduced(service_type, name)
-        self._wait_for(self._known[name].service_is_ready, f"service {name}")
-        return self._known[name].call_async(service_type.Request(**request))
+        if name not in self._clients:
+            self._clients[name] = self._connected_client(service_type, name)
+        self._wait_for(self._clients[name].service_is_ready, f"service {name}")
+        return self._clients[name].call_async(service_type.Request(**request))
 
-    def _introduced(self, service_type, name):
+    def _connected_client(self, service_type, name):
         service = self._node.create_client(service_type, f"{self._name}/{name}")
-        # Clients become known in the order in which they are made: one that is answered vouches
-        # for those before it.
+        # Clients are discovered in the order of their creation: after a response to a later one,
+        # this one is discovered, too.
         later = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
         self._wait_for(later.service_is_ready, "parameter service")
         _repeated(self._wait_for, partial(later.call_async, GetParameters.Request()))
@@ -269,18 +270,18 @@ class Services:
 def _repeated(wait_for, request):
     """The response to a request that may arrive more than once.
 
-    A service that is ready may not know its client yet: its response is lost then.
+    A service that is ready may not have discovered its client, and its response is lost.
     """
-    asked, futures = time.monotonic(), [request()]
+    requested, futures = time.monotonic(), [request()]
 
-    def answered():
-        nonlocal asked
-        if time.monotonic() - asked > PATIENCE:
-            asked = time.monotonic()
+    def responses():
+        nonlocal requested
+        if time.monotonic() - requested > PATIENCE:
+            requested = time.monotonic()
             futures.append(request())
         return [future for future in futures if future.done()]
 
-    return wait_for(answered, "response to a request")[0].result()
+    return wait_for(responses, "response to a request")[0].result()
 
 
 def _parsed(message):
@@ -300,7 +301,7 @@ def _parsed_one(header, status):
 
 
 class Graph:
-    """The nodes of one test, each with a context of its own, that is, as if in its own process."""
+    """The nodes of one test, each with its own context, as if in its own process."""
 
     def __init__(self, domain):
         self._domain = domain
@@ -312,7 +313,7 @@ class Graph:
         return client
 
     def tracker(self, client=None, namespace="", cli_args=None, **parameters):
-        """Start a tracker in a thread and wait until it and the client know each other.
+        """Start a tracker in a thread, and wait until it and the client are connected.
 
         Parameters are start-up overrides, double underscores standing for dots.
         """
@@ -331,7 +332,7 @@ class Graph:
         return node
 
     def run(self, node):
-        """Spin a node that has a context of its own in a thread, as long as there is the graph."""
+        """Spin a node with its own context in a thread until the graph is closed."""
         thread = threading.Thread(target=spin_until_shutdown, args=(node,))
         thread.start()
 
@@ -357,24 +358,24 @@ class Graph:
             end.topic_name for end in [*client.publishers, *client.subscriptions]
         }
 
-        def acquainted():
+        def is_connected():
             return (
                 client.images.get_subscription_count() == takes_images
                 and client.targets.get_subscription_count()
                 and sum(publisher.get_subscription_count() for publisher in outward) == expected
                 and all(publisher.get_subscription_count() for publisher in health)
-                # A writer may know its reader before the reader knows it: what it then sends at
-                # best effort is lost.
-                and all(s.get_publisher_count() for s in _heard(node, client))
-                and all(s.get_publisher_count() for s in _heard(client, node))
-                # An endpoint that was replaced may be counted for a while by the other side.
+                # A writer may discover its reader before the reader discovers it: best-effort
+                # messages are lost then.
+                and all(s.get_publisher_count() for s in _subscriptions_to(client, node))
+                and all(s.get_publisher_count() for s in _subscriptions_to(node, client))
+                # The other side may count a replaced endpoint for a while.
                 and _endpoints(client, shared) == _endpoints(node, shared)
             )
 
-        client.wait_for(acquainted, "connection of client and tracker")
+        client.wait_for(is_connected, "connection of client and tracker")
 
     def process(self, *arguments, module="pf_tracker_ros.node.tracker.tracker_node"):
-        """Start a node as a process of its own."""
+        """Start a node as a process."""
         process = subprocess.Popen(
             [sys.executable, "-m", module, *(["--ros-args", *arguments] if arguments else [])],
             cwd=REPOSITORY,
@@ -397,14 +398,14 @@ class Graph:
             close()
 
 
-def _heard(listener, speaker):
-    """The listener's subscriptions to what the speaker publishes."""
-    topics = {publisher.topic_name for publisher in speaker.publishers}
-    return [s for s in listener.subscriptions if s.topic_name in topics]
+def _subscriptions_to(publishing, subscribing):
+    """The subscriptions of a node to the topics of another one."""
+    topics = {publisher.topic_name for publisher in publishing.publishers}
+    return [s for s in subscribing.subscriptions if s.topic_name in topics]
 
 
 def _endpoints(observer, topics):
-    """The identifiers of all publishers and subscriptions on topics that a node knows of."""
+    """The identifiers of all publishers and subscriptions on topics, as seen by a node."""
     return {
         bytes(information.endpoint_gid)
         for topic in topics
@@ -427,7 +428,7 @@ def _end(process):
 
 @pytest.fixture
 def graph(ros_domain):
-    """The test's nodes in a ROS domain of its own."""
+    """The test's nodes in their own ROS domain."""
     graph = Graph(ros_domain)
     yield graph
     graph.close()
@@ -435,7 +436,7 @@ def graph(ros_domain):
 
 @pytest.fixture(scope="session")
 def services_of():
-    """What asks the services of a node: the class `Services`."""
+    """The class `Services`."""
     return Services
 
 
@@ -447,7 +448,7 @@ def image_message():
 
 @pytest.fixture
 def client(graph):
-    """The client that most tests need only one of."""
+    """A client."""
     return graph.client()
 
 
@@ -459,7 +460,7 @@ def images(moving_square):
 
 @pytest.fixture
 def box(moving_square):
-    """The moving square's box in the first frame, as a parameter takes it."""
+    """The moving square's box in the first frame, as a list for a parameter."""
     return [float(value) for value in moving_square.boxes[0]]
 
 
@@ -479,7 +480,7 @@ def assert_equal_fields():
                 for each, same in zip(one, other, strict=True):
                     compare(each, same)
             elif type(published).__name__ == "ColorRGBA":
-                # Fields of single precision, which rosbags gives back as they were read.
+                # Single-precision fields, which rosbags returns unrounded.
                 assert np.float32(one) == np.float32(other)
             else:
                 assert one == other

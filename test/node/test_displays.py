@@ -1,4 +1,4 @@
-"""The display configurations that are shipped name what the node has."""
+"""The display configurations in config/ use existing topics and services."""
 
 import json
 import re

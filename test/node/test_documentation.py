@@ -1,4 +1,4 @@
-"""What the documents say of the node is so."""
+"""The documents agree with the node: topics, services, encodings, parameters, links."""
 
 import re
 from pathlib import Path
@@ -33,7 +33,7 @@ def test_the_table_of_encodings_is_complete():
     assert named <= set(ENCODINGS)
 
 
-def test_parameters_that_are_named_exist():
+def test_documented_parameters_exist():
     known = set(declarations(NodeParameters))
     for name in ("time_jump", "frame_buffer_length", "autostart", "image_timeout", "click_size"):
         assert name in known

@@ -1,4 +1,4 @@
-"""Images on another topic than where they are waited for, found in a real graph."""
+"""Hints at image topics other than the subscribed one, in a real graph."""
 
 import pytest
 from sensor_msgs.msg import CompressedImage, Image
@@ -8,56 +8,57 @@ from pf_tracker_ros.node.image_topics import image_publisher_hint, image_subscri
 
 @pytest.fixture
 def waiting(graph):
-    """A node that waits, beside a client that publishes `/image`."""
+    """A client that publishes `/image`, and a node that waits for images."""
     client, node = graph.client(), graph.client(namespace="/waiting")
     node.destroy_publisher(node.images)
     client.wait_for(lambda: node.count_publishers("/image"), "discovery")
     return client, node
 
 
-def test_a_topic_that_is_published_needs_no_advice(waiting):
+def test_a_topic_with_a_publisher_needs_no_hint(waiting):
     assert image_publisher_hint(waiting[1], "/image") == ""
 
 
-def test_topics_with_images_are_named_with_how_to_take_the_first(waiting):
+def test_image_topics_are_named_with_the_arguments_for_the_first(waiting):
     _, node = waiting
     assert image_publisher_hint(node, "/waiting/image") == (
-        ": nobody publishes /waiting/image, but /image (-r image:=/image)"
+        ": /waiting/image has no publisher, but images are on /image (-r image:=/image)"
     )
 
 
-def test_of_many_topics_a_few_are_named_and_compressed_ones_get_their_transport(waiting):
+def test_three_topics_are_named_and_compressed_ones_need_their_transport(waiting):
     client, node = waiting
     topics = [f"/a{number}/compressed" for number in range(4)]
     for topic in topics:
         client.create_publisher(CompressedImage, topic, 1)
     client.wait_for(lambda: all(node.count_publishers(topic) for topic in topics), "discovery")
     assert image_publisher_hint(node, "/none") == (
-        ": nobody publishes /none, but /a0/compressed, /a1/compressed, /a2/compressed and 2 more "
+        ": /none has no publisher, but images are on /a0/compressed, /a1/compressed, "
+        "/a2/compressed and 2 more "
         "(-r image:=/a0 -p image_transport:=compressed)"
     )
 
 
-def test_raw_images_beside_a_topic_of_compressed_ones_are_taken_by_transport_or_name(waiting):
+def test_raw_images_of_the_same_camera_need_another_transport_or_name(waiting):
     _, node = waiting
-    said = ": nobody publishes /image/compressed, but /image ("
-    for compressed, cure in ((True, "-p image_transport:=raw"), (False, "-r image:=/image")):
+    start = ": /image/compressed has no publisher, but images are on /image ("
+    for compressed, arguments in ((True, "-p image_transport:=raw"), (False, "-r image:=/image")):
         found = image_publisher_hint(node, "/image/compressed", compressed=compressed)
-        assert found == f"{said}{cure})"
+        assert found == f"{start}{arguments})"
 
 
-def test_what_a_node_publishes_itself_is_no_camera(graph):
+def test_own_image_topics_are_left_out(graph):
     node = graph.client()
     node.destroy_publisher(node.images)
     node.create_publisher(Image, "~/overlay", 1)
     node.wait_for(lambda: node.count_publishers("/client/overlay"), "its own topic")
     assert image_publisher_hint(node, "/none") == (
-        ": nobody publishes /none, nor other images, with ROS_DOMAIN_ID "
+        ": no publisher of /none, nor of other images, with ROS_DOMAIN_ID "
         f"{node.context.get_domain_id()}"
     )
 
 
-def test_subscribers_elsewhere_are_named_if_they_take_the_same_kind(waiting):
+def test_a_subscriber_of_another_topic_is_named_if_its_type_fits(waiting):
     client, node = waiting
     client.create_subscription(Image, "/raw", lambda message: None, 1)
     client.create_subscription(CompressedImage, "/camera/compressed", lambda message: None, 1)
@@ -76,10 +77,10 @@ def test_subscribers_elsewhere_are_named_if_they_take_the_same_kind(waiting):
     assert image_subscriber_hint(node, "/raw", compressed=False) == ""
 
 
-def test_what_a_tracker_makes_of_images_is_no_camera(waiting, graph):
+def test_image_topics_of_a_tracker_are_left_out(waiting, graph):
     client, node = waiting
     graph.tracker()
     client.wait_for(lambda: node.count_publishers("/pf_tracker/overlay"), "the tracker")
     assert image_publisher_hint(node, "/none") == (
-        ": nobody publishes /none, but /image (-r image:=/image)"
+        ": /none has no publisher, but images are on /image (-r image:=/image)"
     )

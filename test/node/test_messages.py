@@ -62,7 +62,7 @@ def test_a_box_becomes_its_four_corners_clockwise_from_the_top_left(header):
 @given(
     st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(1.0, 1e4), st.floats(1.0, 1e4))
 )
-def test_a_box_survives_the_way_through_a_polygon(box):
+def test_a_box_survives_the_conversion_to_a_polygon(box):
     assert box_of_polygon(box_message(new_message, Header(), box)) == pytest.approx(box, abs=2e-3)
 
 
@@ -97,7 +97,7 @@ def test_a_polygon_without_area_is_refused_with_the_reason(points, reason):
         box_of_polygon(polygon(*points))
 
 
-def test_an_image_survives_the_way_through_a_message(header, noise):
+def test_an_image_survives_the_conversion_to_a_message(header, noise):
     image = noise(height=7, width=5)
     message = image_message(new_message, header, image)
     assert isinstance(message.data, array)
@@ -120,7 +120,7 @@ def test_a_message_holds_the_only_copy_of_an_image(header, noise):
     assert most < 1.2 * image.nbytes
 
 
-def test_numbers_in_a_status_read_back_to_the_same_values(header):
+def test_numbers_of_a_status_read_back_unchanged(header):
     estimate = make_estimate([(0, 0, 1, 1)] * 3, [0.2, 0.3, 0.5])
     values = estimate_values(estimate)
     made = Status("/pf_tracker", WARN, "text", values)
@@ -139,7 +139,7 @@ def test_numbers_in_a_status_read_back_to_the_same_values(header):
     assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")
 
 
-def test_the_status_has_the_background_model_s_state_where_there_is_a_model():
+def test_the_status_has_the_state_of_a_background_model():
     estimate = make_estimate([(0, 0, 1, 1)], [1.0])
     assert "background" not in estimate_values(estimate)
     ready = replace(estimate, background=BackgroundState("ready"))

@@ -1,4 +1,4 @@
-"""A preset that is given beside a file, or in a later one, is taken whole."""
+"""A preset replaces the values of earlier parameter files."""
 
 import os
 import signal
@@ -79,13 +79,13 @@ def files(tmp_path):
         ("/pf_tracker", "--params-file /nowhere -p preset:=li2007 -p", set()),
     ],
 )
-def test_what_was_given_before_the_preset_is_known(files, node, arguments, before):
+def test_parameters_of_files_before_the_preset_are_superseded(files, node, arguments, before):
     command_line = ["tracker", "--ros-args", *arguments.format(**files).split()]
     assert parameters_superseded_by("preset", node, command_line) == before
 
 
 @pytest.mark.parametrize(
-    ("node", "told"),
+    ("node", "warned"),
     [
         ("/pf_tracker", {"others": "/left/pf_tracker and /right/pf_tracker and /*/other"}),
         ("/left/pf_tracker", {}),
@@ -93,17 +93,17 @@ def test_what_was_given_before_the_preset_is_known(files, node, arguments, befor
         ("/other", {"others": "/left/pf_tracker"}),
     ],
 )
-def test_a_file_for_other_nodes_is_told(files, node, told):
-    # Twice, which is told once.
+def test_a_file_for_other_nodes_is_a_warning(files, node, warned):
+    # Each file twice, with one warning.
     given = 2 * [word for path in files.values() for word in ("--params-file", path)]
-    problems = list(unmatched_file_warnings(node, ["tracker", "--ros-args", *given]))
-    assert len(problems) == len(told)
-    for problem, (name, patterns) in zip(problems, told.items(), strict=True):
-        assert f"{files[name]} gives {node} nothing: it is for {patterns}" in problem
+    warnings = list(unmatched_file_warnings(node, ["tracker", "--ros-args", *given]))
+    assert len(warnings) == len(warned)
+    for warning, (name, patterns) in zip(warnings, warned.items(), strict=True):
+        assert f"{files[name]} has nothing for {node}, only for {patterns}" in warning
     assert list(unmatched_file_warnings(node, ["tracker", *given])) == []
 
 
-def test_what_is_not_for_ros_is_left_alone(files):
+def test_arguments_before_ros_args_are_ignored(files):
     command_line = ["tracker", "--params-file", files["own"], "-p", "preset:=li2007"]
     assert parameters_superseded_by("preset", "/pf_tracker", command_line) == set()
 
@@ -116,7 +116,7 @@ def test_what_is_not_for_ros_is_left_alone(files):
         ("--params-file {own} -p preset:=li2007 -p particles:=5", ("li2007", {"particles": 5})),
     ],
 )
-def test_a_process_takes_the_preset_of_its_command_line_whole(
+def test_a_process_applies_the_whole_preset_of_its_command_line(
     graph, files, images, arguments, expected
 ):
     preset, changes = expected
@@ -125,7 +125,7 @@ def test_a_process_takes_the_preset_of_its_command_line_whole(
     graph.process(*arguments.format(**files).split(), *reliable)
     client.meet()
     assert client.tunables() == preset_parameters(preset) | changes
-    # What no preset has a value for comes from the file in any case.
+    # No preset has this parameter: the file's value stays.
     assert client.get_parameters("click_size") == [12.0]
     count = {0: "", 1: ", 1 value changed", 2: ", 2 values changed"}[len(changes)]
     assert client.show(images[0], client.at(0)).values["preset"] == preset + count
@@ -144,9 +144,7 @@ DUMPED = """\
 """
 
 
-def test_what_a_preset_supersedes_says_nothing_of_parts_and_names_that_it_has_not(
-    graph, tmp_path, images, files
-):
+def test_superseded_parameters_of_unused_cues_are_not_reported(graph, tmp_path, images, files):
     others = files["others"]
     path = tmp_path / "dumped.yaml"
     path.write_text(DUMPED)
@@ -160,12 +158,12 @@ def test_what_a_preset_supersedes_says_nothing_of_parts_and_names_that_it_has_no
     process.send_signal(signal.SIGINT)
     log, _ = process.communicate(timeout=30)
     assert "hog.sharpness" not in log
-    assert f"{others} gives /pf_tracker nothing: it is for /left/pf_tracker" in log
+    assert f"{others} has nothing for /pf_tracker, only for /left/pf_tracker" in log
     (line,) = (line for line in log.splitlines() if "'wings.span'" in line)
     assert line.endswith("it has no effect")
 
 
-def test_a_file_chooses_and_gives_values_of_what_it_brings_in_any_order(graph, tmp_path):
+def test_a_file_may_name_a_cue_after_its_parameters(graph, tmp_path):
     path = tmp_path / "dumped.yaml"
     path.write_text(DUMPED.replace("    wings:\n      span: 0.5\n", ""))
     client = graph.client()
@@ -176,7 +174,7 @@ def test_a_file_chooses_and_gives_values_of_what_it_brings_in_any_order(graph, t
     assert [found[name] for name in names] == [("hog", "color_histogram"), 90.0, 77, 0.9]
 
 
-def test_a_pipe_that_rcl_has_read_is_not_waited_for(tmp_path):
+def test_a_pipe_that_rcl_has_read_does_not_block(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     command_line = ["tracker", "--ros-args", "--params-file", str(pipe), "-p", "preset:=li2007"]

@@ -27,7 +27,7 @@ DECLARATIONS = declarations(Group)
 
 
 class Bound:
-    """A node with a binding, all that it reported, and all that it applied."""
+    """A node with a binding, its reports and its applied changes."""
 
     def __init__(self, context, overrides):
         parameters = [Parameter(name, value=value) for name, value in overrides.items()]
@@ -82,7 +82,7 @@ def test_every_parameter_gets_its_type_description_range_and_default(bind):
     assert list(node.get_parameter("box").value) == []
 
 
-def test_what_is_given_at_start_up_comes_over_the_defaults(bind):
+def test_values_given_at_start_up_override_the_defaults(bind):
     bound = bind(
         defaults=lambda values: {"rate": 2.0, "count": 4},
         count=5,
@@ -101,7 +101,7 @@ def test_what_is_given_at_start_up_comes_over_the_defaults(bind):
     assert bound.node.get_parameter("count").value == 5
 
 
-def test_whole_numbers_are_taken_for_floats(bind):
+def test_integers_are_valid_floats(bind):
     bound = bind(rate=2, box=[1, 2, 3, 4]).listen()
     assert bound.binding.values["box"] == (1.0, 2.0, 3.0, 4.0)
     assert bound.node.get_parameter("rate").value == 2.0
@@ -112,7 +112,7 @@ def test_whole_numbers_are_taken_for_floats(bind):
     assert not bound.reports
 
 
-WRONG = {
+INVALID = {
     "text for a number": ("rate", "quick", "float, 0.5 to 10"),
     "a flag for a number": ("rate", True, "float, 0.5 to 10"),
     "below the range": ("rate", 0.4999, "float, 0.5 to 10"),
@@ -132,9 +132,9 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("kind", WRONG)
-def test_a_wrong_value_is_refused_at_start_up_and_at_run_time(bind, kind):
-    name, value, allowed = WRONG[kind]
+@pytest.mark.parametrize("kind", INVALID)
+def test_an_invalid_value_is_refused_at_start_up_and_at_run_time(bind, kind):
+    name, value, allowed = INVALID[kind]
     default = DECLARATIONS[name].default
 
     at_start_up = bind(**{name: value}).listen()
@@ -154,14 +154,14 @@ def test_a_wrong_value_is_refused_at_start_up_and_at_run_time(bind, kind):
     assert not at_run_time.applied
 
 
-def test_every_wrong_value_at_start_up_is_reported(bind):
+def test_every_invalid_value_at_start_up_is_reported(bind):
     bound = bind(rate=math.nan, count="many", mode="fast", switch=3).listen()
     assert set(bound.binding.refused) == {"rate", "count", "switch"}
     assert len(bound.reports) == 3
     assert bound.binding.values["mode"] == "fast"
 
 
-def test_a_value_refused_at_start_up_is_set_rightly_at_run_time(bind):
+def test_a_value_refused_at_start_up_is_corrected_at_run_time(bind):
     bound = bind(rate=-1.0, count=0).listen()
     assert bound.set(rate=2.0).successful
     assert set(bound.binding.refused) == {"count"}
@@ -198,11 +198,11 @@ def test_a_read_only_parameter_keeps_its_value_at_run_time(bind):
     result = bound.set(fixed=0.5)
     assert not result.successful
     assert "fixed" in result.reason
-    assert "fixed while the node runs" in bound.reports[0]
+    assert "read-only while the node runs" in bound.reports[0]
     assert bound.binding.values["fixed"] == 1.5
 
 
-def test_a_read_only_parameter_can_be_set_until_nothing_is_refused_any_more(bind):
+def test_a_read_only_parameter_can_change_until_all_values_are_valid(bind):
     bound = bind(fixed=3.0).listen()
     assert not bound.node.describe_parameter("fixed").read_only
     assert bound.set(fixed=0.5).successful
@@ -216,22 +216,20 @@ def test_a_parameter_cannot_be_deleted(bind):
     assert bound.node.get_parameter("rate").value == 1.0
 
 
-def test_an_empty_list_is_taken(bind):
+def test_an_empty_list_is_valid(bind):
     bound = bind(box=[1.0, 2.0, 3.0, 4.0]).listen()
     assert bound.set(box=[]).successful
     assert bound.binding.values["box"] == ()
     assert bound.node.get_parameter("box").type_ == Parameter.Type.DOUBLE_ARRAY
 
 
-def test_a_parameter_that_does_not_exist_is_reported_with_the_likely_one(bind):
+def test_an_unknown_parameter_is_reported_with_the_likely_one(bind):
     bound = bind(raet=2.0, use_sim_time=False).listen()
-    assert bound.reports == [
-        "there is no parameter 'raet' (did you mean 'rate'?); it has no effect"
-    ]
+    assert bound.reports == ["no parameter 'raet' (did you mean 'rate'?); it has no effect"]
     assert not bound.binding.refused
 
 
-def test_a_set_of_other_parameters_is_none_of_its_business(bind):
+def test_other_parameters_are_ignored(bind):
     bound = bind().listen()
     bound.node.declare_parameter("other", 1)
     assert bound.set(other=2).successful

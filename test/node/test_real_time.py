@@ -13,16 +13,16 @@ from pf_tracker_ros.node.real_time import RealTimePriority
 
 PROFILE = Path(__file__).resolve().parents[2] / "config" / "fastdds_large_images.xml"
 ROUND_ROBIN = os.SCHED_RR | os.SCHED_RESET_ON_FORK
-USUAL = os.SCHED_OTHER | os.SCHED_RESET_ON_FORK
+DEFAULT = os.SCHED_OTHER | os.SCHED_RESET_ON_FORK
 
 
 class Kernel:
-    """Takes note of what is set.
+    """Records the scheduling of threads.
 
     Attributes:
         scheduled: Thread to (policy, priority).
-        refusal: Raised for real-time priorities, if they are not permitted.
-        ended: Threads that there are no more.
+        refusal: Error raised for real-time priorities, None to permit them.
+        ended: Threads that have ended.
     """
 
     def __init__(self):
@@ -45,12 +45,12 @@ class Kernel:
 
 @pytest.fixture
 def kernel(monkeypatch, tmp_path):
-    """What stands in for the system: threads 11 and 12 of DDS, 13 of somebody else."""
+    """A stand-in for the system: threads 11 and 12 of DDS, 13 of Python."""
     kernel = Kernel()
     for thread, name in {11: "dds.shm.7411", 12: "dds.ev.0", 13: "python"}.items():
         (tmp_path / str(thread)).mkdir()
         (tmp_path / str(thread) / "comm").write_text(f"{name}\n")
-    # One that has just ended.
+    # A thread that has just ended.
     (tmp_path / "14").mkdir()
     (tmp_path / "14" / "comm").write_text("dds.udp.7400\n")
     monkeypatch.setattr(real_time, "_THREADS", tmp_path)
@@ -59,17 +59,17 @@ def kernel(monkeypatch, tmp_path):
     return kernel
 
 
-def test_the_threads_of_dds_have_it_and_no_others(kernel):
+def test_only_the_threads_of_dds_have_the_priority(kernel):
     priority = RealTimePriority(pytest.fail)
     priority.request_priority(7)
     assert kernel.scheduled == {11: (ROUND_ROBIN, 7), 12: (ROUND_ROBIN, 7)}
     assert priority.granted == 7
     priority.request_priority(0)
-    assert kernel.scheduled == {11: (USUAL, 0), 12: (USUAL, 0)}
+    assert kernel.scheduled == {11: (DEFAULT, 0), 12: (DEFAULT, 0)}
     assert priority.granted == 0
 
 
-def test_a_thread_that_has_ended_keeps_no_other_from_it(kernel):
+def test_an_ended_thread_is_skipped(kernel):
     priority = RealTimePriority(pytest.fail)
     kernel.ended = {11}
     priority.request_priority(1)
@@ -78,39 +78,39 @@ def test_a_thread_that_has_ended_keeps_no_other_from_it(kernel):
 
 
 @pytest.mark.parametrize("refusal", [PermissionError(), OSError(errno.EINVAL, "not known")])
-def test_what_is_not_permitted_is_told_once_for_each_time_that_it_is_asked_for(kernel, refusal):
+def test_each_refused_request_is_reported_once(kernel, refusal):
     kernel.refusal = refusal
-    told = []
-    priority = RealTimePriority(told.append)
+    reports = []
+    priority = RealTimePriority(reports.append)
     for count in (1, 2):
         priority.request_priority(4)
         assert priority.granted == 0
-        assert len(told) == count
-        assert "real-time priority 4 is not permitted" in told[-1]
-        assert "limits.conf" in told[-1]
+        assert len(reports) == count
+        assert "real-time priority 4 is not permitted" in reports[-1]
+        assert "limits.conf" in reports[-1]
     assert kernel.scheduled == {}
 
 
-def test_a_thread_that_has_a_policy_already_keeps_it(kernel):
+def test_a_thread_with_another_policy_keeps_it(kernel):
     given = (os.SCHED_RR, 50)
     kernel.scheduled = {11: given}
     priority = RealTimePriority(pytest.fail)
     priority.request_priority(1)
     assert kernel.scheduled == {11: given, 12: (ROUND_ROBIN, 1)}
     priority.request_priority(0)
-    assert kernel.scheduled == {11: given, 12: (USUAL, 0)}
+    assert kernel.scheduled == {11: given, 12: (DEFAULT, 0)}
 
 
 def is_permitted():
-    """Whether a process here may have such a priority."""
+    """Whether this system permits a real-time priority."""
     code = "import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))"
     command = [sys.executable, "-c", code]
     return subprocess.run(command, stderr=subprocess.DEVNULL, check=False).returncode == 0
 
 
 def policies(process):
-    """Policy and priority of the threads of a process: of the first one, and of those of DDS."""
-    own, of_dds = set(), set()
+    """Policies and priorities of a process: of its main thread, and of the threads of DDS."""
+    own, dds = set(), set()
     for thread in Path(f"/proc/{process.pid}/task").iterdir():
         id = int(thread.name)
         policy = os.sched_getscheduler(id) & ~os.SCHED_RESET_ON_FORK
@@ -118,54 +118,52 @@ def policies(process):
         if id == process.pid:
             own.add(found)
         elif (thread / "comm").read_text().startswith("dds."):
-            of_dds.add(found)
-    return own, of_dds
+            dds.add(found)
+    return own, dds
 
 
-def test_the_tracker_has_it_where_the_system_permits_it(graph, client):
+def test_the_tracker_has_the_priority_if_the_system_permits_it(graph, client):
     process = graph.process("-p", "realtime_priority:=5")
-    told = client.wait_for(lambda: client.health, "diagnostics")[-1].values
-    usual, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 5)}
+    values = client.wait_for(lambda: client.health, "diagnostics")[-1].values
+    normal, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 5)}
     if not is_permitted():
-        assert told["realtime_priority"] == "0"
-        assert "real-time priority 5 is not permitted" in told["last_error"]
-        assert policies(process) == (usual, usual)
+        assert values["realtime_priority"] == "0"
+        assert "real-time priority 5 is not permitted" in values["last_error"]
+        assert policies(process) == (normal, normal)
         return
-    assert told["realtime_priority"] == "5"
-    assert policies(process) == (usual, raised)
+    assert values["realtime_priority"] == "5"
+    assert policies(process) == (normal, raised)
     client.set_parameters(realtime_priority=0)
-    assert policies(process) == (usual, usual)
+    assert policies(process) == (normal, normal)
 
 
 @pytest.mark.parametrize("profile", ["", str(PROFILE)])
-def test_the_console_has_it_for_dds_where_a_camera_waits_and_it_is_permitted(
-    graph, monkeypatch, profile
-):
+def test_the_console_has_the_priority_without_the_profile_if_permitted(graph, monkeypatch, profile):
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", profile)
     pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
     process = graph.process(
         *("-p", "port:=0", "-p", "realtime_priority:=4"),
         module="pf_tracker_ros.node.console.console_node",
     )
-    said = ""
+    log = ""
     for line in process.stdout:
-        said += line
+        log += line
         if "is at http" in line:
             break
-    usual, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 4)}
-    asked = not profile
-    assert policies(process) == (usual, raised if asked and is_permitted() else usual)
-    assert ("priority 4 is not permitted" in said) == (asked and not is_permitted())
+    normal, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 4)}
+    requested = not profile
+    assert policies(process) == (normal, raised if requested and is_permitted() else normal)
+    assert ("priority 4 is not permitted" in log) == (requested and not is_permitted())
 
 
-def test_a_tracker_has_none_unasked(graph, client):
+def test_a_tracker_has_no_priority_by_default(graph, client):
     process = graph.process()
-    told = client.wait_for(lambda: client.health, "diagnostics")[-1].values
-    usual = {(os.SCHED_OTHER, 0)}
-    assert (told["realtime_priority"], policies(process)) == ("0", (usual, usual))
+    values = client.wait_for(lambda: client.health, "diagnostics")[-1].values
+    normal = {(os.SCHED_OTHER, 0)}
+    assert (values["realtime_priority"], policies(process)) == ("0", (normal, normal))
 
 
-def test_a_node_in_the_process_of_another_leaves_it_as_it_is(graph, client):
+def test_a_node_without_its_own_process_sets_no_priority(graph, client):
     before = os.sched_getscheduler(0)
     graph.tracker(client)
     assert os.sched_getscheduler(0) == before

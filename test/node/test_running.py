@@ -1,4 +1,4 @@
-"""A node as a process, which collects garbage between callbacks; or as a thread, to its end."""
+"""Nodes as processes and threads: garbage collection, signals, errors, end."""
 
 import subprocess
 import sys
@@ -104,7 +104,7 @@ class Probe(LifecycleNode):
 
 
 run(Probe, [])
-# Its watchdog stays, which has nothing to do with any node.
+# The watchdog of DDS stays; it belongs to no node.
 print("of DDS:", {name for name in threads() if name.startswith("dds.")} - {"dds.shm.wdog"})
 """
 
@@ -132,7 +132,7 @@ def create():
     return node
 
 
-# What is in there goes last.
+# Builtins are destroyed last.
 builtins.last = Last()
 run(create, [])
 """
@@ -157,7 +157,7 @@ def output_of(script):
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
     )
     assert result.returncode == 0, result.stderr
-    # Fast DDS writes there, too, of what processes that were killed have left in shared memory.
+    # Fast DDS also reports there what killed processes left in shared memory.
     lines = result.stdout.splitlines(keepends=True)
     return "".join(line for line in lines if "RTPS_TRANSPORT" not in line)
 
@@ -170,7 +170,7 @@ def test_a_node_that_never_spins_leaves_nothing_behind(ros_domain):
     assert output_of(ENDED_AT_ONCE) == "destroyed\nthreads: 1\n"
 
 
-def test_dds_is_at_work_for_a_node_no_longer_than_the_node_is(ros_domain):
+def test_the_threads_of_dds_end_with_the_node(ros_domain):
     assert output_of(ENDED_AFTER_SPINNING) == "of DDS: True\nof DDS: set()\n"
 
 
@@ -178,7 +178,7 @@ def test_a_signal_while_python_ends_changes_no_exit_code(ros_domain):
     assert output_of(SIGNALED_AT_THE_END) == "still there"
 
 
-def test_a_node_that_ros_does_not_let_start_ends_the_process_with_the_reason(ros_domain):
+def test_an_error_of_ros_at_start_up_ends_the_process_with_the_reason(ros_domain):
     result = subprocess.run(
         [sys.executable, "-c", REFUSED], capture_output=True, text=True, timeout=60, check=False
     )
@@ -186,15 +186,15 @@ def test_a_node_that_ros_does_not_let_start_ends_the_process_with_the_reason(ros
     assert result.stderr == "the node cannot start: without security libraries\n"
 
 
-class Meddling(Waitable):
-    """Does something while the executor makes what it waits with."""
+class Hook(Waitable):
+    """Calls a function while the executor builds its wait set."""
 
-    def __init__(self, meddle):
+    def __init__(self, call):
         super().__init__(ReentrantCallbackGroup())
-        self._meddle = meddle
+        self._call = call
 
     def get_num_entities(self):
-        self._meddle()
+        self._call()
         return NumberOfEntities()
 
     def add_to_wait_set(self, wait_set):
@@ -202,15 +202,15 @@ class Meddling(Waitable):
 
 
 @pytest.fixture
-def meddled_node(ros_domain):
-    """A function that makes a node with a context of its own, and something done within a spin."""
+def hooked_node(ros_domain):
+    """A function that makes a node with its own context, and with a call during each spin."""
     nodes = []
 
-    def make(meddle):
+    def make(call):
         context = Context()
         rclpy.init(context=context, domain_id=ros_domain)
-        nodes.append(Node("meddled", context=context, start_parameter_services=False))
-        nodes[0].add_waitable(Meddling(lambda: meddle(context)))
+        nodes.append(Node("hooked", context=context, start_parameter_services=False))
+        nodes[0].add_waitable(Hook(lambda: call(context)))
         return nodes[0]
 
     yield make
@@ -219,27 +219,27 @@ def meddled_node(ros_domain):
         node.destroy_node()
 
 
-def test_a_shutdown_at_any_moment_ends_the_spinning(meddled_node):
-    spin_until_shutdown(meddled_node(Context.try_shutdown))
+def test_a_shutdown_at_any_moment_ends_the_spinning(hooked_node):
+    spin_until_shutdown(hooked_node(Context.try_shutdown))
 
 
-def test_an_error_while_spinning_is_no_end(meddled_node):
+def test_an_error_while_spinning_is_raised(hooked_node):
     def fail(context):
         raise RuntimeError("broken")
 
     with pytest.raises(RuntimeError, match="broken"):
-        spin_until_shutdown(meddled_node(fail))
+        spin_until_shutdown(hooked_node(fail))
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "reason"),
     [
         (["--loop"], "not understood after --ros-args: '--loop'; give names as -r FROM:=TO"),
         (["-p", "box:=[1, 2.5]"], "the ROS arguments cannot be read: "),
         (["--params-file", "none.yaml"], "the ROS arguments cannot be read: "),
     ],
 )
-def test_arguments_that_ros_does_not_take_are_answered_with_how_to_give_them(arguments, said):
+def test_invalid_ros_arguments_end_the_process_with_their_syntax(arguments, reason):
     command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
     done = subprocess.run(
         [sys.executable, "-c", "; ".join(command), "--ros-args", *arguments],
@@ -249,11 +249,11 @@ def test_arguments_that_ros_does_not_take_are_answered_with_how_to_give_them(arg
     )
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
-    assert last.startswith(said)
+    assert last.startswith(reason)
     assert "-p NAME:=VALUE" in last
 
 
-def test_what_keeps_ros_from_starting_is_not_blamed_on_the_arguments(monkeypatch):
+def test_another_error_of_ros_is_not_one_of_the_arguments(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
     command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
     done = subprocess.run(

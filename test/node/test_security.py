@@ -1,4 +1,4 @@
-"""The permissions that are shipped are those that a live node needs, no more and no fewer."""
+"""The policy in config/ allows a live node exactly what it needs."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 # Only with vision_msgs, simulated time or another transport.
-AT_TIMES = {
+OPTIONAL = {
     "/pf_tracker/detections",
     "/detections",
     "/clock",
@@ -54,11 +54,11 @@ def test_the_policy_allows_what_the_node_uses(graph, kind, permission, query):
         found = getattr(node, query)(node.get_name(), node.get_namespace())
         return {name for name, _ in found}
 
-    client.wait_for(lambda: names - AT_TIMES <= used(), "endpoints")
+    client.wait_for(lambda: names - OPTIONAL <= used(), "endpoints")
     assert used() <= names
 
 
-def test_a_node_that_is_to_be_secure_does_not_run_without_security(ros_domain, tmp_path):
+def test_a_node_does_not_start_without_the_required_security(ros_domain, tmp_path):
     settings = {
         "ROS_SECURITY_KEYSTORE": str(tmp_path),
         "ROS_SECURITY_ENABLE": "true",

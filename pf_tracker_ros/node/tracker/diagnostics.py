@@ -1,6 +1,6 @@
-"""The node's health on `/diagnostics`, once a second, whether images come or not.
+"""The node's health on `/diagnostics`, once a second, with and without images.
 
-How many frames got lost on the way is estimated from the rhythm of the stamps that came.
+The loss of frames in transport is estimated from the gaps between the received stamps.
 """
 
 from __future__ import annotations
@@ -23,36 +23,37 @@ from pf_tracker_ros.node.image_topics import image_publisher_hint
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
 from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.topics import SKIPPED, StatusValues
 from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN
 
-# Fewer intervals have no rhythm.
-_FEWEST_INTERVALS = 10
-# The shortest intervals are those between neighbors; their share of all is unknown, but not tiny.
+# With fewer intervals there is no estimate.
+_MIN_INTERVALS = 10
+# The shortest gaps are between consecutive frames; their share is unknown, but not tiny.
 _SHORT_QUANTILE = 0.1
 _SHORT_WITHIN = 1.5
-# A camera that changes its rate keeps no rhythm meanwhile.
-_SAME_RHYTHM = 0.25
-_TELLING_INTERVALS = 20
-# A camera's stamps lie about whole multiples of its interval, most of them this near.
-_NEAR_WHOLE = 0.25
-_LARGEST_MULTIPLE = 4.0
+# First and last intervals of the window, and their largest ratio: beyond it the rate changes.
+_RATE_INTERVALS = 20
+_RATE_TOLERANCE = 0.25
+# Most gaps of a regular camera are whole multiples of its interval, within this tolerance.
+_MULTIPLE_TOLERANCE = 0.25
+_MAX_MULTIPLE = 4.0
 _REGULAR_SHARE = 0.8
-# One gap is a pause; where frames get lost there are several, and short ones among them.
-_FEWEST_GAPS = 3
-_FEWEST_SHORT_GAPS = 2
-# Where a frame is missing, the next one also comes later: else the stamps are coarse.
-_LEAST_CORRELATION = 0.3
-# A longer silence is a pause of the camera, not a loss.
-_LONGEST_GAP = 2.0 * NANOSECONDS
+# A single gap is a pause. Losses make several gaps, some of them short.
+_MIN_GAPS = 3
+_MIN_SHORT_GAPS = 2
+# After a lost frame, the next one also arrives later; otherwise the stamps are coarse.
+_MIN_CORRELATION = 0.3
+# A longer gap is a pause of the camera, not a loss.
+_MAX_GAP = 2.0 * NANOSECONDS
 
 
 @dataclass(frozen=True)
 class FrameStatistics:
-    """What the stamps of some frames tell.
+    """Rate and loss of a camera, estimated from stamps.
 
     Attributes:
-        interval: Seconds from one frame of the camera to the next.
-        frame_loss_rate: Share of its frames that are missing between those that came, 0 to 1.
+        interval: Frame interval of the camera, seconds.
+        frame_loss_rate: Share of its frames that did not arrive, 0 to 1.
     """
 
     interval: float
@@ -60,37 +61,39 @@ class FrameStatistics:
 
 
 def frame_statistics(stamps: Sequence[int], arrivals: Sequence[float]) -> FrameStatistics | None:
-    """The rhythm of a camera, from the stamps of those of its frames that came.
+    """Estimate the interval and the loss of a camera from the received stamps.
+
+    1. The interval is the median of the shortest gaps between stamps.
+    2. Each gap of n intervals misses n - 1 frames; the largest gap counts as a pause.
+    3. Gaps are losses only if they are repeated, and the arrivals have them too.
 
     Args:
-        stamps: Nanoseconds, in the order in which the frames came; some may be late or double, and
-            time may begin anew, as when a recording is played again.
-        arrivals: Seconds by any clock at which the frames came, one for each stamp.
+        stamps: Nanoseconds, in the order of arrival; late and duplicate stamps and jumps back in
+            time are allowed.
+        arrivals: Arrival time of each stamp, seconds by any clock.
 
     Returns:
-        The rhythm; None where there are too few stamps, or none that they keep to.
+        The estimate; None with too few stamps or irregular ones.
     """
-    gaps, waits = _between_neighbors(
-        np.asarray(stamps, dtype=np.int64), np.asarray(arrivals, dtype=np.float64)
-    )
-    if len(gaps) < _FEWEST_INTERVALS:
+    gaps, waits = _gaps(np.asarray(stamps, dtype=np.int64), np.asarray(arrivals, dtype=np.float64))
+    if len(gaps) < _MIN_INTERVALS:
         return None
     interval = _interval(gaps)
-    some = min(len(gaps) // 2, _TELLING_INTERVALS)
-    shorter, longer = sorted([_interval(gaps[:some]), _interval(gaps[-some:])])
-    if longer > (1.0 + _SAME_RHYTHM) * shorter:
+    count = min(len(gaps) // 2, _RATE_INTERVALS)
+    shorter, longer = sorted([_interval(gaps[:count]), _interval(gaps[-count:])])
+    if longer > (1.0 + _RATE_TOLERANCE) * shorter:
         return None
     multiples = gaps / interval
-    # An error of the interval adds up over many of them: long gaps say nothing of regularity.
-    judged = multiples[multiples < _LARGEST_MULTIPLE]
-    if np.mean(np.abs(judged - np.rint(judged)) < _NEAR_WHOLE) < _REGULAR_SHARE:
+    # The error of the interval adds up over a long gap: only short gaps show regularity.
+    short = multiples[multiples < _MAX_MULTIPLE]
+    if np.mean(np.abs(short - np.rint(short)) < _MULTIPLE_TOLERANCE) < _REGULAR_SHARE:
         return None
     missing = np.maximum(np.rint(multiples), 1.0) - 1.0
-    if np.count_nonzero(missing) < _FEWEST_GAPS:
+    if np.count_nonzero(missing) < _MIN_GAPS:
         return FrameStatistics(interval / NANOSECONDS, 0.0)
     are_losses = (
-        np.count_nonzero(np.rint(judged) > 1.0) >= _FEWEST_SHORT_GAPS
-        and np.corrcoef(gaps, waits)[0, 1] > _LEAST_CORRELATION
+        np.count_nonzero(np.rint(short) > 1.0) >= _MIN_SHORT_GAPS
+        and np.corrcoef(gaps, waits)[0, 1] > _MIN_CORRELATION
     )
     if not are_losses:
         return None
@@ -98,18 +101,18 @@ def frame_statistics(stamps: Sequence[int], arrivals: Sequence[float]) -> FrameS
     return FrameStatistics(interval / NANOSECONDS, lost / (lost + len(gaps)))
 
 
-def _between_neighbors(
+def _gaps(
     stamps: NDArray[np.int64], arrivals: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """From one frame to the next by the stamps, nanoseconds, and by the arrivals, seconds."""
+    """Gaps between consecutive frames: of the stamps, nanoseconds, and the arrivals, seconds."""
     gaps, waits = [], []
     starts = np.flatnonzero(np.diff(stamps) < -LATE_WITHIN) + 1
-    for times, came in zip(np.split(stamps, starts), np.split(arrivals, starts), strict=True):
+    for times, received in zip(np.split(stamps, starts), np.split(arrivals, starts), strict=True):
         ordered, first = np.unique(times, return_index=True)
         gaps.append(np.diff(ordered).astype(np.float64))
-        waits.append(np.diff(came[first]))
+        waits.append(np.diff(received[first]))
     all_gaps, all_waits = np.concatenate(gaps), np.concatenate(waits)
-    are_near = all_gaps < _LONGEST_GAP
+    are_near = all_gaps < _MAX_GAP
     return all_gaps[are_near], all_waits[are_near]
 
 
@@ -119,65 +122,63 @@ def _interval(gaps: NDArray[np.float64]) -> float:
 
 
 def overload_warning(processing: float) -> str:
-    """What to do where the node is busy all the time.
+    """The warning for frames that arrive faster than they are processed.
 
     Args:
-        processing: Seconds that a frame takes it.
+        processing: Processing time of a frame, seconds.
     """
     return (
-        f"frames are passed over, because each takes {1e3 * processing:.0f} ms and they come "
-        "faster: take a cheaper preset, fewer particles or smaller images"
+        f"overloaded, so frames are dropped: each takes {1e3 * processing:.0f} ms; use a cheaper "
+        "preset, fewer particles or smaller images"
     )
 
 
 def loss_warning(found: FrameStatistics, topic: str, reliability: str) -> str:
-    """How many frames are lost on the way, and the cure.
+    """The warning for frames lost in transport, with the remedy.
 
     Args:
-        found: The rhythm of the frames.
-        topic: Of the images.
-        reliability: With which they are subscribed to, `reliable` or `best_effort`.
+        found: Statistics of the frames.
+        topic: Topic of the images.
+        reliability: Reliability of the subscription, `reliable` or `best_effort`.
     """
     share = (
         f"about {100 * found.frame_loss_rate:.0f} % of the frames on {topic} are lost on the way"
     )
     profile = (
-        "start both sides with the Fast DDS profile for large images "
+        "start publisher and tracker with the Fast DDS profile for large images "
         "(large_images:=true in the launch files)"
     )
     if reliability == "reliable":
-        return f"{share} although they are sent reliably: {profile}"
+        return f"{share} despite reliable delivery; {profile}"
     return (
-        f"{share}, which best effort allows: let the camera publish reliably and "
-        f"image_reliability be auto, or {profile}"
+        f"{share} with best-effort delivery; publish them reliably with image_reliability auto, "
+        f"or {profile}"
     )
 
 
-Value = str | float | int
-
 PERIOD = 1.0
 _WINDOW = 5.0
-_MOST_FRAMES = 5000
-# A camera may skip a frame now and then.
+_MAX_FRAMES = 5000
+# A camera may drop a single frame.
 _TOLERATED_LOSS = 0.05
-# A node that is busy for so much of its time passes frames over.
+# Share of the time spent on processing above which frames are dropped.
 _OVERLOAD = 0.95
-# Stamps that far from the node's time are by another clock, as those of a recording.
+# Stamps this far from the node's time are of another clock, as in a recording; seconds.
 _OTHER_CLOCK = 3600.0
 
 
 @dataclass(frozen=True)
 class Health:
-    """What the node knows of itself apart from its frames.
+    """Health of the node apart from its frames.
 
     Attributes:
         level: `OK`, `WARN` or `ERROR` of `pf_tracker_ros.messages`.
-        message: One sentence for people.
-        expects_images: Whether it is a fault if none come.
-        image_topic: Of the images, empty while they are not subscribed to.
-        image_reliability: With which they are subscribed to, `reliable` or `best_effort`.
-        is_compressed: Whether they are to come compressed.
-        values: More to know, key to value.
+        message: One sentence.
+        expects_images: Whether missing images are a fault.
+        image_topic: Topic of the images, empty without a subscription.
+        image_reliability: Reliability of the subscription, `reliable` or `best_effort`.
+        is_compressed: Whether the subscription is to compressed images.
+        values: Further values by key.
     """
 
     level: int
@@ -186,7 +187,7 @@ class Health:
     image_topic: str
     image_reliability: str
     is_compressed: bool
-    values: dict[str, Value]
+    values: StatusValues
 
 
 @dataclass(frozen=True)
@@ -198,17 +199,17 @@ class _Frame:
 
 
 class Diagnostics:
-    """Counts frames and publishes the figures of the last five seconds, and of all time.
+    """Counts frames, and publishes statistics of the last five seconds and totals.
 
     Attributes:
-        time_jumps: How often time has gone back.
-        frame_loss_rate: Share of the camera's frames that did not come, 0 to 1, in the last report.
+        time_jumps: Number of jumps back in time.
+        frame_loss_rate: Share of the camera's frames lost in transport, 0 to 1, in the last report.
 
     Args:
-        node: The node that publishes.
-        health: Tells how the node is.
-        image_timeout: Tells after how many seconds without an image to warn.
-        report: Called with a sentence if an override of the quality of service is wrong.
+        node: The publishing node.
+        health: Returns the health of the node.
+        image_timeout: Returns the seconds without an image before a warning.
+        report: Called with a sentence if a QoS override is invalid.
     """
 
     def __init__(
@@ -220,37 +221,37 @@ class Diagnostics:
     ) -> None:
         self._node = node
         self._health = health
-        self._stale_after = image_timeout
+        self._image_timeout = image_timeout
         self.time_jumps = 0
         self.frame_loss_rate = 0.0
         self._was_lossy = False
-        # What the log has said of missing images, but for their number; None while there are some.
-        self._said_missing: str | None = None
+        # Hint logged last with the warning of missing images; None while images arrive.
+        self._logged_hint: str | None = None
         self._outcomes: Counter[str] = Counter()
-        self._frames: deque[_Frame] = deque(maxlen=_MOST_FRAMES)
+        self._frames: deque[_Frame] = deque(maxlen=_MAX_FRAMES)
         self._last_arrival: float | None = None
-        self._began = time.monotonic()
+        self._start = time.monotonic()
         self._publisher = advertise(
             node, DiagnosticArray, "/diagnostics", profile=DEFAULT_QOS, report=report
         )
-        # By the wall's clock: simulated time may stand still, which is worth telling.
+        # Steady time: simulated time may stand still, which is worth a report.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(PERIOD, self._publish, clock=clock)
 
     def restart(self) -> None:
-        """Wait for images from now on, as after an activation."""
+        """Wait for images from now on, after an activation."""
         self._frames.clear()
         self._last_arrival = None
-        self._said_missing = None
-        self._began = time.monotonic()
+        self._logged_hint = None
+        self._start = time.monotonic()
 
     def count(self, outcome: str, stamp: int, processing: float) -> None:
         """Count a frame.
 
         Args:
-            outcome: What became of it.
-            stamp: Of its header, nanoseconds; 0 if it has none.
-            processing: Seconds that it took.
+            outcome: Its outcome, as in the status.
+            stamp: Of its header, nanoseconds; 0 without one.
+            processing: Processing time, seconds.
         """
         now = time.monotonic()
         age = self._node.get_clock().now().nanoseconds - stamp if stamp else 0
@@ -265,9 +266,9 @@ class Diagnostics:
         now = time.monotonic()
         while self._frames and now - self._frames[0].arrival > _WINDOW:
             self._frames.popleft()
-        found = self._rhythm(health)
+        found = self._frame_statistics(health)
         self.frame_loss_rate = found.frame_loss_rate if found else 0.0
-        # Twice in a row: a camera that changes its rate looks lossy for a moment.
+        # Twice in a row: a change of the rate looks like a loss for a moment.
         was_lossy, self._was_lossy = self._was_lossy, self.frame_loss_rate > _TOLERATED_LOSS
         is_lossy = was_lossy and self._was_lossy
         level, message = health.level, health.message
@@ -278,26 +279,26 @@ class Diagnostics:
             level = max(level, WARN)
             loss = loss_warning(found, health.image_topic, health.image_reliability)
             message = f"{message}; {loss}"
-        silent = now - (self._last_arrival or self._began)
-        is_silent = health.expects_images and silent > self._stale_after()
+        silent = now - (self._last_arrival or self._start)
+        is_silent = health.expects_images and silent > self._image_timeout()
         if is_silent:
             level = max(level, WARN)
-            where = image_publisher_hint(
+            hint = image_publisher_hint(
                 self._node, health.image_topic, compressed=health.is_compressed
             )
-            said = f"no image for {silent:.1f} s{where}"
-            if where != self._said_missing:
-                self._node.get_logger().warning(said)
-            self._said_missing = where
-            message = f"{said}; {message}"
+            warning = f"no image for {silent:.1f} s{hint}"
+            if hint != self._logged_hint:
+                self._node.get_logger().warning(warning)
+            self._logged_hint = hint
+            message = f"{warning}; {message}"
         else:
-            self._said_missing = None
-        values = self._figures(now, found) | health.values
+            self._logged_hint = None
+        values = self._statistics_values(now, found) | health.values
         status = Status(name, level, message, values)
         self._publisher.publish(status_message(new_message, header, [status]))
 
-    def _rhythm(self, health: Health) -> FrameStatistics | None:
-        """That of the only camera; the stamps of several would be taken for one's."""
+    def _frame_statistics(self, health: Health) -> FrameStatistics | None:
+        """Statistics of the only publisher; None with several, whose stamps would mix."""
         if not health.expects_images or self._node.count_publishers(health.image_topic) > 1:
             return None
         stamped = [frame for frame in self._frames if frame.stamp]
@@ -313,13 +314,13 @@ class Diagnostics:
         return busy > _OVERLOAD * span
 
     def _processing(self) -> float:
-        """Seconds that a frame takes, on average."""
+        """Mean processing time of a frame, seconds."""
         return sum(frame.processing for frame in self._frames) / len(self._frames)
 
-    def _figures(self, now: float, found: FrameStatistics | None) -> dict[str, Value]:
+    def _statistics_values(self, now: float, found: FrameStatistics | None) -> StatusValues:
         frames = list(self._frames)
-        values: dict[str, Value] = {
-            "input_rate": len(frames) / min(_WINDOW, max(now - self._began, PERIOD)),
+        values: StatusValues = {
+            "input_rate": len(frames) / min(_WINDOW, max(now - self._start, PERIOD)),
             "frames": self._outcomes.total(),
         }
         if found:
@@ -332,10 +333,10 @@ class Diagnostics:
             if abs(age) < _OTHER_CLOCK:
                 values["image_age_ms"] = 1e3 * age
             else:
-                values["image_age_ms"] = "unknown: the stamps are by another clock"
+                values["image_age_ms"] = "unknown: the stamps are of another clock"
             values["processing_time_ms"] = 1e3 * self._processing()
             values["processing_time_max_ms"] = 1e3 * max(frame.processing for frame in frames)
-        for outcome in ("duplicate", "late", "paused", "refused"):
+        for outcome in sorted(SKIPPED):
             values[f"dropped_{outcome}"] = self._outcomes[outcome]
         values["time_jumps"] = self.time_jumps
         return values

@@ -1,4 +1,4 @@
-"""The node's images: one subscription, raw or compressed, as reliable as the publishers allow."""
+"""The subscription to images: raw or compressed, as reliable as the publishers offer."""
 
 from __future__ import annotations
 
@@ -19,51 +19,48 @@ from pf_tracker_ros.node.qos import is_overridden, subscribe, take_oldest, take_
 
 _TYPES = {"raw": Image, "compressed": CompressedImage}
 
-# The newest frame wins; where every frame is asked for, a few may wait.
+# Best effort keeps the newest frame; `reliable` also keeps a few that wait.
 _PROFILES = {
     "best_effort": QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT),
     "reliable": QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
 }
-# Of an image that comes in many parts, Fast DDS drops what it has for the first of them: with a
-# depth of 1 a busy node would hardly get any.
+# With a depth of 1, Fast DDS drops a complete image for the first fragment of the next one: a busy
+# node would hardly receive any.
 _NEWEST_RELIABLY = QoSProfile(depth=2, reliability=ReliabilityPolicy.RELIABLE)
-# Those that are kept waiting.
-_WAITING = {
+# For a callback group that defers images.
+_DEFERRED = {
     name: QoSProfile(depth=8, reliability=profile.reliability)
     for name, profile in _PROFILES.items()
 }
 
-# Where so many images in a row came this soon after the one before was done with, as a share of the
-# time that took, they come faster than they are looked at. After a hold-up each is looked at.
-_SOON, _MOST_SOON = 0.25, 3
+# An image that follows the last one within this share of its processing time was in the queue.
+# After this many in a row the newest image is processed; after a single hold-up each of them is.
+_QUEUED_WITHIN, _MAX_QUEUED = 0.25, 3
 
-# What to do where a publisher offers less reliability than is asked for.
-RELIABILITY_CURE = "; set image_reliability to auto, or let the publisher be reliable"
+# The remedy for a publisher that offers less reliability than requested.
+RELIABILITY_REMEDY = "; set image_reliability to auto, or publish reliably"
 
-# How often `auto` looks who publishes. A publisher that offers less than what is asked for is
-# noticed at once.
-_LOOK_INTERVAL = 0.5
+# Seconds between checks of the publishers with `auto`; an incompatible one is noticed at once.
+_CHECK_INTERVAL = 0.5
 
 
 class ImageSubscription:
-    """Subscribes to the images while it is open, and again when it is told how.
+    """Subscribes to the images while it is open; initially closed.
 
-    With the reliability `auto` it asks for what all publishers offer, and follows them as they come
-    and go. Before any is there it expects reliable ones. Where images come faster than `receive` is
-    done with them, it gets the newest that is there, so that none is old.
-
-    It begins closed.
+    With the reliability `auto` it requests what all publishers offer, and adapts as they come and
+    go; without a publisher it requests reliable delivery. If images arrive faster than `receive`
+    processes them, it passes the newest one.
 
     Attributes:
-        topic: Name of the topic, empty while closed.
-        reliability: In force, `reliable` or `best_effort`.
+        topic: Full name of the topic, empty while closed.
+        reliability: Of the subscription, `reliable` or `best_effort`.
 
     Args:
-        node: The node that subscribes.
+        node: The subscribing node.
         receive: Called with each message, an Image or a CompressedImage.
-        report: Called with a sentence if an override of the quality of service is wrong.
-        topic: Its name, in place of `image` and of what the transport makes of that.
-        group: That keeps images waiting at times, for `take_pending`; None where they never do.
+        report: Called with a sentence if a QoS override is invalid.
+        topic: Name of the topic; by default `image` or that of the transport.
+        group: Callback group that may defer images until `take_pending`; None for no deferral.
     """
 
     def __init__(
@@ -82,16 +79,16 @@ class ImageSubscription:
         self._group = group
         self._transport = "raw"
         self._subscription: Subscription | None = None
-        self._look: Timer | None = None
-        # Images in a row that came soon, and the time, in seconds, by which the next one does.
-        self._soon, self._soon_until = 0, 0.0
+        self._check_timer: Timer | None = None
+        # Consecutive images that were waiting, and the time until which the next one counts.
+        self._queued, self._queued_until = 0, 0.0
 
     @property
     def topic(self) -> str:  # noqa: D102
         return self._subscription.topic_name if self._subscription else ""
 
     def open(self, transport: str, reliability: str) -> None:
-        """Subscribe; what was subscribed before is given up.
+        """Subscribe, in place of an earlier subscription.
 
         Args:
             transport: `raw` or `compressed`.
@@ -99,45 +96,45 @@ class ImageSubscription:
         """
         self.close()
         self._transport = transport
-        name = self._node.resolve_topic_name(self._topic_of(transport))
+        name = self._node.resolve_topic_name(self._topic_name(transport))
         if reliability == "auto" and is_overridden(self._node, name, "subscription", "reliability"):
             reliability = "reliable"
         if reliability != "auto":
             self._subscribe(_PROFILES[reliability], self._receive)
             return
-        self.reliability = self._offered(name)
+        self.reliability = self._offered_reliability(name)
         self._subscribe_to_newest()
-        self._look = self._node.create_timer(
-            _LOOK_INTERVAL, self._follow, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        self._check_timer = self._node.create_timer(
+            _CHECK_INTERVAL, self._adapt, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
 
     def close(self) -> None:
-        """Give the subscription up."""
-        if self._look:
-            self._node.destroy_timer(self._look)
-            self._look = None
+        """Unsubscribe."""
+        if self._check_timer:
+            self._node.destroy_timer(self._check_timer)
+            self._check_timer = None
         self._unsubscribe()
 
-    def take_pending(self, most: int) -> int:
-        """Receive images that wait, at most so many; how many there were."""
-        return take_pending(self._subscription, most) if self._subscription else 0
+    def take_pending(self, limit: int) -> int:
+        """Receive at most `limit` deferred images; returns their number."""
+        return take_pending(self._subscription, limit) if self._subscription else 0
 
-    def _offered(self, topic: str) -> str:
-        """What all publishers offer; what is in force while there are none."""
+    def _offered_reliability(self, topic: str) -> str:
+        """The reliability that all publishers offer; the present one without publishers."""
         publishers = self._node.get_publishers_info_by_topic(topic)
         reliabilities = {publisher.qos_profile.reliability for publisher in publishers}
         if not reliabilities:
             return self.reliability
         return "reliable" if reliabilities == {ReliabilityPolicy.RELIABLE} else "best_effort"
 
-    def _follow(self) -> None:
-        offered = self._offered(self.topic)
+    def _adapt(self) -> None:
+        offered = self._offered_reliability(self.topic)
         if offered == self.reliability:
             return
         self.reliability = offered
         self._node.get_logger().info(
-            f"images on {self.topic} are subscribed to with {offered.replace('_', ' ')} delivery, "
-            "as their publishers offer"
+            f"subscribed to {self.topic} with {offered.replace('_', '-')} delivery, as its "
+            "publishers offer"
         )
         self._unsubscribe()
         self._subscribe_to_newest()
@@ -146,23 +143,23 @@ class ImageSubscription:
         reliable = self.reliability == "reliable"
         profile = _NEWEST_RELIABLY if reliable else _PROFILES["best_effort"]
         if self._group:
-            profile = _WAITING[self.reliability]
-        self._subscribe(profile, self._receive_newest, lambda _: self._follow())
+            profile = _DEFERRED[self.reliability]
+        self._subscribe(profile, self._receive_newest, lambda _: self._adapt())
 
     def _receive_newest(self, message: Any) -> None:
-        """Hand an image on; where they come too fast, the newest that is there instead."""
-        began = time.monotonic()
-        self._soon = self._soon + 1 if began < self._soon_until else 0
-        if self._soon >= _MOST_SOON and self._subscription and self._keeps_newest:
+        """Pass an image on, or while overloaded the newest one."""
+        start = time.monotonic()
+        self._queued = self._queued + 1 if start < self._queued_until else 0
+        if self._queued >= _MAX_QUEUED and self._subscription and self._keeps_newest:
             while (newer := take_oldest(self._subscription)) is not None:
                 message = newer
         self._receive(message)
-        ended = time.monotonic()
-        self._soon_until = ended + _SOON * (ended - began)
+        end = time.monotonic()
+        self._queued_until = end + _QUEUED_WITHIN * (end - start)
 
     @property
     def _keeps_newest(self) -> bool:
-        """Whether nobody has asked for more images to wait."""
+        """Whether the user did not override the depth."""
         return not is_overridden(self._node, self.topic, "subscription", "depth")
 
     def _subscribe(
@@ -174,7 +171,7 @@ class ImageSubscription:
         self._subscription = subscribe(
             self._node,
             _TYPES[self._transport],
-            self._topic_of(self._transport),
+            self._topic_name(self._transport),
             receive,
             profile=profile,
             report=self._report,
@@ -189,8 +186,8 @@ class ImageSubscription:
             self._node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def _topic_of(self, transport: str) -> str:
-        """Compressed images come beside the raw ones, wherever `image` is remapped to."""
+    def _topic_name(self, transport: str) -> str:
+        """Name of the topic; compressed images follow a remapping of `image`."""
         if self._given_topic:
             return self._given_topic
         if transport == "raw":

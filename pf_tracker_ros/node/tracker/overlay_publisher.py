@@ -1,4 +1,4 @@
-"""Pictures that are drawn and published beside the tracking, in a thread of their own."""
+"""Draws and publishes overlay images in a separate thread, so that tracking does not wait."""
 
 from __future__ import annotations
 
@@ -12,59 +12,59 @@ from sensor_msgs.msg import Image
 
 from pf_tracker_ros.node.qos import ErrorCallback
 
-# As many as the topic keeps for a slow subscriber.
-_MOST_WAITING = 10
+# The depth of the topic.
+_MAX_WAITING = 10
 
 
 class OverlayPublisher:
-    """Draws pictures one after the other and publishes them; nobody waits for it.
+    """Draws images one after the other and publishes them.
 
-    Where more of them wait than the topic would keep for a subscriber, the oldest are left out. The
-    thread begins with the first picture: a node whose overlay nobody looks at has none.
+    If more images wait than the topic's depth, the oldest are dropped. The thread starts with the
+    first image, so a node without a subscriber of the overlay has none.
 
     Args:
-        publisher: Of the pictures.
-        report: Called with a sentence if a picture could not be published, with the next one.
+        publisher: Publisher of the images.
+        report: Called with a sentence if an image was not published; on the next call of `draw`.
     """
 
     def __init__(self, publisher: Publisher, report: ErrorCallback) -> None:
         self._publisher = publisher
         self._report = report
         self._lock = threading.Lock()
-        self._is_at_work = False
-        self._waiting: deque[Callable[[], Image]] = deque(maxlen=_MOST_WAITING)
+        self._is_busy = False
+        self._waiting: deque[Callable[[], Image]] = deque(maxlen=_MAX_WAITING)
         self._errors: deque[Exception] = deque(maxlen=1)
         self._executor = ThreadPoolExecutor(1, thread_name_prefix="overlay")
 
-    def draw(self, picture: Callable[[], Image]) -> None:
-        """Have a picture drawn and published soon.
+    def draw(self, build: Callable[[], Image]) -> None:
+        """Schedule an image.
 
         Args:
-            picture: Makes the message, in the thread; what it reads must not change from then on.
+            build: Makes the message, in the thread; the data it reads must not change any more.
         """
-        # Here and not in the thread: whoever takes the report is of the one that tracks.
+        # Not in the thread: `report` is for the tracking thread alone.
         while self._errors:
             self._report(f"the overlay of a frame was not published: {self._errors.popleft()}")
         with self._lock:
-            self._waiting.append(picture)
-            if self._is_at_work:
+            self._waiting.append(build)
+            if self._is_busy:
                 return
-            self._is_at_work = True
+            self._is_busy = True
         self._executor.submit(self._publish_waiting)
 
     def close(self) -> None:
-        """End the thread, once it has published what waits."""
+        """End the thread after the waiting images."""
         self._executor.shutdown()
 
     def _publish_waiting(self) -> None:
         while True:
             with self._lock:
                 if not self._waiting:
-                    self._is_at_work = False
+                    self._is_busy = False
                     return
-                picture = self._waiting.popleft()
+                build = self._waiting.popleft()
             try:
-                self._publisher.publish(picture())
+                self._publisher.publish(build())
             except Exception as error:
-                # Whatever drawing raises, or a context that goes away: only this picture is lost.
+                # An error of drawing, or a context that shuts down: only this image is lost.
                 self._errors.append(error)

@@ -1,4 +1,4 @@
-"""What the node publishes of each frame besides its status."""
+"""The topics of each frame besides its status."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from pf_tracker_ros.node.tracker.overlay_publisher import OverlayPublisher
 from pf_tracker_ros.topics import OUTPUT_TOPICS, FrameResult, OutputTopic
 
 PRIMARY_TOPICS = tuple(output.name for output in OUTPUT_TOPICS if not output.is_visualization)
-# Made in a thread of its own: it takes as long as tracking does.
-_DRAWN = "overlay"
+# Drawn in a separate thread: it takes as long as tracking.
+_OVERLAY = "overlay"
 
 
 class FramePublishers:
-    """The publishers of `OUTPUT_TOPICS` of one configured node; closed, they are gone.
+    """The publishers of `OUTPUT_TOPICS` of a configured node.
 
-    A message is made only where somebody listens. Without vision_msgs, a robot loses the topic
-    `~/detections` alone.
+    A message is built only for a topic with subscribers. Without vision_msgs, only `~/detections`
+    is missing.
 
     Args:
-        node: The node that publishes.
-        report: Called with a sentence if a subscriber cannot be reached.
+        node: The publishing node.
+        report: Called with a sentence if a QoS override is invalid or an overlay failed.
     """
 
     def __init__(self, node: Node, report: ErrorCallback) -> None:
@@ -41,42 +41,42 @@ class FramePublishers:
             self._publishers[output] = advertise(
                 node, message_type, f"~/{output.name}", profile=DEFAULT_QOS, report=report
             )
-        (drawn,) = (one for output, one in self._publishers.items() if output.name == _DRAWN)
-        self._drawing = OverlayPublisher(drawn, report)
+        (overlay,) = (one for output, one in self._publishers.items() if output.name == _OVERLAY)
+        self._overlay = OverlayPublisher(overlay, report)
 
     def has_subscribers(self, name: str) -> bool:
-        """Whether somebody listens to a topic."""
-        return any(output.name == name for output, _ in self._wanted())
+        """Whether a topic has subscribers."""
+        return any(output.name == name for output, _ in self._subscribed())
 
     def publish(
         self, header: Header, result: FrameResult, names: Collection[str] = PRIMARY_TOPICS
     ) -> None:
-        """Publish some topics, by default what others act on.
+        """Publish some topics, by default those that robots act on.
 
         Args:
-            header: Of the image.
-            result: What is known after its frame.
-            names: Of the topics.
+            header: Header of the image.
+            result: Result of its frame.
+            names: Names of the topics.
         """
-        for output, publisher in self._wanted():
+        for output, publisher in self._subscribed():
             if output.name in names:
                 _publish(publisher, output, header, result)
 
     def publish_visualizations(self, header: Header, result: FrameResult) -> None:
-        """Publish what people look at; arguments as of `publish`."""
-        for output, publisher in self._wanted():
-            if output.name == _DRAWN:
-                self._drawing.draw(partial(output.build, new_message, header, result))
+        """Publish the visualizations; arguments as of `publish`."""
+        for output, publisher in self._subscribed():
+            if output.name == _OVERLAY:
+                self._overlay.draw(partial(output.build, new_message, header, result))
             elif output.is_visualization:
                 _publish(publisher, output, header, result)
 
     def close(self) -> None:
-        """Withdraw the topics."""
-        self._drawing.close()
+        """Remove the publishers."""
+        self._overlay.close()
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
 
-    def _wanted(self) -> list[tuple[OutputTopic, Publisher]]:
+    def _subscribed(self) -> list[tuple[OutputTopic, Publisher]]:
         return [one for one in self._publishers.items() if one[1].get_subscription_count()]
 
 

@@ -1,4 +1,4 @@
-"""What goes wrong: told once, kept until a status has shown it, counted by cause."""
+"""Errors: logged once, held for the next status, counted by cause."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from typing import Any
 from pf_tracker_ros.decoding.image_decoding import ImageError
 
 LOG_INTERVAL = 5.0
-# What came over the wire may be quoted in an error, and be of any length.
+# An error may quote received data of any length.
 _LONGEST_ERROR = 1000
 _LONGEST_TRACEBACK = 5000
 _SHOWN_ERRORS = 5
 _IMAGE_CURE = (
-    ": give a target on these images (~/target, ~/click), forget the one there is (~/stop), or let "
-    "the camera send what it sent before; another size of the same aspect ratio would do as well"
+    "; start a target on these images (~/target, ~/click), stop the present one (~/stop), or "
+    "restore the image format: any size of the same aspect ratio"
 )
 _NUMBERS = re.compile(r"-?[\d.]+")
-# Most refusals in the log within the interval, whatever they say.
+# Most refusals logged within the interval.
 _LOGGED_ERRORS = 20
 
 
@@ -29,13 +29,13 @@ class Reporter:
     """Collects errors for the log, the status and the diagnostics.
 
     Attributes:
-        last_error: The latest error, empty if there was none.
-        last_error_at: When it came, by `time.monotonic`.
-        count: Errors so far.
-        failures: Cause to number of frames that failed of it.
+        last_error: The latest error, empty without one.
+        last_error_at: Its time, by `time.monotonic`.
+        count: Number of errors.
+        failures: Cause to number of refused frames.
 
     Args:
-        logger: Of the node.
+        logger: Logger of the node.
     """
 
     def __init__(self, logger: Any) -> None:
@@ -49,9 +49,9 @@ class Reporter:
         self._recent: deque[tuple[float, str]] = deque(maxlen=_LOGGED_ERRORS)
 
     def report(self, error: str) -> None:
-        """Tell the user what was refused: in the next status, and, unless it just has, the log."""
+        """Show a refusal in the next status, and in the log unless it was logged just before."""
         error = error[:_LONGEST_ERROR]
-        self._remember(error)
+        self._record(error)
         now = time.monotonic()
         recent = [text for moment, text in self._recent if now - moment < LOG_INTERVAL]
         if error not in recent and len(recent) < _LOGGED_ERRORS:
@@ -59,7 +59,7 @@ class Reporter:
             self._logger.error(error)
 
     def report_failure(self, error: Exception) -> None:
-        """Tell the user why a frame failed; the log hears of a cause that goes on only once."""
+        """Show why a frame was refused in the next status; a lasting cause is logged once."""
         kind = type(error).__name__
         cause = "other"
         text = str(error)[:_LONGEST_ERROR]
@@ -73,17 +73,17 @@ class Reporter:
             details = text
         else:
             text = f"unexpected {kind}: {text}"[:_LONGEST_ERROR]
-            # Its end says most.
+            # The end of a traceback is its most useful part.
             details = traceback.format_exc()[-_LONGEST_TRACEBACK:]
         self.failures[cause] += 1
-        self._remember(text)
+        self._record(text)
         now = time.monotonic()
         if now - self._failed_at.get(kind, -LOG_INTERVAL) >= LOG_INTERVAL:
             self._logger.error(details)
         self._failed_at[kind] = now
 
     def values(self) -> dict[str, str | float]:
-        """The latest error under the keys that status and diagnostics use, with its age."""
+        """The latest error and its age, under the keys of status and diagnostics."""
         values: dict[str, str | float] = {"last_error": self.last_error}
         if self.last_error:
             values["seconds_since_error"] = round(time.monotonic() - self.last_error_at, 3)
@@ -95,7 +95,7 @@ class Reporter:
         self._unshown.clear()
         return errors
 
-    def _remember(self, error: str) -> None:
+    def _record(self, error: str) -> None:
         self.last_error, self.last_error_at = error, time.monotonic()
         self.count += 1
         if error not in self._unshown:
@@ -103,21 +103,21 @@ class Reporter:
 
 
 class Throttle:
-    """Picks what has not been said for a while, whatever the numbers in it."""
+    """Drops repeated sentences; sentences that differ only in numbers are the same."""
 
     def __init__(self) -> None:
-        self._said_at: dict[str, float] = {}
+        self._last_at: dict[str, float] = {}
 
     def unrepeated(self, sentences: Sequence[str]) -> tuple[str, ...]:
-        """Those of the sentences that are not of the kind of one that was just picked."""
+        """The sentences that were not returned within the last `LOG_INTERVAL`."""
         now = time.monotonic()
-        self._said_at = {
-            kind: moment for kind, moment in self._said_at.items() if now - moment < LOG_INTERVAL
+        self._last_at = {
+            kind: moment for kind, moment in self._last_at.items() if now - moment < LOG_INTERVAL
         }
-        picked = []
+        fresh = []
         for sentence in sentences:
             kind = _NUMBERS.sub("", sentence)
-            if kind not in self._said_at:
-                self._said_at[kind] = now
-                picked.append(sentence)
-        return tuple(picked)
+            if kind not in self._last_at:
+                self._last_at[kind] = now
+                fresh.append(sentence)
+        return tuple(fresh)

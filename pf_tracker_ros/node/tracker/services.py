@@ -9,12 +9,12 @@ from std_srvs.srv import SetBool, Trigger
 
 
 class Services:
-    """`~/stop` forgets the target, `~/enable` pauses and goes on.
+    """`~/stop` stops all targets, `~/enable` pauses and resumes.
 
     Args:
-        node: The node that offers them.
-        stop: Forgets the target and tells in a sentence what came of it.
-        enable: Goes on (true) or pauses, and tells the same.
+        node: The serving node.
+        stop: Stops all targets; returns the result as a sentence.
+        enable: Resumes (true) or pauses; returns the result as a sentence.
     """
 
     def __init__(self, node: Node, stop: Callable[[], str], enable: Callable[[bool], str]) -> None:
@@ -34,7 +34,7 @@ class Services:
         ]
 
     def close(self) -> None:
-        """Withdraw the services."""
+        """Remove the services."""
         for service in self._services:
             self._node.destroy_service(service)
         self._services = []

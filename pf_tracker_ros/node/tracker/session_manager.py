@@ -1,10 +1,10 @@
-"""What the node tracks with: the session, as its parameters ask for it, and a built-in detector."""
+"""The tracking session and the built-in detector of a configured node."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from pf_tracker_ros.node.parameter_group import Values
+from pf_tracker_ros.node.parameter_group import ParameterValues
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.plurals import counted
@@ -15,13 +15,13 @@ from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 
-class _ChosenDetector(NamedTuple):
-    """The built-in detector that is asked for.
+class _DetectorChoice(NamedTuple):
+    """The built-in detector that the parameters choose.
 
     Attributes:
         name: A key of `DETECTORS`, or "none".
         parameters: Its group of tunables.
-        rate: Most frames that it looks at in a second.
+        rate: Maximum number of frames in a second.
     """
 
     name: str = "none"
@@ -29,10 +29,9 @@ class _ChosenDetector(NamedTuple):
     rate: float = 0.0
 
     @classmethod
-    def of(cls, values: Values) -> _ChosenDetector:
-        """The one that values of all parameters ask for."""
-        of_node = {name: values[name] for name in declarations(NodeParameters)}
-        node = build(NodeParameters, of_node)
+    def of(cls, values: ParameterValues) -> _DetectorChoice:
+        """The choice by the values of all parameters of the node."""
+        node = build(NodeParameters, {name: values[name] for name in declarations(NodeParameters)})
         name = node.built_in_detector
         return cls(name, node.detector_parameters.get(name), node.built_in_detector_rate)
 
@@ -40,97 +39,95 @@ class _ChosenDetector(NamedTuple):
         """The detector, None for "none".
 
         Raises:
-            ValueError: It cannot be made here.
+            ValueError: It cannot be created on this machine.
         """
         if self.name == "none":
             return None
         try:
             return DETECTORS.make(self.name, self.parameters)
         except Exception as error:
-            # Whatever is missing for it on this machine, the node is to stay up.
+            # A missing library or model must not end the node.
             raise ValueError(
-                f"the built-in detector {self.name!r} cannot be made here: {error}; set "
-                "'built_in_detector' to another one, or to 'none'"
+                f"the built-in detector {self.name!r} cannot be created: {error}; set "
+                "'built_in_detector' to another one or to 'none'"
             ) from error
 
 
 class SessionManager:
-    """The session of a configured node, and the detector of its own.
-
-    It begins without a session, and is without one while a parameter is in the way.
+    """Creates, configures and ends the session and the built-in detector.
 
     Attributes:
-        session: None where there is none.
+        session: None before the first valid configuration.
     """
 
     def __init__(self) -> None:
         self.session: Session | None = None
-        self._detecting: DetectorThread | None = None
-        self._detector = _ChosenDetector()
+        self._detector_thread: DetectorThread | None = None
+        self._choice = _DetectorChoice()
 
-    def check(self, values: Values) -> None:
-        """Try what `configure` would do with the node's parameters.
+    def check(self, values: ParameterValues) -> None:
+        """Check parameters as `configure` does, without a change.
 
         Raises:
             ValueError: As `configure`.
         """
         if self.session:
-            self.session.check(_of_tracker(values), values["seed"])
+            self.session.check(_tracker_values(values), values["seed"])
         else:
-            Session(_of_tracker(values), values["seed"])
-        detector = _ChosenDetector.of(values)
-        if detector[:2] != self._detector[:2]:
-            detector.make()
+            Session(_tracker_values(values), values["seed"])
+        choice = _DetectorChoice.of(values)
+        if choice[:2] != self._choice[:2]:
+            choice.make()
 
-    def configure(self, values: Values) -> None:
-        """Take parameters, and a session if there is none.
+    def configure(self, values: ParameterValues) -> None:
+        """Apply parameters; creates the session and the detector as needed.
 
         Args:
-            values: Full name to value of the node's parameters.
+            values: Full name to value of all parameters.
 
         Raises:
-            ValueError: They cannot be; all is as before then.
+            ValueError: They are invalid; nothing changes then.
         """
-        chosen = _ChosenDetector.of(values)
-        # First, since it may be impossible: what is refused changes nothing.
-        detector = chosen.make() if chosen != self._detector else None
+        choice = _DetectorChoice.of(values)
+        # First, because it may fail: a refused request changes nothing.
+        detector = choice.make() if choice != self._choice else None
         if self.session:
-            self.session.configure(_of_tracker(values), values["seed"])
+            self.session.configure(_tracker_values(values), values["seed"])
         else:
-            self.session = Session(_of_tracker(values), values["seed"])
+            self.session = Session(_tracker_values(values), values["seed"])
         threshold = round(values["time_jump_threshold"] * NANOSECONDS)
         self.session.time_policy = TimePolicy(values["time_jump"], threshold)
         self.session.frame_buffer.limit(
             values["frame_buffer_length"], values["frame_buffer_megabytes"]
         )
-        if chosen != self._detector:
-            self._end_detecting()
-            self._detecting = DetectorThread(detector, chosen.rate) if detector else None
-            self._detector = chosen
+        if choice != self._choice:
+            self._close_detector()
+            self._detector_thread = DetectorThread(detector, choice.rate) if detector else None
+            self._choice = choice
 
     def forget(self) -> None:
-        """Give the session up."""
-        self._end_detecting()
+        """End the session and the detector."""
+        self._close_detector()
         self.session = None
 
     def stop(self) -> str:
-        """Forget all targets, and tell what came of it."""
+        """Stop all targets; returns the result as a sentence."""
         count = len(self.session.targets) if self.session else 0
         if self.session:
             self.session.stop()
         if count == 0:
-            return "there was no target"
+            return "no target to stop"
         return f"stopped {counted(count, 'target')}; waiting for a target"
 
     def take_detections(self) -> tuple[str, ...]:
-        """Take what the built-in detector has found since the last frame; what went wrong."""
-        if self._detecting is None or self.session is None:
+        """Pass the built-in detector's new detections to the session; returns its errors."""
+        if self._detector_thread is None or self.session is None:
             return ()
         try:
-            found = self._detecting.take()
+            found = self._detector_thread.take()
         except Exception as error:
-            # Whatever the detector raised, in its thread: the frame at hand has no part in it.
-            return (f"the detector '{self._detector.name}' failed: {error}",)
+            # Any error of the detector's thread; the present frame is processed all the same.
+            return (f"the detector '{self._choice.name}' failed: {error}",)
         try:
             if found:
                 self.session.add_detections(*found)
@@ -139,30 +136,30 @@ class SessionManager:
         return ()
 
     def offer(self, image: Any, stamp: int, *, jumped_back: bool) -> None:
-        """Show a frame that was looked at to the built-in detector.
+        """Offer a processed frame to the built-in detector.
 
         Args:
-            image: (H, W, 3) or (H, W), not to be changed from then on.
+            image: (H, W, 3) or (H, W); it must not change any more.
             stamp: Of the frame, nanoseconds.
-            jumped_back: Whether time went back with it.
+            jumped_back: Whether time jumped back with it.
         """
-        if self._detecting:
+        if self._detector_thread:
             if jumped_back:
-                self._detecting.discard_pending()
-            self._detecting.offer(image, stamp)
+                self._detector_thread.discard_pending()
+            self._detector_thread.offer(image, stamp)
 
     def skip(self, stamp: int) -> None:
-        """Let the clock go on with a frame that is not looked at; its stamp, nanoseconds."""
+        """Advance the clock by a skipped frame; `stamp` in nanoseconds."""
         if self.session:
             self.session.skip(stamp)
-        if self._detecting:
-            self._detecting.discard_pending()
+        if self._detector_thread:
+            self._detector_thread.discard_pending()
 
-    def _end_detecting(self) -> None:
-        if self._detecting:
-            self._detecting.close()
-        self._detecting, self._detector = None, _ChosenDetector()
+    def _close_detector(self) -> None:
+        if self._detector_thread:
+            self._detector_thread.close()
+        self._detector_thread, self._choice = None, _DetectorChoice()
 
 
-def _of_tracker(values: Values) -> dict[str, Any]:
+def _tracker_values(values: ParameterValues) -> dict[str, Any]:
     return {name: values[name] for name in declarations(TrackerParameters)}

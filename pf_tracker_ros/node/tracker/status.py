@@ -1,7 +1,4 @@
-"""The status of a frame: what is known of the targets, and what stands in the way.
-
-Frames that are answered but not looked at are counted, and the log has each new state soon.
-"""
+"""The topic `~/status` and the log of states: one status for each frame, processed or skipped."""
 
 from __future__ import annotations
 
@@ -23,26 +20,22 @@ from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
     description,
 )
-from pf_tracker_ros.topics import FrameResult
+from pf_tracker_ros.topics import FrameResult, StatusValues
 from pf_tracker_ros.tracking.estimate import SEVERITIES, Estimate
 
-# What becomes of a frame that is not looked at.
-SKIPPED = ("refused", "duplicate", "late", "paused")
-
-# One frame may come twice or broken; so many seconds of such frames are told of.
+# Seconds of skipped frames before a warning. Single duplicate or broken frames are normal.
 REPORT_AFTER = 1.0
 
 
 @dataclass(frozen=True)
 class SkippedStreak:
-    """The frames in a row, up to the last one, that were not looked at.
+    """Consecutive skipped frames, up to the last frame.
 
     Attributes:
-        count: How many.
-        seconds: From the first of them to the last one, by arrival, in whole milliseconds.
-        cause: Of the last one: why, and what to do.
-        last_stamp: Of the last frame that was looked at, nanoseconds; 0 if it had none, or if there
-            was none.
+        count: Number of frames.
+        seconds: From the first to the last arrival, in whole milliseconds.
+        cause: Why the last one was skipped, and the remedy.
+        last_stamp: Stamp of the last processed frame, nanoseconds; 0 without one.
     """
 
     count: int
@@ -52,25 +45,24 @@ class SkippedStreak:
 
     @property
     def is_lasting(self) -> bool:
-        """Whether it has lasted for so long that people should know."""
+        """Whether the streak is long enough for a warning."""
         return self.seconds >= REPORT_AFTER
 
     @property
     def description(self) -> str:
-        """The cause, and since when if that is long ago."""
+        """The cause, and the duration of a lasting streak."""
         if not self.is_lasting:
             return self.cause
-        return f"{self.cause}; no frame has been looked at for {self.seconds:.1f} s"
+        return f"{self.cause}; no frame processed for {self.seconds:.1f} s"
 
 
 class SkippedFrames:
-    """Follows which frames are looked at; the log has one line when that ends, one when it goes on.
+    """Counts skipped frames. Logs a lasting streak once, and its end.
 
-    A pause is none of its business there, as whoever asked for it is told; and the log has the
-    error of a frame that is refused.
+    A pause is not logged here: its service call is. Neither is a refused frame: its error is.
 
     Args:
-        logger: Of the node.
+        logger: Logger of the node.
     """
 
     def __init__(self, logger: Any) -> None:
@@ -78,102 +70,105 @@ class SkippedFrames:
         self.forget()
 
     def forget(self) -> None:
-        """Begin again, as after an activation."""
+        """Start anew, as after an activation."""
         self.last: SkippedStreak | None = None
-        self._began = 0.0
+        self._streak_start = 0.0
         self._last_stamp = 0
         self._is_logged = False
 
     def mark_processed(self, stamp: int) -> None:
-        """Take a frame that was looked at.
+        """Record a processed frame, which ends the streak.
 
         Args:
             stamp: Of its header, nanoseconds.
         """
         if self.last and self._is_logged:
             self._logger.info(
-                f"frames are looked at again, after {self.last.count} in "
-                f"{time.monotonic() - self._began:.1f} s that were not"
+                f"frames are processed again, after {self.last.count} skipped in "
+                f"{time.monotonic() - self._streak_start:.1f} s"
             )
         self.last, self._is_logged, self._last_stamp = None, False, stamp
 
-    def skip(self, frame: str, cause: str) -> None:
-        """Take a frame that was not.
+    def skip(self, outcome: str, cause: str) -> None:
+        """Record a skipped frame.
 
         Args:
-            frame: What became of it, one of `SKIPPED`.
-            cause: Why, and what to do.
+            outcome: One of `pf_tracker_ros.topics.SKIPPED`.
+            cause: Why it was skipped, and the remedy.
         """
         now = time.monotonic()
         if self.last is None:
-            self._began = now
+            self._streak_start = now
         count = self.last.count + 1 if self.last else 1
-        self.last = SkippedStreak(count, round(now - self._began, 3), cause, self._last_stamp)
-        if self.last.is_lasting and not self._is_logged and frame != "paused":
+        seconds = round(now - self._streak_start, 3)
+        self.last = SkippedStreak(count, seconds, cause, self._last_stamp)
+        if self.last.is_lasting and not self._is_logged and outcome != "paused":
             self._is_logged = True
-            if frame != "refused":
+            if outcome != "refused":
                 self._logger.warning(self.last.description)
 
 
-# A target that flickers at the frame rate is told of once in so long, with the state it is then in.
+# Seconds between log lines of a target that flickers; the next line has its state by then.
 _INTERVAL = 1.0
 
 
 class StateLog:
-    """Logs changes of the selected target's state, the last of them always, within a second.
+    """Logs state changes of the selected target, at most one a second, the last one always.
 
-    Another target counts as tracked before.
+    A newly selected target counts as tracked before.
 
     Args:
-        logger: Of the node.
+        logger: Logger of the node.
     """
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
         self._id = 0
-        self._told = "tracking"
-        self._told_at = -_INTERVAL
+        self._logged_state = "tracking"
+        self._logged_at = -_INTERVAL
 
     def update(self, id: int, estimate: Estimate) -> None:
-        """Log the state after a frame if it is another than the last one that was told.
+        """Log the state after a frame if it differs from the last logged one.
 
         Args:
-            id: Of the target.
-            estimate: What is known of it.
+            id: Id of the selected target.
+            estimate: Its estimate.
         """
         if id != self._id:
-            self._id, self._told = id, "tracking"
+            self._id, self._logged_state = id, "tracking"
         now = time.monotonic()
-        if estimate.state == self._told or now - self._told_at < _INTERVAL:
+        if estimate.state == self._logged_state or now - self._logged_at < _INTERVAL:
             return
-        self._logger.info(f"{self._told} -> {estimate.state}, confidence {estimate.confidence:.2f}")
-        self._told, self._told_at = estimate.state, now
+        self._logger.info(
+            f"{self._logged_state} -> {estimate.state}, confidence {estimate.confidence:.2f}"
+        )
+        self._logged_state, self._logged_at = estimate.state, now
 
 
 class TargetsLog:
-    """Logs which targets there are, once they are others, the last of them within a second.
+    """Logs the list of targets when it changes, at most once a second, the last one always.
 
     Args:
-        logger: Of the node.
+        logger: Logger of the node.
     """
 
     def __init__(self, logger: Any) -> None:
         self._logger = logger
-        self._told: tuple[int, ...] = ()
-        self._told_at = -_INTERVAL
+        self._logged_ids: tuple[int, ...] = ()
+        self._logged_at = -_INTERVAL
 
     def update(self, targets: Sequence[TrackedTarget]) -> None:
-        """Log the targets after a frame if they are others than the last ones that were told."""
+        """Log the targets after a frame if their ids differ from the last logged ones."""
         now = time.monotonic()
         ids = tuple(target.id for target in targets)
-        if ids == self._told or now - self._told_at < _INTERVAL:
+        if ids == self._logged_ids or now - self._logged_at < _INTERVAL:
             return
         listed = ", ".join(f"{target.id} {target.label}".rstrip() for target in targets)
         self._logger.info(f"targets: {listed or 'none'}")
-        self._told, self._told_at = ids, now
+        self._logged_ids, self._logged_at = ids, now
 
 
-PAUSED = "paused; the service ~/enable lets it go on"
+PAUSED = "paused; resume with the service ~/enable"
 
 
 def format_stamp(stamp: int) -> str:
@@ -184,20 +179,20 @@ def format_stamp(stamp: int) -> str:
 
 @dataclass(frozen=True)
 class NodeStatus:
-    """How the node is after a frame.
+    """Status of the node after a frame.
 
     Attributes:
-        frame: What became of the frame, empty where it is not about one.
-        result: What is known after the last frame that was looked at.
+        outcome: Outcome of the frame, empty for a status without a frame.
+        result: Result of the last processed frame.
         requested_stamp: Stamp of the frame that a requested target waits for, None or 0 without.
-        skipped: The frames since, None if that is this one.
-        configuration_error: What keeps the node from tracking at all, or empty.
-        enabled: Whether it looks at images.
-        preset: Of the tracker, and how many values differ from it.
-        frame_loss_rate: Share of the camera's frames that did not come, 0 to 1.
+        skipped: The frames skipped since, None after a processed frame.
+        configuration_error: Why the node cannot track at all, or empty.
+        enabled: Whether the node is not paused.
+        preset: Preset of the tracker, and how many values differ from it.
+        frame_loss_rate: Share of the camera's frames lost in transport, 0 to 1.
     """
 
-    frame: str
+    outcome: str
     result: FrameResult
     requested_stamp: int | None
     skipped: SkippedStreak | None
@@ -208,23 +203,23 @@ class NodeStatus:
 
     @property
     def is_skipped(self) -> bool:
-        """Whether it says nothing of the target, because the image was not looked at."""
+        """Whether it has no estimate, because the frame was skipped."""
         return self.skipped is not None or not self.enabled
 
     @property
     def last_state(self) -> str:
-        """`idle`, or the state of the track, in the last frame that was looked at."""
+        """`idle`, or the target's state, in the last processed frame."""
         return self.result.state
 
     @property
     def state(self) -> str:
-        """`skipped`, `idle`, or the state of the track."""
+        """`skipped`, `idle`, or the target's state."""
         return "skipped" if self.is_skipped else self.last_state
 
     @property
     def level(self) -> int:
-        """How bad it is."""
-        if self.configuration_error or self.frame == "refused":
+        """Level of diagnostic_msgs/DiagnosticStatus."""
+        if self.configuration_error or self.outcome == "refused":
             return ERROR
         level = SEVERITIES[self.last_state]
         if self.skipped and self.skipped.is_lasting:
@@ -233,7 +228,7 @@ class NodeStatus:
 
     @property
     def description(self) -> str:
-        """How it is, in words."""
+        """The status as a sentence."""
         if self.configuration_error:
             return f"not tracking: {self.configuration_error}"
         if self.skipped:
@@ -242,13 +237,13 @@ class NodeStatus:
             return PAUSED
         if self.requested_stamp:
             stamp = format_stamp(self.requested_stamp)
-            return f"{self.state}; a target waits for an image stamped {stamp} s"
+            return f"{self.state}; the requested target waits for the image stamped {stamp} s"
         return description(self.result.targets, self.result.selected)
 
     @property
-    def values(self) -> dict[str, str | float | int]:
-        """The state and what is known of the target, key to value; of no frame but this."""
-        values: dict[str, str | float | int] = {"state": self.state}
+    def values(self) -> StatusValues:
+        """State and estimate of the target, key to value; no estimate of a skipped frame."""
+        values: StatusValues = {"state": self.state}
         if self.skipped:
             values["skipped_frames"] = self.skipped.count
             values["skipped_seconds"] = self.skipped.seconds
@@ -262,11 +257,11 @@ class NodeStatus:
 
 
 class StatusOutput:
-    """The topic `~/status`.
+    """The publisher of `~/status`.
 
     Args:
-        node: The node that publishes.
-        report: Called with a sentence if a subscriber cannot be reached.
+        node: The publishing node.
+        report: Called with a sentence if a QoS override is invalid.
     """
 
     def __init__(self, node: Node, report: ErrorCallback) -> None:
@@ -281,10 +276,10 @@ class StatusOutput:
         """Publish the status of a frame, with all errors since the last one.
 
         Args:
-            header: Of the frame.
-            status: How the node is.
-            reporter: Knows the errors.
-            elapsed: Seconds that the frame took.
+            header: Header of the image.
+            status: Status of the node.
+            reporter: Source of the errors.
+            elapsed: Processing time of the frame, seconds.
         """
         level = status.level
         errors = [
@@ -294,7 +289,7 @@ class StatusOutput:
             level = max(level, WARN)
         if status.configuration_error or not errors:
             errors.insert(0, status.description)
-        values: dict[str, str | float | int] = {"frame": status.frame}
+        values: StatusValues = {"frame": status.outcome}
         values |= status.values
         values["processing_time_ms"] = 1e3 * elapsed
         values["frame_loss_rate"] = status.frame_loss_rate
@@ -307,5 +302,5 @@ class StatusOutput:
         self._publisher.publish(status_message(new_message, header, statuses))
 
     def close(self) -> None:
-        """Withdraw the topic."""
+        """Remove the publisher."""
         self._node.destroy_publisher(self._publisher)

@@ -1,4 +1,4 @@
-"""What the node is told of targets: which to start, select and stop, and what a detector found."""
+"""The subscriptions to target requests and to detections."""
 
 from __future__ import annotations
 
@@ -22,21 +22,19 @@ from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.detections import check_message_size, detections_from_message
 from pf_tracker_ros.targets.session import Session
 
-# Not a dependency: a robot without it loses this topic alone.
+# vision_msgs is optional: without it only this topic is missing.
 DETECTIONS_CLASS: Any = None
 with contextlib.suppress(ModuleNotFoundError):
     DETECTIONS_CLASS = message_class(DETECTIONS_TYPE)
 
 DETECTIONS_TOPIC = "detections"
 VISION_MSGS_MISSING = (
-    "vision_msgs is not installed, so no detector is heard on the topic 'detections': install "
-    "ros-jazzy-vision-msgs (with a ROS from apt: PyPI has none), give targets on ~/target, or set "
-    "'built_in_detector'"
+    "the topic 'detections' needs vision_msgs: install ros-jazzy-vision-msgs (ROS from apt; it is "
+    "not on PyPI), request targets on ~/target, or set 'built_in_detector'"
 )
 
-# Bytes of a message but for detections: thousands of corners, and a frame's name of any sensible
-# length.
-_LARGEST = 65_536
+# Bytes of a message other than detections; enough for thousands of corners.
+_MAX_BYTES = 65_536
 
 
 def box_of_click(message: PointStamped, size: float) -> Box:
@@ -51,31 +49,31 @@ def box_of_click(message: PointStamped, size: float) -> Box:
     return x - size / 2, y - size / 2, size, size
 
 
-class _Input(NamedTuple):
-    """One topic.
+class _Topic(NamedTuple):
+    """A subscribed topic.
 
     Attributes:
-        topic: Its name.
-        type: Of its messages.
-        take: Takes a message; raises ValueError to refuse it.
-        refused: What is said before the reason where one is refused.
+        name: Its name.
+        type: Message class.
+        apply: Applies a message; raises ValueError to refuse it.
+        refused: Start of the error for a refused message.
     """
 
-    topic: str
+    name: str
     type: Any
-    take: Callable[[Any], None]
+    apply: Callable[[Any], None]
     refused: str
 
 
 class TargetSubscriptions:
-    """The subscriptions to what is said of targets, while they are open.
+    """The open subscriptions to target requests and to detections.
 
     Args:
-        node: The node that subscribes.
-        session: Gives the session; raises ValueError where there is none.
-        click_size: Tells the side of the square around a click, in pixels.
-        report: Called with the reason for what is refused; of detections, where it has not just
-            been told of the same kind.
+        node: The subscribing node.
+        session: Returns the session; raises ValueError without one.
+        click_size: Returns the side of the square around a click, pixels.
+        report: Called with a sentence for each refused message; for detections, repetitions are
+            left out.
     """
 
     def __init__(
@@ -90,47 +88,46 @@ class TargetSubscriptions:
         self._click_size = click_size
         self._report = report
         self._throttle = Throttle()
-        # What waits is taken in this order: room is made before a target comes.
-        inputs = [
-            _Input("~/stop_target", UInt32, self._on_stop, "not stopped"),
-            _Input("~/target", PolygonStamped, self._on_target, "target refused"),
-            _Input("~/click", PointStamped, self._on_click, "target refused"),
-            _Input("~/select", UInt32, self._on_select, "not selected"),
+        # Pending messages are taken in this order: stopping makes room for a new target.
+        topics = [
+            _Topic("~/stop_target", UInt32, self._on_stop, "not stopped"),
+            _Topic("~/target", PolygonStamped, self._on_target, "target refused"),
+            _Topic("~/click", PointStamped, self._on_click, "target refused"),
+            _Topic("~/select", UInt32, self._on_select, "not selected"),
         ]
         if DETECTIONS_CLASS:
-            inputs.append(
-                _Input(
+            topics.append(
+                _Topic(
                     DETECTIONS_TOPIC, DETECTIONS_CLASS, self._on_detections, "detections refused"
                 )
             )
-        self._subscriptions = [self._subscribe(one) for one in inputs]
+        self._subscriptions = [self._subscribe(topic) for topic in topics]
 
     def take_pending(self) -> None:
-        """Take what came before the image at hand."""
+        """Apply the messages that arrived before the present image."""
         for subscription in self._subscriptions:
             take_pending(subscription)
 
     def close(self) -> None:
-        """Give the subscriptions up."""
+        """Unsubscribe."""
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
 
-    def _subscribe(self, one: _Input) -> Subscription:
-        # As bytes: a polygon of millions of points would become as many objects of Python.
+    def _subscribe(self, topic: _Topic) -> Subscription:
+        # Raw bytes: the size is checked before millions of points become Python objects.
         def receive(octets: bytes) -> None:
             try:
-                one.take(_deserialized(octets, one.type))
+                topic.apply(_deserialize(octets, topic.type))
             except ValueError as error:
-                sentence = f"{one.refused}: {error}"
-                is_often = one.type is DETECTIONS_CLASS
-                for each in self._throttle.unrepeated([sentence]) if is_often else (sentence,):
-                    self._report(each)
+                refusal = f"{topic.refused}: {error}"
+                if topic.type is not DETECTIONS_CLASS or self._throttle.unrepeated([refusal]):
+                    self._report(refusal)
 
         return subscribe(
             self._node,
-            one.type,
-            one.topic,
+            topic.type,
+            topic.name,
             receive,
             profile=DEFAULT_QOS,
             report=self._report,
@@ -154,13 +151,13 @@ class TargetSubscriptions:
         self._session().add_detections(detections_from_message(message), stamp_of(message.header))
 
 
-def _deserialized(octets: bytes, message_type: Any) -> Any:
+def _deserialize(octets: bytes, message_type: Any) -> Any:
     if message_type is DETECTIONS_CLASS:
         check_message_size(octets)
-    elif len(octets) > _LARGEST:
-        raise ValueError(f"its message has {len(octets)} bytes; allowed: up to {_LARGEST}")
+    elif len(octets) > _MAX_BYTES:
+        raise ValueError(f"its message has {len(octets)} bytes; allowed: up to {_MAX_BYTES}")
     try:
         return deserialize_message(octets, message_type)
     except Exception as error:
-        # What rclpy raises for bytes that are no such message is not specified.
+        # rclpy does not specify what it raises for invalid bytes.
         raise ValueError(f"its message cannot be read: {error}") from error

@@ -1,4 +1,4 @@
-"""Footage of several targets for live nodes, what is said of them, and a detector."""
+"""Footage of several targets, and publishers of requests and detections for live nodes."""
 
 import json
 import math
@@ -36,11 +36,11 @@ def walkers():
 
 
 def _send(client, node, topic, message):
-    """Publish a message that the tracker has before the next image."""
+    """Publish a message; the tracker receives it before the next image."""
     publisher = client.create_publisher(type(message), topic, 1)
-    (heard,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
+    (subscription,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
     client.wait_for(
-        lambda: publisher.get_subscription_count() and heard.get_publisher_count(), topic
+        lambda: publisher.get_subscription_count() and subscription.get_publisher_count(), topic
     )
     publisher.publish(message)
     assert publisher.wait_for_all_acked(Duration(seconds=10))
@@ -49,36 +49,37 @@ def _send(client, node, topic, message):
 
 @pytest.fixture(scope="session")
 def send():
-    """A function that publishes a message to a tracker, which has it before the next image."""
+    """A function that publishes a message, received before the next image."""
     return _send
 
 
 @pytest.fixture(scope="session")
 def send_id():
-    """A function that publishes a number to a tracker: `select` or `stop_target`."""
+    """A function that publishes an id to a tracker, on `select` or `stop_target`."""
 
-    def say(client, node, topic, id):
+    def publish_id(client, node, topic, id):
         _send(client, node, f"pf_tracker/{topic}", UInt32(data=id))
 
-    return say
+    return publish_id
 
 
 class Detector:
-    """Publishes what a detector found; the tracker has it before the next image."""
+    """Publishes detections; the tracker receives them before the next image."""
 
     def __init__(self, client, node, topic="detections"):
         self._publisher = client.create_publisher(Detector.kind(), topic, 1)
-        (heard,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
+        (subscription,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
         client.wait_for(
-            lambda: self._publisher.get_subscription_count() and heard.get_publisher_count(), topic
+            lambda: self._publisher.get_subscription_count() and subscription.get_publisher_count(),
+            topic,
         )
 
     @staticmethod
     def kind():
-        """The type of the messages."""
+        """The class of the messages."""
         return DETECTIONS_CLASS or DiagnosticArray
 
-    def say(self, boxes, stamp, labels=None, scores=None):
+    def publish(self, boxes, stamp, labels=None, scores=None):
         self.send(self.message(boxes, stamp, labels, scores))
 
     def send(self, message):
@@ -132,7 +133,7 @@ def _detections_of_stand_in(message):
 
 @pytest.fixture
 def detector(monkeypatch):
-    """The class `Detector`; without vision_msgs, nodes hear a stand-in for its messages."""
+    """The class `Detector`; without vision_msgs, its messages have a stand-in."""
     if DETECTIONS_CLASS is None:
         monkeypatch.setattr(target_subscriptions, "DETECTIONS_CLASS", DiagnosticArray)
         monkeypatch.setattr(

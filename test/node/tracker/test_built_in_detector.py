@@ -1,4 +1,4 @@
-"""Targets that start without a hand and without another node."""
+"""Targets that a built-in detector starts."""
 
 import re
 import threading
@@ -13,7 +13,7 @@ from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
-SEVERAL = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
+MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
 
 
 def scene(number):
@@ -26,7 +26,7 @@ def scene(number):
 
 
 def show_until(client, condition, first=0, scene=scene):
-    """Show frames until a status is as it should be; that status and the next frame's number."""
+    """Show frames until a status fulfills a condition; returns it and the next frame's number."""
     number = first
 
     def met():
@@ -38,8 +38,8 @@ def show_until(client, condition, first=0, scene=scene):
     return client.wait_for(met, "such a status", deadline=60.0), number
 
 
-def test_what_moves_starts_a_target_that_is_followed(graph, client):
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+def test_a_moving_object_starts_a_target(graph, client):
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     status, number = show_until(client, lambda status: status.targets)
     assert status.targets[0].values["label"] == "moving"
     for following in range(number, number + 5):
@@ -48,22 +48,22 @@ def test_what_moves_starts_a_target_that_is_followed(graph, client):
         assert status.targets[0].values["id"] == "1"
 
 
-def test_a_detector_is_chosen_and_given_up_at_run_time(graph, client):
-    graph.tracker(client, **SEVERAL)
-    heard = "detector_runs"
+def test_the_detector_changes_at_run_time(graph, client):
+    graph.tracker(client, **MULTI_TARGET)
+    key = "detector_runs"
     for number in range(3):
-        assert client.show(scene(number)[0], client.at(number)).values[heard] == "0"
+        assert client.show(scene(number)[0], client.at(number)).values[key] == "0"
     assert client.set_parameters(built_in_detector="people").successful
-    _, number = show_until(client, lambda status: int(status.values[heard]) >= 2, first=3)
+    _, number = show_until(client, lambda status: int(status.values[key]) >= 2, first=3)
     assert client.set_parameters(built_in_detector="none").successful
-    answers = client.show(scene(number)[0], client.at(number)).values[heard]
+    runs = client.show(scene(number)[0], client.at(number)).values[key]
     for following in range(number + 1, number + 4):
         status = client.show(scene(following)[0], client.at(following))
-        assert status.values[heard] == answers
+        assert status.values[key] == runs
 
 
-def test_a_single_target_is_a_detector_s_too(graph, client):
-    graph.tracker(client, built_in_detector="motion", **{**SEVERAL, "max_targets": 1})
+def test_a_detector_starts_a_single_target(graph, client):
+    graph.tracker(client, built_in_detector="motion", **{**MULTI_TARGET, "max_targets": 1})
     status, _ = show_until(client, lambda status: status.targets)
     assert (status.values["state"], status.values["selected"]) == ("tracking", "1")
     assert status.targets[0].values["label"] == "moving"
@@ -78,8 +78,8 @@ def registered(**makers):
 
 
 @pytest.fixture
-def blind(monkeypatch):
-    """A machine on which the detector of people cannot be made."""
+def without_people_detector(monkeypatch):
+    """A machine on which the detector of people cannot be created."""
 
     def fail():
         raise cv2.error("no model")
@@ -87,61 +87,59 @@ def blind(monkeypatch):
     monkeypatch.setattr(session_manager, "DETECTORS", registered(**{**DETECTORS, "people": fail}))
 
 
-@pytest.mark.usefixtures("blind")
-def test_a_detector_that_cannot_be_made_is_refused_and_changes_nothing(graph, client):
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+@pytest.mark.usefixtures("without_people_detector")
+def test_a_failing_detector_is_refused_and_changes_nothing(graph, client):
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     _, number = show_until(client, lambda status: status.targets)
     refused = client.set_parameters(built_in_detector="people", particles=77)
     assert not refused.successful
-    assert re.search("detector 'people' cannot be made here: .*no model", refused.reason)
+    assert re.search("detector 'people' cannot be created: .*no model", refused.reason)
     status = client.show(scene(number)[0], client.at(number))
     assert (status.values["state"], len(status.targets)) == ("tracking", 1)
     assert client.tunables()["particles"] != 77
 
 
-@pytest.mark.usefixtures("blind")
-def test_a_detector_that_cannot_be_made_at_start_up_is_in_the_way_until_it_is_set_rightly(
-    graph, client
-):
-    graph.tracker(client, built_in_detector="people", **SEVERAL)
+@pytest.mark.usefixtures("without_people_detector")
+def test_a_failing_detector_at_start_up_keeps_the_node_idle_until_corrected(graph, client):
+    graph.tracker(client, built_in_detector="people", **MULTI_TARGET)
     status = client.show(scene(0)[0], client.at(0))
     assert (status.level, status.values["frame"]) == ("ERROR", "waiting")
-    assert "not tracking: the built-in detector 'people' cannot be made here" in status.message
+    assert "not tracking: the built-in detector 'people' cannot be created" in status.message
     assert client.set_parameters(built_in_detector="motion").successful
     status, _ = show_until(client, lambda status: status.targets, first=1)
     assert status.level == "OK"
 
 
-def test_a_detector_that_fails_costs_no_frame(graph, client, monkeypatch):
+def test_an_error_while_detecting_costs_no_frame(graph, client, monkeypatch):
     class Broken:
         def detect(self, image, interval):
             raise RuntimeError("no eyes")
 
     monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Broken))
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: no eyes"
     assert status.values["frame"] == "waiting"
 
 
-def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, client, monkeypatch):
-    looks, gates = [], [threading.Event(), threading.Event()]
+def test_detections_of_frames_before_a_time_jump_are_discarded(graph, client, monkeypatch):
+    detected, gates = [], [threading.Event(), threading.Event()]
 
     class Slow:
         def detect(self, image, interval):
-            looks.append(image)
-            assert gates[len(looks) - 1].wait(60.0)
+            detected.append(image)
+            assert gates[len(detected) - 1].wait(60.0)
             return Detections([[100.0, 10.0, 30.0, 30.0]])
 
     monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Slow))
-    graph.tracker(client, built_in_detector="motion", **SEVERAL)
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     try:
         client.show(scene(0)[0], client.at(50))
         client.show(scene(0)[0], client.at(0))
         gates[0].set()
-        _, number = show_until(client, lambda status: len(looks) == 2, first=1)
+        _, number = show_until(client, lambda status: len(detected) == 2, first=1)
         status = client.show(scene(0)[0], client.at(number))
-        # The second look began once the first had been taken.
+        # The second detection started after the first result was taken.
         assert (status.level, status.values["detector_runs"]) == ("OK", "0")
     finally:
         for gate in gates:
@@ -149,12 +147,12 @@ def test_what_a_detector_looks_at_while_time_goes_back_is_no_answer(graph, clien
 
 
 @pytest.mark.skipif(DETECTIONS_CLASS is not None, reason="vision_msgs is installed")
-def test_without_vision_msgs_the_log_says_what_else_there_is(graph):
+def test_without_vision_msgs_the_log_names_the_alternatives(graph):
     process = graph.process("-p", "max_targets:=3")
     lines = []
     for line in process.stdout:
         lines.append(line)
         if "targets on" in line:
             break
-    (told,) = [line for line in lines if "vision_msgs is not installed" in line]
-    assert "give targets on ~/target, or set 'built_in_detector'" in told
+    (warning,) = [line for line in lines if "needs vision_msgs" in line]
+    assert "request targets on ~/target, or set 'built_in_detector'" in warning

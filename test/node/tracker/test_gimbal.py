@@ -1,4 +1,4 @@
-"""The recipe that steers by the tracker turns while the target is seen, and else stands still."""
+"""The example gimbal.py turns toward a visible target, and otherwise stands still."""
 
 import importlib.util
 from pathlib import Path
@@ -7,14 +7,14 @@ import pytest
 from geometry_msgs.msg import Twist
 from sensor_msgs.msg import CameraInfo
 
-RECIPE = Path(__file__).resolve().parents[3] / "examples" / "gimbal.py"
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "gimbal.py"
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 @pytest.fixture
 def gimbal(graph):
-    """The recipe's node, beside those of the graph."""
-    spec = importlib.util.spec_from_file_location("gimbal", RECIPE)
+    """The example's node."""
+    spec = importlib.util.spec_from_file_location("gimbal", EXAMPLE)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     node = module.Gimbal(context=graph.context())
@@ -24,13 +24,13 @@ def gimbal(graph):
 
 @pytest.fixture
 def turns(client, gimbal, graph, images, box):
-    """The turns that it commands, while a target on the left is tracked."""
+    """Its commands while a target on the left is tracked."""
     turns = []
     client.create_subscription(Twist, "cmd_vel", lambda turn: turns.append(turn.angular.z), 100)
     cameras = client.create_publisher(CameraInfo, "camera_info", 10)
     graph.tracker(client, target_box=box, **QUICK)
-    heard = [s for s in gimbal.subscriptions if "parameter_events" not in s.topic_name]
-    client.wait_for(lambda: all(s.get_publisher_count() for s in heard), "acquaintance")
+    subscriptions = [s for s in gimbal.subscriptions if "parameter_events" not in s.topic_name]
+    client.wait_for(lambda: all(s.get_publisher_count() for s in subscriptions), "connection")
     client.wait_for(lambda: len(turns) > 2, "the watchdog's standstill")
     assert set(turns) == {0.0}
     cameras.publish(CameraInfo(width=images.shape[2], height=images.shape[1]))
@@ -47,19 +47,21 @@ def turns(client, gimbal, graph, images, box):
     return turns
 
 
-def test_it_turns_toward_the_target_and_stands_still_when_the_camera_falls_silent(client, turns):
+def test_it_turns_toward_the_target_and_stands_still_without_images(client, turns):
     assert max(turns) <= 1.0
     client.wait_for(lambda: turns[-3:] == [0.0] * 3, "a standstill")
 
 
-@pytest.mark.parametrize("how", ["refused", "duplicate", "hidden"])
-def test_it_stands_still_while_frames_do_not_show_the_target(client, turns, images, how):
+@pytest.mark.parametrize("cause", ["refused", "duplicate", "hidden"])
+def test_it_stands_still_while_frames_are_skipped_or_without_the_target(
+    client, turns, images, cause
+):
     index = 1000
 
     def is_still():
         nonlocal index
-        index += how != "duplicate"
-        image = {"refused": images[0][:50], "hidden": images[0] * 0}.get(how, images[0])
+        index += cause != "duplicate"
+        image = {"refused": images[0][:50], "hidden": images[0] * 0}.get(cause, images[0])
         client.show(image, client.at(index))
         return turns[-3:] == [0.0] * 3
 

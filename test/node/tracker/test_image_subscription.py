@@ -1,4 +1,4 @@
-"""Every encoding and transport through a live node."""
+"""Every encoding and transport, through a live node."""
 
 from array import array
 
@@ -32,8 +32,8 @@ def half(plane, rows):
     return plane[::rows, ::2]
 
 
-def laid_out(image, encoding):
-    """A BGR image as the rows of bytes of an encoding, made without the project's code."""
+def encoded(image, encoding):
+    """A BGR image as rows of bytes of an encoding, without the project's code."""
     gray = image.mean(axis=2)
     if encoding.startswith("bayer"):
         rows, columns = np.indices(gray.shape) % 2
@@ -78,7 +78,7 @@ def test_the_target_is_tracked_in_every_encoding(graph, client, moving_square):
         client.point_at(moving_square.boxes[0])
         for index in range(6):
             image = moving_square.images[index]
-            rows = laid_out(image, encoding)
+            rows = encoded(image, encoding)
             padded = np.pad(rows, ((0, 0), (0, 8)))
             message = Image(height=120, width=160, encoding=encoding, step=padded.shape[1])
             message.data = array("B", padded.tobytes())
@@ -100,15 +100,15 @@ class Compressed:
 
     def __init__(self, client, topic="image/compressed"):
         self._client = client
-        quality = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._publisher = client.create_publisher(CompressedImage, topic, quality)
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        self._publisher = client.create_publisher(CompressedImage, topic, profile)
 
     def meet(self, node):
-        def acquainted():
-            heard = [s for s in node.subscriptions if s.topic_name == self._publisher.topic_name]
-            return heard and heard[0].get_publisher_count()
+        def is_connected():
+            found = [s for s in node.subscriptions if s.topic_name == self._publisher.topic_name]
+            return found and found[0].get_publisher_count()
 
-        self._client.wait_for(acquainted, "subscription to compressed images")
+        self._client.wait_for(is_connected, "subscription to compressed images")
         self._client.wait_for(self._publisher.get_subscription_count, "its discovery")
 
     def show(self, data, stamp, image_format="jpeg"):
@@ -117,10 +117,10 @@ class Compressed:
         before = len(self._client.statuses)
         self._publisher.publish(message)
 
-        def answers():
+        def found():
             return [s for s in self._client.statuses[before:] if s.stamp == stamp]
 
-        return self._client.wait_for(answers, "status of a compressed image")[0]
+        return self._client.wait_for(found, "status of a compressed image")[0]
 
 
 @pytest.fixture
@@ -156,7 +156,7 @@ def test_compressed_images_give_the_boxes_of_the_same_raw_ones(
         assert boxes[0] == boxes[1]
 
 
-def test_jpeg_is_tracked_and_damaged_data_survived(graph, client, compressed, moving_square):
+def test_jpeg_is_tracked_and_damaged_data_refused(graph, client, compressed, moving_square):
     target_box = list(moving_square.boxes[0])
     node = graph.tracker(client, target_box=target_box, image_transport="compressed", **QUICK)
     compressed.meet(node)
@@ -193,7 +193,7 @@ def test_the_limit_of_compressed_images_can_change_at_run_time(graph, client, co
         ("unrelated:=/camera/other", "/image/compressed"),
     ],
 )
-def test_compressed_images_come_beside_the_raw_ones_unless_remapped(graph, remapping, topic):
+def test_compressed_images_follow_the_remapping_of_raw_ones(graph, remapping, topic):
     node = graph.tracker(
         cli_args=["--ros-args", "-r", remapping], image_transport="compressed", **QUICK
     )

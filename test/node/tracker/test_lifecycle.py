@@ -55,8 +55,8 @@ INACTIVE = [
     "/pf_tracker/particles",
     "/pf_tracker/status",
 ]
-HEARD = [f"/pf_tracker/{name}" for name in ("click", "select", "stop_target", "target")]
-ACTIVE = ["/image", *INACTIVE, *HEARD]
+SUBSCRIBED = [f"/pf_tracker/{name}" for name in ("click", "select", "stop_target", "target")]
+ACTIVE = ["/image", *INACTIVE, *SUBSCRIBED]
 
 
 def test_by_default_the_node_activates_itself(graph, client, manager):
@@ -65,7 +65,7 @@ def test_by_default_the_node_activates_itself(graph, client, manager):
     assert set(topics(node)) >= set(ACTIVE)
 
 
-def test_what_is_taken_in_a_transition_is_released_in_its_counterpart(graph, client, manager):
+def test_each_transition_is_undone_by_its_counterpart(graph, client, manager):
     node = graph.tracker(autostart=False, **QUICK)
     assert manager.state == "unconfigured"
     seen = [(topics(node), services(node))]
@@ -106,7 +106,7 @@ def test_the_target_box_starts_again_after_each_configuration(graph, client, man
     assert client.show(images[0], client.at(1)).values["frame"] == "started"
 
 
-def test_a_wrong_parameter_fails_the_configuration_until_it_is_set_rightly(graph, client, manager):
+def test_an_invalid_parameter_fails_the_configuration_until_corrected(graph, client, manager):
     graph.tracker(autostart=False, **QUICK | {"particles": 0})
     assert not manager.change("CONFIGURE")
     assert manager.state == "unconfigured"
@@ -117,9 +117,7 @@ def test_a_wrong_parameter_fails_the_configuration_until_it_is_set_rightly(graph
     assert manager.state == "inactive"
 
 
-def test_parameters_set_in_any_state_count_from_the_next_configuration(
-    graph, client, manager, images, box
-):
+def test_parameters_set_in_any_state_take_effect(graph, client, manager, images, box):
     node = graph.tracker(autostart=False, **QUICK)
     assert client.set_parameters(particles=31, preset="zhang2015").successful
     assert manager.change("CONFIGURE")
@@ -133,9 +131,7 @@ def test_parameters_set_in_any_state_count_from_the_next_configuration(
     assert status.values["preset"] == "zhang2015, 1 value changed"
 
 
-def test_values_that_contradict_each_other_are_refused_before_the_configuration_too(
-    graph, client, manager
-):
+def test_contradictory_values_are_refused_before_the_configuration(graph, client, manager):
     graph.tracker(autostart=False, **QUICK)
     result = client.set_parameters(proposal__method="kalman")
     assert not result.successful
@@ -144,7 +140,7 @@ def test_values_that_contradict_each_other_are_refused_before_the_configuration_
     assert manager.change("CONFIGURE")
 
 
-def test_a_transition_that_the_state_does_not_have_is_refused(graph, client, manager, images):
+def test_an_invalid_transition_is_refused(graph, client, manager, images):
     node = graph.tracker(autostart=False, **QUICK)
     for name in ("ACTIVATE", "DEACTIVATE", "CLEANUP"):
         assert not manager.change(name)
@@ -166,7 +162,7 @@ def test_a_shutdown_releases_everything(graph, client, manager, state):
     assert (topics(node), services(node)) == ([], [])
 
 
-def test_an_error_nobody_expected_in_a_transition_leaves_the_node_as_if_new(
+def test_an_unexpected_error_in_a_transition_cleans_up_the_node(
     graph, client, manager, monkeypatch
 ):
     node = graph.tracker(autostart=False, **QUICK)
@@ -185,7 +181,7 @@ def resident_bytes():
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
-def test_cycles_do_not_grow(graph, client, manager, images, box):
+def test_cycles_need_no_more_memory(graph, client, manager, images, box):
     node = graph.tracker(autostart=False, target_box=box, **QUICK)
 
     def cycle():

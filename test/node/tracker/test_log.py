@@ -1,11 +1,11 @@
-"""What the log tells whoever started the node and reads nothing else."""
+"""The log of the node, at start-up and while it tracks."""
 
 from std_srvs.srv import SetBool, Trigger
 
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
-def test_services_and_what_came_of_them_are_logged(graph, client, images, box, capfd):
+def test_services_are_logged_with_their_results(graph, client, images, box, capfd):
     graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     for service_type, name, request in (
@@ -16,29 +16,29 @@ def test_services_and_what_came_of_them_are_logged(graph, client, images, box, c
     ):
         client.ask(service_type, name, **request)
     log = capfd.readouterr().err
-    told = [
-        "paused; images are not",
-        "tracking goes on",
+    lines = [
+        "paused: images are skipped",
+        "tracking resumed",
         "stopped 1 target; waiting",
-        "there was no target",
+        "no target to stop",
     ]
-    places = [log.index(text) for text in told]
+    places = [log.index(text) for text in lines]
     assert places == sorted(places)
 
 
-def test_a_node_that_waits_for_a_manager_says_so(graph, capfd):
+def test_a_node_that_waits_for_a_lifecycle_manager_is_logged(graph, capfd):
     graph.tracker(autostart=False, **QUICK)
     assert "waiting to be configured and activated" in capfd.readouterr().err
 
 
-def test_a_target_that_comes_back_at_once_is_logged_as_tracked(graph, client, images, box, capfd):
+def test_occlusion_and_recovery_are_logged(graph, client, images, box, capfd):
     hiding = {"track__occluded_below": 0.3, "track__recovered_above": 0.4}
     graph.tracker(client, target_box=box, **QUICK, **hiding)
     client.show_all(images[:3])
     shown = 3
 
-    def told(text):
-        def look():
+    def is_logged(text):
+        def show():
             nonlocal shown
             image = images[0] * 0 if "-> occluded" in text else images[2]
             client.show(image, client.at(shown))
@@ -46,16 +46,14 @@ def test_a_target_that_comes_back_at_once_is_logged_as_tracked(graph, client, im
             log.append(capfd.readouterr().err)
             return text in "".join(log)
 
-        return look
+        return show
 
     log = []
-    client.wait_for(told("tracking -> occluded"), "the hiding in the log")
-    client.wait_for(told("occluded -> tracking"), "the return in the log")
+    client.wait_for(is_logged("tracking -> occluded"), "the occlusion in the log")
+    client.wait_for(is_logged("occluded -> tracking"), "the recovery in the log")
 
 
-def test_time_that_goes_back_is_a_warning_only_where_a_target_hangs_on_it(
-    graph, client, images, box, capfd
-):
+def test_a_time_jump_is_a_warning_only_with_a_target(graph, client, images, box, capfd):
     graph.tracker(client, **QUICK)
     client.show(images[0], client.at(30))
     client.show(images[0], client.at(0))
@@ -64,17 +62,19 @@ def test_time_that_goes_back_is_a_warning_only_where_a_target_hangs_on_it(
     client.show(images[0], client.at(1))
     client.show(images[0], client.at(31))
     client.show(images[0], client.at(1))
-    assert "time went back by 1.200 s; 'time_jump' is 'keep'; 'restart'" in capfd.readouterr().err
+    assert (
+        "time went back by 1.200 s; 'time_jump' is 'keep'; use 'restart'" in capfd.readouterr().err
+    )
 
 
-def test_following_the_cameras_is_logged(graph, capfd):
-    # One that is known before there is a subscription is not followed.
+def test_a_change_of_the_reliability_is_logged(graph, capfd):
+    # A camera that is known before the subscription needs no change.
     graph.tracker()
     camera = graph.client(reliability="BEST_EFFORT")
     log = []
 
-    def is_told():
+    def is_logged():
         log.append(capfd.readouterr().err)
-        return "images on /image are subscribed to with best effort delivery" in "".join(log)
+        return "subscribed to /image with best-effort delivery" in "".join(log)
 
-    camera.wait_for(is_told, "what they offer in the log")
+    camera.wait_for(is_logged, "the new reliability in the log")

@@ -1,4 +1,4 @@
-"""How many targets there may be, changed while they are tracked."""
+"""Changes of `max_targets` while targets are tracked."""
 
 import pytest
 from rclpy.parameter import Parameter
@@ -13,7 +13,7 @@ def ids(status):
     return [int(one.values["id"]) for one in status.targets]
 
 
-def test_with_more_the_only_one_goes_on_and_stays_selected(graph, client, walkers):
+def test_a_larger_number_keeps_the_target_and_its_selection(graph, client, walkers):
     images, boxes = walkers
     graph.tracker(client, target_box=list(boxes[0][0]), **RELIABLE)
     client.show_all(images[:3])
@@ -33,12 +33,10 @@ def test_with_more_the_only_one_goes_on_and_stays_selected(graph, client, walker
     assert (corner.x, corner.y) == pytest.approx(boxes[7][0][:2], abs=6)
 
 
-def test_with_one_those_there_are_go_on_until_a_new_one_takes_their_place(
-    graph, client, walkers, send_id
-):
+def test_one_keeps_all_targets_until_a_new_one_replaces_them(graph, client, walkers, send_id):
     images, boxes = walkers
-    heard = []
-    client.create_subscription(MarkerArray, "pf_tracker/boxes", heard.append, 100)
+    received = []
+    client.create_subscription(MarkerArray, "pf_tracker/boxes", received.append, 100)
     node = graph.tracker(client, max_targets=3, **RELIABLE)
     for box in boxes[0]:
         client.point_at(box)
@@ -51,7 +49,7 @@ def test_with_one_those_there_are_go_on_until_a_new_one_takes_their_place(
         assert (status.level, ids(status), status.values["selected"]) == ("OK", [1, 2], "2")
         corner = client.box_at(client.at(number)).polygon.points[0]
         assert (corner.x, corner.y) == pytest.approx(boxes[number][1][:2], abs=6)
-    lines = [one.id for one in client.answer_of_array(heard, client.at(4)) if one.ns == "boxes"]
+    lines = [one.id for one in client.answer_of_array(received, client.at(4)) if one.ns == "boxes"]
     assert lines == [1, 2]
     client.point_at(boxes[5][0])
     status = client.show(images[5], client.at(5))
@@ -60,7 +58,7 @@ def test_with_one_those_there_are_go_on_until_a_new_one_takes_their_place(
     assert (corner.x, corner.y) == boxes[5][0][:2]
 
 
-def test_several_without_a_selected_one_leave_the_box_silent_with_one_too(graph, client, walkers):
+def test_without_a_selection_several_targets_have_no_box_with_one_too(graph, client, walkers):
     images, boxes = walkers
     graph.tracker(client, max_targets=2, **RELIABLE)
     for box in boxes[0]:
@@ -72,7 +70,7 @@ def test_several_without_a_selected_one_leave_the_box_silent_with_one_too(graph,
     assert client.boxes == []
 
 
-def test_values_set_beside_it_are_kept_in_any_order_and_between_two_and_more(graph, client, capfd):
+def test_values_set_with_it_are_kept_in_any_order(graph, client, capfd):
     graph.tracker(client, **RELIABLE)
     given = {"particles": 31, "detector.labels": ["dog"], "max_targets": 4}
     requests = [Parameter(name, value=value) for name, value in given.items()]
@@ -83,14 +81,14 @@ def test_values_set_beside_it_are_kept_in_any_order_and_between_two_and_more(gra
     assert "preset default, 2 values changed: particles 31 instead of 100" in capfd.readouterr().err
     assert client.set_parameters(max_targets=2).successful
     assert client.tunables() == expected | {"max_targets": 2}
-    # What tells of the detector is of no preset.
+    # The parameters that describe the detector are not reset.
     assert client.set_parameters(max_targets=1).successful
     assert client.tunables() == preset_parameters("default") | {"detector.labels": ("dog",)}
 
 
-def test_where_a_request_cannot_be_taken_as_a_whole_it_comes_first(graph, client):
+def test_it_is_set_first_if_a_request_is_not_applied_as_a_whole(graph, client):
     graph.tracker(client, **RELIABLE)
-    # The motion model contradicts the proposal, so one is taken after the other.
+    # The motion model contradicts the proposal, so the parameters are set one by one.
     given = {"particles": 31, "motion.model": "affine", "max_targets": 4}
     requests = [Parameter(name, value=value) for name, value in given.items()]
     results = client.call(client.parameters.set_parameters, requests).results

@@ -1,4 +1,4 @@
-"""Pictures that are drawn beside the tracking."""
+"""Overlays drawn in a separate thread."""
 
 import threading
 
@@ -8,41 +8,41 @@ DEADLINE = 30.0
 
 
 class Topic:
-    """Notes what is published."""
+    """Stores the published messages."""
 
     def __init__(self):
         self.published = []
 
-    def publish(self, picture):
-        self.published.append(picture)
+    def publish(self, message):
+        self.published.append(message)
 
 
-def test_while_one_is_drawn_the_newest_ones_wait_and_nothing_else_piles_up():
+def test_the_newest_overlays_wait_while_one_is_drawn():
     topic, reports = Topic(), []
     thread = OverlayPublisher(topic, reports.append)
-    begun, goes_on = threading.Event(), threading.Event()
+    started, resume = threading.Event(), threading.Event()
 
     def slow():
-        begun.set()
-        assert goes_on.wait(DEADLINE)
+        started.set()
+        assert resume.wait(DEADLINE)
         return "slow"
 
     thread.draw(slow)
-    assert begun.wait(DEADLINE)
+    assert started.wait(DEADLINE)
     for number in range(500):
         thread.draw(lambda number=number: number)
     assert thread._executor._work_queue.qsize() == 0
-    goes_on.set()
+    resume.set()
     thread.close()
     assert topic.published == ["slow", *range(490, 500)]
     assert reports == []
 
 
-def test_one_that_fails_is_told_of_and_the_others_are_published():
+def test_a_failed_overlay_is_reported_and_the_others_are_published():
     topic, reports = Topic(), []
     thread = OverlayPublisher(topic, reports.append)
     thread.draw(lambda: 1 / 0)
-    # Each is done before the next one comes.
+    # Each is drawn before the next one is scheduled.
     for number in range(2):
         done = threading.Event()
         thread.draw(lambda number=number, done=done: (done.set(), number)[1])

@@ -1,4 +1,4 @@
-"""Images that come faster than they are looked at: the newest is taken, and none gets old."""
+"""Images that arrive faster than they are processed: the newest one is processed next."""
 
 import time
 from itertools import count
@@ -18,22 +18,22 @@ BUSY = 0.02
 PAIRS = 40
 
 
-class Flood:
-    """Looks at images slowly, while two more come for each; numbers are their heights.
+class Overload:
+    """Processes images slowly, and publishes two more during each; their heights are numbers.
 
     Attributes:
-        published: How many images were, up to each that was looked at.
-        seen: Numbers of those that were looked at.
+        published: Number of published images before each processed one.
+        processed: Numbers of the processed images.
     """
 
     def __init__(self, context, overrides):
-        self.node = Node("watcher", context=context, parameter_overrides=overrides)
-        self.published, self.seen = [], []
-        quality = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._images = self.node.create_publisher(Image, "image", quality)
+        self.node = Node("overloaded", context=context, parameter_overrides=overrides)
+        self.published, self.processed = [], []
+        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        self._images = self.node.create_publisher(Image, "image", profile)
         self._numbers = count(1)
         self._last = 0
-        self.input = ImageSubscription(self.node, self._look, pytest.fail)
+        self.input = ImageSubscription(self.node, self._process, pytest.fail)
         self.input.open("raw", "auto")
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.node)
@@ -43,7 +43,7 @@ class Flood:
         (subscription,) = self.node.subscriptions
         self.wait_for(subscription.get_publisher_count)
         self._publish()
-        self.wait_for(lambda: len(self.seen) == PAIRS)
+        self.wait_for(lambda: len(self.processed) == PAIRS)
 
     def wait_for(self, condition):
         end = time.monotonic() + DEADLINE
@@ -55,9 +55,9 @@ class Flood:
         self.executor.shutdown()
         self.node.destroy_node()
 
-    def _look(self, image):
+    def _process(self, image):
         self.published.append(self._last)
-        self.seen.append(image.height)
+        self.processed.append(image.height)
         for _ in range(2):
             self._publish()
         time.sleep(BUSY)
@@ -65,35 +65,35 @@ class Flood:
     def _publish(self):
         self._last = next(self._numbers)
         self._images.publish(Image(height=self._last))
-        # It waits for whoever subscribes then.
+        # It waits in the queue of the subscription then.
         assert self._images.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE))
 
 
 @pytest.fixture
-def flood(graph):
-    floods = []
+def overload(graph):
+    overloads = []
 
     def make(**overrides):
         given = [Parameter(name, value=value) for name, value in overrides.items()]
-        floods.append(Flood(graph.context(), given))
-        return floods[-1]
+        overloads.append(Overload(graph.context(), given))
+        return overloads[-1]
 
     yield make
-    for one in floods:
+    for one in overloads:
         one.close()
 
 
-def test_the_newest_of_the_images_that_wait_is_taken(flood):
-    found = flood()
+def test_the_newest_pending_image_is_processed(overload):
+    found = overload()
     found.run()
-    behind = [last - seen for last, seen in zip(found.published, found.seen, strict=True)]
-    # The first few may come from a hold-up, and so may some where this machine held it up.
+    behind = [last - number for last, number in zip(found.published, found.processed, strict=True)]
+    # The first few may be from a hold-up, and more where this machine is busy.
     assert set(behind) == {0, 1}
     assert behind.count(0) > PAIRS / 2
 
 
-def test_images_that_were_asked_for_wait(flood):
-    found = flood(**{"qos_overrides./image.subscription.depth": 2})
+def test_an_overridden_depth_keeps_images_pending(overload):
+    found = overload(**{"qos_overrides./image.subscription.depth": 2})
     found.run()
-    behind = [last - seen for last, seen in zip(found.published, found.seen, strict=True)]
+    behind = [last - number for last, number in zip(found.published, found.processed, strict=True)]
     assert behind == [0, *[1] * (PAIRS - 1)]

@@ -1,4 +1,4 @@
-"""Parameters that change how the target is modeled, while it is tracked."""
+"""Changes of presets and parameters while a target is tracked."""
 
 import pytest
 from rclpy.parameter import Parameter
@@ -9,7 +9,7 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 RELIABLE = {"image_reliability": "reliable"}
-COMMON_PARAMETER_PREFIXES = {"use_sim_time", "start_type_description_service"}
+RCLPY_PARAMETERS = {"use_sim_time", "start_type_description_service"}
 
 
 @pytest.fixture
@@ -18,7 +18,7 @@ def boxes(moving_square):
 
 
 def set_one_request(client, values):
-    """The results of one request to the service that takes parameters one by one."""
+    """The results of one request to the service `set_parameters`."""
     parameters = [Parameter(name, value=value) for name, value in values.items()]
     return client.call(client.parameters.set_parameters, parameters).results
 
@@ -27,7 +27,7 @@ def corner(message):
     return message.polygon.points[0].x, message.polygon.points[0].y
 
 
-def test_every_preset_takes_the_target_over_from_every_other(graph, client, images, boxes):
+def test_every_change_of_the_preset_keeps_the_target(graph, client, images, boxes):
     graph.tracker(client, seed=1, **RELIABLE)
     for before in PRESETS:
         for after in PRESETS:
@@ -45,7 +45,7 @@ def test_every_preset_takes_the_target_over_from_every_other(graph, client, imag
             assert found == pytest.approx(boxes[9][:2], abs=9), (before, after)
 
 
-def test_a_hidden_target_is_found_again_with_another_preset(graph, client, images, boxes):
+def test_an_occluded_target_is_redetected_with_another_preset(graph, client, images, boxes):
     graph.tracker(client, preset="li2007", target_box=boxes[0], **RELIABLE)
     client.show_all(images[:3])
     states = [client.show(images[0] * 0, client.at(i)).values["state"] for i in (3, 4, 5)]
@@ -56,7 +56,7 @@ def test_a_hidden_target_is_found_again_with_another_preset(graph, client, image
     assert corner(client.box_at(client.at(8))) == pytest.approx(boxes[8][:2], abs=9)
 
 
-def test_a_preset_that_is_set_is_taken_whole_and_what_differs_from_it_is_told(
+def test_a_preset_replaces_all_values_and_differences_are_reported(
     graph, client, images, boxes, capfd
 ):
     graph.tracker(client, target_box=boxes[0], particles=33, **RELIABLE)
@@ -79,16 +79,16 @@ def test_a_preset_that_is_set_is_taken_whole_and_what_differs_from_it_is_told(
     assert "preset li2007, 1 value changed: particles 44 instead of 60\n" in log
 
 
-def test_a_request_of_several_parameters_is_taken_as_a_whole_in_any_order(graph, client):
+def test_a_request_is_applied_as_a_whole_in_any_order(graph, client):
     graph.tracker(client, **RELIABLE)
-    # One by one, the first would be refused, and the last would undo those before it.
+    # One by one, the first would be refused, and the last would reset the others.
     given = {"proposal.share": 0.4, "particles": 31, "preset": "zhang_bo"}
     assert all(result.successful for result in set_one_request(client, given))
     expected = preset_parameters("zhang_bo") | {"proposal.share": 0.4, "particles": 31}
     assert client.tunables() == expected
 
 
-def test_all_values_of_a_node_can_be_given_back_to_it(graph, client):
+def test_all_values_of_a_node_can_be_set_again(graph, client):
     node = graph.tracker(client, preset="zhang_bo", particles=31, **RELIABLE)
     names = node.list_parameters([], 0).names
     before = node.get_parameters(names)
@@ -101,7 +101,7 @@ def test_all_values_of_a_node_can_be_given_back_to_it(graph, client):
     assert client.set_parameters(particles=30).successful
 
 
-def test_what_is_right_in_a_request_is_taken_where_something_is_wrong(graph, client):
+def test_the_valid_part_of_a_request_is_applied(graph, client):
     graph.tracker(client, **RELIABLE)
     given = {"particles": 31, "imaginary": 1, "click_size": -1.0, "preset": "li2007"}
     results = set_one_request(client, given)
@@ -130,7 +130,7 @@ def test_every_tunable_of_the_library_can_change_while_tracking(
             assert "allowed" in result.reason, (name, result.reason)
             refused.add(name)
         assert client.tunables() == before
-    # What is made for one another can only change together.
+    # Parameters that depend on each other can only change together.
     assert refused <= {"motion.model", "proposal.method", "cues"}
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
@@ -139,9 +139,7 @@ CONTRADICTION = {"proposal__method": "kalman", "motion__model": "constant_veloci
 REASON = "parameter 'proposal.method' is 'kalman' with the motion model 'constant_velocity'"
 
 
-def test_values_that_contradict_each_other_are_refused_at_run_time_as_at_start_up(
-    graph, client, images, boxes
-):
+def test_contradictory_values_are_refused_at_run_time(graph, client, images, boxes):
     graph.tracker(client, target_box=boxes[0], **RELIABLE)
     client.show(images[0], client.at(0))
     before = client.tunables()
@@ -154,7 +152,7 @@ def test_values_that_contradict_each_other_are_refused_at_run_time_as_at_start_u
     assert REASON in status.message
 
 
-def test_contradictory_values_at_start_up_keep_the_node_up_until_they_are_set_rightly(
+def test_contradictory_values_at_start_up_keep_the_node_idle_until_corrected(
     graph, client, images, boxes
 ):
     graph.tracker(client, target_box=boxes[0], **CONTRADICTION, **RELIABLE)
@@ -170,30 +168,28 @@ def test_a_set_of_many_parameters_is_all_or_nothing(graph, client, images, boxes
     client.show(images[0], client.at(0))
     names = ["preset", "particles", "motion.model", "time_jump", "click_size"]
     before = client.get_parameters(*names)
-    wrong = {
+    invalid = {
         "preset": "zhang2015",
         "particles": 77,
         "motion__model": "affine",
         "time_jump": "wait",
         "click_size": -1.0,
     }
-    assert not client.set_parameters(**wrong).successful
+    assert not client.set_parameters(**invalid).successful
     assert client.get_parameters(*names) == before
-    assert client.set_parameters(**wrong | {"click_size": 9.0}).successful
+    assert client.set_parameters(**invalid | {"click_size": 9.0}).successful
     assert client.get_parameters(*names) == ["zhang2015", 77, "affine", "wait", 9.0]
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
 
 def on_node(node):
-    """What a node says of itself: name to value and type."""
-    names = [
-        name for name in node.list_parameters([], 0).names if name not in COMMON_PARAMETER_PREFIXES
-    ]
+    """Name to type and value of the parameters of a node."""
+    names = [name for name in node.list_parameters([], 0).names if name not in RCLPY_PARAMETERS]
     parameters = node.get_parameters(names)
     return {one.name: (one.type_.name, str(one.get_parameter_value())) for one in parameters}
 
 
-def test_a_switch_of_the_preset_and_back_leaves_the_same_parameters(graph, client):
+def test_a_change_of_the_preset_and_back_restores_all_values(graph, client):
     node = graph.tracker(client, particles=31, **RELIABLE)
     assert client.set_parameters(preset="default").successful
     before = on_node(node)
@@ -205,7 +201,7 @@ def test_a_switch_of_the_preset_and_back_leaves_the_same_parameters(graph, clien
     assert on_node(node) == before
 
 
-def test_a_preset_and_values_of_what_it_brings_are_one_request(graph, client):
+def test_one_request_sets_a_preset_and_values_of_its_cues(graph, client):
     graph.tracker(client, **RELIABLE)
     given = {"hog.sharpness": 200.0, "particles": 31, "preset": "zhang2015"}
     assert all(result.successful for result in set_one_request(client, given))
@@ -225,7 +221,7 @@ def test_the_cues_change_while_the_target_is_tracked(graph, client, images, boxe
     for index in range(4, 8):
         status = client.show(images[index], client.at(index))
         assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
-        # The cues, and the one value that is not the declared default.
+        # The cues, and the sharpness.
         assert status.values["preset"] == "default, 2 values changed"
     assert "cue_weight_hog" in status.values
     assert client.set_parameters(preset="default").successful
@@ -242,27 +238,24 @@ REFUSED = {
         "no cue in 'cues' can search",
     ),
     "no choice": ({"cues": []}, "parameter 'cues' is empty; allowed: at least one of "),
-    "a wrong value of what comes to count": (
+    "an invalid value of a cue of the preset": (
         {"preset": "zhang2015", "hog__sharpness": -1.0},
         "parameter 'hog.sharpness' is -1.0; allowed: float, 0 to 1000",
     ),
-    "a wrong value of what does not count": (
+    "an invalid value of another cue": (
         {"particles": 9, "hog__sharpness": -1.0},
         "parameter 'hog.sharpness' is -1.0; allowed: float, 0 to 1000",
     ),
     "a misspelt name": ({"particels": 9}, "no parameter 'particels' (did you mean 'particles'?)"),
-    "a name of nothing": (
+    "an unknown name": (
         {"zzz": 9},
-        "there is no parameter 'zzz' (`ros2 param list` and docs/parameters.md name those that "
-        "there are)",
+        "no parameter 'zzz' (see `ros2 param list` or docs/parameters.md)",
     ),
 }
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_a_refused_request_leaves_parameters_and_values_and_says_what_to_do(
-    graph, client, images, boxes, kind
-):
+def test_a_refused_request_changes_nothing_and_has_its_reason(graph, client, images, boxes, kind):
     request, reason = REFUSED[kind]
     node = graph.tracker(client, target_box=boxes[0], **RELIABLE)
     client.show(images[0], client.at(0))
@@ -275,14 +268,14 @@ def test_a_refused_request_leaves_parameters_and_values_and_says_what_to_do(
     assert (status.level, status.values["frame"]) == ("WARN", "tracked")
     assert reason in status.message
     assert status.values["preset"] == "default"
-    # As rclpy's other service tells it.
+    # The service `set_parameters` has the reason, too.
     (*_, last) = set_one_request(
         client, {name.replace("__", "."): one for name, one in request.items()}
     )
     assert reason in last.reason
 
 
-def test_what_contradicts_on_the_way_is_right_in_one_request_beside_what_is_wrong(graph, client):
+def test_the_valid_part_of_a_request_may_be_contradictory_one_by_one(graph, client):
     graph.tracker(client, **RELIABLE)
     given = {"hog.sharpness": 90.0, "wings": 2, "cues": ["hog"], "proposal.method": "transition"}
     results = set_one_request(client, given)
@@ -290,7 +283,7 @@ def test_what_contradicts_on_the_way_is_right_in_one_request_beside_what_is_wron
     assert client.get_parameters("cues", "hog.sharpness") == [("hog",), 90.0]
 
 
-def test_what_is_listed_is_described(graph, client):
+def test_all_listed_parameters_are_described(graph, client):
     graph.tracker(client, **RELIABLE)
     names = client.parameter_names()
     described = client.call(client.parameters.describe_parameters, names).descriptors

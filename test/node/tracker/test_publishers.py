@@ -1,4 +1,4 @@
-"""What is published beside the status: only for those who listen, pictures beside the tracking."""
+"""Topics besides the status: built for subscribers only, overlays in a separate thread."""
 
 import threading
 from collections.abc import Callable
@@ -23,26 +23,26 @@ DEADLINE = 60.0
 
 @dataclass
 class Listener:
-    """Hears what a node publishes, as far as it has subscribed."""
+    """Subscribes to the topics of another node."""
 
     node: Node
     executor: SingleThreadedExecutor
 
-    def hear(self, publisher, message_type):
-        """Subscribe, wait until both sides know each other, and return the list that fills."""
-        heard = []
-        self.node.create_subscription(message_type, publisher.topic_name, heard.append, 100)
+    def subscribe(self, publisher, message_type):
+        """Subscribe, wait for the connection, and return the list of received messages."""
+        received = []
+        self.node.create_subscription(message_type, publisher.topic_name, received.append, 100)
         self.wait_for(publisher.get_subscription_count)
         (subscription,) = self.node.subscriptions
         self.wait_for(subscription.get_publisher_count)
-        return heard
+        return received
 
     def wait_for(self, condition):
         for _ in range(int(DEADLINE / 0.02)):
             if condition():
                 return
             self.executor.spin_once(timeout_sec=0.02)
-        pytest.fail("nothing came")
+        pytest.fail("no message")
 
 
 @pytest.fixture
@@ -56,31 +56,31 @@ def listener(graph):
 
 
 @pytest.fixture
-def speaker(graph):
-    node = Node("speaker", context=graph.context())
+def publishing_node(graph):
+    node = Node("publishing", context=graph.context())
     yield node
     node.destroy_node()
 
 
 @dataclass
-class Speaker:
-    """The outputs of a node.
+class Outputs:
+    """The publishers of a node.
 
     Attributes:
-        outputs: Of the node.
-        show: Publishes a frame of one target, by the name of the frame.
-        errors: That were reported.
+        publishers: The publishers.
+        show: Publishes the result of a frame with one target; takes the frame's name.
+        errors: The reported errors.
     """
 
-    outputs: publishers.FramePublishers
+    publishers: publishers.FramePublishers
     show: Callable[[str], None]
     errors: list
 
 
 @pytest.fixture
-def one(speaker, images, box):
+def outputs(publishing_node, images, box):
     errors = []
-    made = publishers.FramePublishers(speaker, errors.append)
+    made = publishers.FramePublishers(publishing_node, errors.append)
     tracker = MultiTracker.from_preset("li2007")
     tracker.start(images[0], box)
     (target,) = tracker.targets
@@ -91,20 +91,20 @@ def one(speaker, images, box):
         made.publish(header, result)
         made.publish_visualizations(header, result)
 
-    yield Speaker(made, show, errors)
+    yield Outputs(made, show, errors)
     made.close()
 
 
 @pytest.fixture
-def overlays(speaker, listener, one):
-    """The overlays that are heard."""
-    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("overlay"))
-    return listener.hear(publisher, Image)
+def overlays(publishing_node, listener, outputs):
+    """The received overlays."""
+    (publisher,) = (one for one in publishing_node.publishers if one.topic.endswith("overlay"))
+    return listener.subscribe(publisher, Image)
 
 
 @pytest.fixture
 def built(monkeypatch):
-    """Names of what was built, in order."""
+    """Names of the topics with a built message, in order."""
     names = []
 
     def watch(output):
@@ -120,71 +120,71 @@ def built(monkeypatch):
     return names
 
 
-def test_nothing_is_built_for_nobody(built, one):
-    one.show("camera")
+def test_nothing_is_built_without_subscribers(built, outputs):
+    outputs.show("camera")
     assert built == []
 
 
-def test_whoever_listens_hears_the_boxes_alone(built, speaker, listener, one):
-    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("boxes"))
-    heard = listener.hear(publisher, MarkerArray)
-    one.show("camera")
-    listener.wait_for(lambda: heard)
+def test_only_subscribed_topics_are_built(built, publishing_node, listener, outputs):
+    (publisher,) = (one for one in publishing_node.publishers if one.topic.endswith("boxes"))
+    received = listener.subscribe(publisher, MarkerArray)
+    outputs.show("camera")
+    listener.wait_for(lambda: received)
     assert built == ["boxes"]
 
 
 @pytest.fixture
 def slow(monkeypatch):
-    """Lets pictures be drawn one by one: (begun, go on)."""
-    begun, go_on = threading.Semaphore(0), threading.Semaphore(0)
+    """Semaphores (started, resume) around the drawing of each overlay."""
+    started, resume = threading.Semaphore(0), threading.Semaphore(0)
     draw = topics.draw_tracked
 
     def wait_and_draw(*arguments, **options):
-        begun.release()
-        assert go_on.acquire(timeout=5.0)
+        started.release()
+        assert resume.acquire(timeout=5.0)
         return draw(*arguments, **options)
 
     monkeypatch.setattr(topics, "draw_tracked", wait_and_draw)
-    return begun, go_on
+    return started, resume
 
 
-def test_the_tracking_goes_on_while_an_overlay_is_drawn(one, listener, overlays, slow, images):
-    begun, go_on = slow
-    one.show("camera")
-    assert begun.acquire(timeout=DEADLINE)
+def test_an_overlay_does_not_block_the_tracking(outputs, listener, overlays, slow, images):
+    started, resume = slow
+    outputs.show("camera")
+    assert started.acquire(timeout=DEADLINE)
     assert overlays == []
-    go_on.release()
+    resume.release()
     listener.wait_for(lambda: overlays)
     assert overlays[0].header.frame_id == "camera"
     drawn = np.frombuffer(overlays[0].data, np.uint8).reshape(images[0].shape)
     assert 0.01 < (drawn != images[0]).any(axis=2).mean() < 0.5
 
 
-def test_of_too_many_overlays_the_newest_are_drawn(one, listener, overlays, slow):
-    begun, go_on = slow
-    one.show("first")
-    assert begun.acquire(timeout=DEADLINE)
+def test_the_newest_pending_overlays_are_drawn(outputs, listener, overlays, slow):
+    started, resume = slow
+    outputs.show("first")
+    assert started.acquire(timeout=DEADLINE)
     for number in range(14):
-        one.show(str(number))
-    # As many messages wait for a listener as overlays for the one who draws: one is heard before.
-    go_on.release(1)
+        outputs.show(str(number))
+    # The queues of overlays and of messages have one length, so receive one message first.
+    resume.release(1)
     listener.wait_for(lambda: len(overlays) == 1)
-    go_on.release(14)
+    resume.release(14)
     listener.wait_for(lambda: len(overlays) == 11)
-    heard = [message.header.frame_id for message in overlays]
-    assert heard == ["first", *(str(number) for number in range(4, 14))]
+    names = [message.header.frame_id for message in overlays]
+    assert names == ["first", *(str(number) for number in range(4, 14))]
 
 
-def test_what_waits_is_published_before_the_topic_goes(one, listener, overlays, slow):
-    _, go_on = slow
+def test_pending_overlays_are_published_before_the_end(outputs, listener, overlays, slow):
+    _, resume = slow
     for number in range(3):
-        one.show(str(number))
-    go_on.release(3)
-    one.outputs._drawing.close()
+        outputs.show(str(number))
+    resume.release(3)
+    outputs.publishers._overlay.close()
     listener.wait_for(lambda: len(overlays) == 3)
 
 
-def test_an_overlay_that_fails_is_told_with_the_next_one(one, listener, overlays, monkeypatch):
+def test_a_failed_overlay_is_reported_with_the_next_one(outputs, listener, overlays, monkeypatch):
     draw, failed = topics.draw_tracked, threading.Event()
 
     def fail(*arguments, **options):
@@ -193,27 +193,27 @@ def test_an_overlay_that_fails_is_told_with_the_next_one(one, listener, overlays
         raise ValueError("no ink")
 
     monkeypatch.setattr(topics, "draw_tracked", fail)
-    one.show("failing")
+    outputs.show("failing")
     assert failed.wait(DEADLINE)
-    one.show("next")
+    outputs.show("next")
     listener.wait_for(lambda: overlays)
-    one.show("last")
-    assert one.errors == ["the overlay of a frame was not published: no ink"]
+    outputs.show("last")
+    assert outputs.errors == ["the overlay of a frame was not published: no ink"]
 
 
-def test_a_box_is_heard_by_those_who_listen(built, speaker, listener, one, box):
-    (publisher,) = (one for one in speaker.publishers if one.topic.endswith("/box"))
-    heard = listener.hear(publisher, PolygonStamped)
-    one.show("camera")
-    listener.wait_for(lambda: heard)
+def test_the_box_is_published(built, publishing_node, listener, outputs, box):
+    (publisher,) = (one for one in publishing_node.publishers if one.topic.endswith("/box"))
+    received = listener.subscribe(publisher, PolygonStamped)
+    outputs.show("camera")
+    listener.wait_for(lambda: received)
     assert built == ["box"]
-    (message,) = heard
+    (message,) = received
     assert message.header.frame_id == "camera"
     corner = message.polygon.points[0]
     assert (corner.x, corner.y) == pytest.approx(box[:2])
 
 
-def test_what_is_acted_on_is_out_before_what_is_looked_at(graph, images, box, monkeypatch):
+def test_primary_topics_precede_visualizations(graph, images, box, monkeypatch):
     client = graph.client(particles=True)
     node = graph.tracker(client, target_box=box)
     topics = []

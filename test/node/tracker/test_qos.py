@@ -1,4 +1,4 @@
-"""Quality of service of a live node: defaults, overrides, and mismatches that are told."""
+"""Quality of service of a live node: defaults, overrides, reports of incompatible endpoints."""
 
 import pytest
 import rclpy
@@ -22,34 +22,34 @@ def endpoint(node, topic, kind="subscriptions"):
 
 
 def reliability(node, topic="/image"):
-    """That of the only subscription to a topic, empty while it changes."""
+    """Reliability of the only subscription to a topic, empty while it changes."""
     endpoints = node.get_subscriptions_info_by_topic(topic)
     return [endpoint.qos_profile.reliability.name for endpoint in endpoints]
 
 
 def lossy_camera(graph):
-    """A camera with best effort in a context of its own."""
+    """A best-effort camera in its own context."""
     camera = rclpy.create_node("lossy", context=graph.context())
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    camera.create_publisher(Image, "image", quality)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    camera.create_publisher(Image, "image", profile)
     return camera
 
 
-def test_images_are_asked_for_reliably_until_a_camera_offers_less(graph):
+def test_images_are_requested_reliably_without_a_camera(graph):
     node = graph.tracker()
-    quality = endpoint(node, "/image")
-    assert quality.reliability == ReliabilityPolicy.RELIABLE
-    assert quality.durability == DurabilityPolicy.VOLATILE
+    profile = endpoint(node, "/image")
+    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.durability == DurabilityPolicy.VOLATILE
 
 
-def test_images_come_as_reliably_as_all_cameras_offer_them(graph, images):
+def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
     reliable = graph.client()
     node = graph.tracker(reliable)
     assert reliable.show(images[0], reliable.at(0)).values["frame"] == "waiting"
     assert reliability(node) == ["RELIABLE"]
     lossy = lossy_camera(graph)
     reliable.wait_for(lambda: reliability(node) == ["BEST_EFFORT"], "best effort")
-    # As a process that ends: of a publisher that goes alone, the graph may not hear.
+    # With its context, as a process ends: the graph may miss the end of a single publisher.
     lossy.destroy_node()
     lossy.context.shutdown()
     reliable.wait_for(lambda: reliability(node) == ["RELIABLE"], "reliable again")
@@ -64,22 +64,24 @@ def test_images_come_as_reliably_as_all_cameras_offer_them(graph, images):
     assert last_error(again) == ""
 
 
-@pytest.mark.parametrize("asked", ["best_effort", "reliable"])
-def test_a_reliability_that_is_asked_for_stays_whatever_is_offered(graph, asked):
+@pytest.mark.parametrize("reliability_given", ["best_effort", "reliable"])
+def test_a_given_reliability_stays_with_any_camera(graph, reliability_given):
     client = graph.client()
-    node = graph.tracker(client, image_reliability=asked)
-    assert reliability(node) == [asked.upper()]
+    node = graph.tracker(client, image_reliability=reliability_given)
+    assert reliability(node) == [reliability_given.upper()]
 
 
-def test_compressed_images_are_followed_as_raw_ones_are(graph):
+def test_auto_requests_the_offered_reliability_of_compressed_images(graph):
     node = graph.tracker(image_transport="compressed")
     camera = graph.client()
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    camera.create_publisher(CompressedImage, "image/compressed", quality)
-    camera.wait_for(lambda: reliability(node, "/image/compressed") == ["BEST_EFFORT"], "follow")
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    camera.create_publisher(CompressedImage, "image/compressed", profile)
+    camera.wait_for(
+        lambda: reliability(node, "/image/compressed") == ["BEST_EFFORT"], "best effort"
+    )
 
 
-def test_an_override_of_the_reliability_wins_over_what_is_offered(graph):
+def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
     name = "qos_overrides./image.subscription.reliability"
     node = graph.tracker(**{name: "best_effort"})
     client = graph.client()
@@ -91,20 +93,20 @@ def test_an_override_of_the_reliability_wins_over_what_is_offered(graph):
     assert reliability(node) == ["BEST_EFFORT"]
 
 
-def test_a_best_effort_target_is_told_to_be_reliable(graph, images):
+def test_a_best_effort_publisher_of_targets_is_reported(graph, images):
     client = graph.client()
     graph.tracker(client, **QUICK)
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    client.create_publisher(PolygonStamped, "pf_tracker/target", profile)
     text = client.wait_for(lambda: last_error(client), "report")
     assert text == (
         "nothing arrives on /pf_tracker/target from /client (RELIABILITY BEST_EFFORT), but "
-        "/pf_tracker asks for RELIABILITY RELIABLE; change it there, or here with the parameter "
+        "/pf_tracker requests RELIABILITY RELIABLE; change it there, or here with the parameter "
         "qos_overrides./pf_tracker/target.subscription.reliability"
     )
 
 
-def test_a_topic_with_messages_of_another_type_is_told_of(graph):
+def test_a_publisher_of_another_type_is_reported(graph):
     client = graph.client()
     graph.tracker(client, **QUICK)
     other = rclpy.create_node("other", context=graph.context())
@@ -112,54 +114,54 @@ def test_a_topic_with_messages_of_another_type_is_told_of(graph):
     text = client.wait_for(lambda: last_error(client), "report")
     assert text == (
         "nothing arrives on /pf_tracker/target from /other, which publishes "
-        "geometry_msgs/msg/PointStamped, but /pf_tracker takes geometry_msgs/msg/PolygonStamped; "
+        "geometry_msgs/msg/PointStamped, but /pf_tracker expects geometry_msgs/msg/PolygonStamped; "
         "publish geometry_msgs/msg/PolygonStamped, or remap one of the two"
     )
     other.destroy_node()
 
 
-def test_compressed_images_where_raw_ones_are_taken_are_told_of_with_how_to_take_them(graph):
+def test_compressed_images_on_the_raw_topic_are_reported_with_the_arguments(graph):
     client = graph.client()
     graph.tracker(client, cli_args=["--ros-args", "-r", "image:=/eye/compressed"], **QUICK)
     client.create_publisher(CompressedImage, "/eye/compressed", 1)
     text = client.wait_for(lambda: last_error(client), "report")
-    assert text.endswith("; take them with -p image_transport:=compressed -r image:=/eye")
+    assert text.endswith("; receive them with -p image_transport:=compressed -r image:=/eye")
 
 
-def test_whoever_cannot_match_is_told_of_once_each_time_that_it_comes(graph):
+def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
     client = graph.client()
     tracker = graph.tracker(client, **QUICK)
-    said = []
-    watch = GraphMonitor(tracker, said.append)
-    quality = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+    faults = []
+    monitor = GraphMonitor(tracker, faults.append)
+    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     for count in (1, 2):
-        publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", quality)
-        client.wait_for(lambda count=count: len(said) == count, "report")
-        heard = len(client.health)
-        client.wait_for(lambda heard=heard: len(client.health) == heard + 2, "further looks")
-        assert len(said) == count
+        publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", profile)
+        client.wait_for(lambda count=count: len(faults) == count, "report")
+        before = len(client.health)
+        client.wait_for(lambda before=before: len(client.health) == before + 2, "further polls")
+        assert len(faults) == count
         client.destroy_publisher(publisher)
-        client.wait_for(lambda: not watch.lasting, "end")
+        client.wait_for(lambda: not monitor.lasting, "end")
 
 
-def test_a_mismatch_of_any_policy_is_told_and_stays_in_the_diagnostics(graph):
+def test_an_incompatible_policy_stays_in_the_diagnostics(graph):
     client = graph.client()
     graph.tracker(client, **QUICK)
-    by_hand = QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC)
-    client.create_subscription(PolygonStamped, "pf_tracker/box", lambda message: None, by_hand)
+    manual = QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC)
+    client.create_subscription(PolygonStamped, "pf_tracker/box", lambda message: None, manual)
     client.wait_for(lambda: last_error(client), "report")
-    said = (
+    fault = (
         "/pf_tracker/box does not reach /client (LIVELINESS MANUAL_BY_TOPIC), but /pf_tracker "
         "offers LIVELINESS AUTOMATIC; change it there, or here with the parameter "
         "qos_overrides./pf_tracker/box.publisher.liveliness"
     )
-    assert last_error(client) == said
-    heard = len(client.health)
-    client.wait_for(lambda: len(client.health) >= heard + 3, "diagnostics")
-    assert all(said in one.message and one.level == "WARN" for one in client.health[heard + 1 :])
+    assert last_error(client) == fault
+    before = len(client.health)
+    client.wait_for(lambda: len(client.health) >= before + 3, "diagnostics")
+    assert all(fault in one.message and one.level == "WARN" for one in client.health[before + 1 :])
 
 
-def test_the_cure_that_is_named_for_the_diagnostics_is_one(graph):
+def test_the_reported_override_works_for_diagnostics(graph):
     override = {"qos_overrides./diagnostics.publisher.durability": "transient_local"}
     client = graph.client()
     node = graph.tracker(client, **override, **QUICK)
@@ -167,28 +169,28 @@ def test_the_cure_that_is_named_for_the_diagnostics_is_one(graph):
     assert found.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
 
-def test_no_event_is_asked_for_with_each_image(graph):
+def test_no_endpoint_has_event_callbacks_but_for_images(graph):
     tracker = graph.tracker()
     endpoints = [*tracker.publishers, *tracker.subscriptions]
-    asked_for = {one.topic_name for one in endpoints if one.event_handlers}
-    # The first is rclpy's own; images alone are heard anew as soon as a camera offers less.
-    assert asked_for == {"/parameter_events", "/image"}
+    with_events = {one.topic_name for one in endpoints if one.event_handlers}
+    # The first is rclpy's own; the images' reports an incompatible camera at once.
+    assert with_events == {"/parameter_events", "/image"}
 
 
-def test_a_status_is_there_for_those_who_come_late(graph, images):
+def test_a_late_subscriber_receives_the_last_status(graph, images):
     client = graph.client()
     graph.tracker(client, **QUICK)
     client.show(images[0], client.at(0))
     late = graph.client()
-    heard = []
+    received = []
     latched = QoSProfile(
         depth=1,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )
-    late.create_subscription(DiagnosticArray, "pf_tracker/status", heard.append, latched)
-    late.wait_for(lambda: heard, "latched status")
-    assert {v.key: v.value for v in heard[0].status[0].values}["state"] == "idle"
+    late.create_subscription(DiagnosticArray, "pf_tracker/status", received.append, latched)
+    late.wait_for(lambda: received, "latched status")
+    assert {v.key: v.value for v in received[0].status[0].values}["state"] == "idle"
 
 
 @pytest.mark.parametrize("transport", ["raw", "compressed"])
@@ -209,13 +211,13 @@ def test_qos_is_overridden_by_parameters(graph, transport):
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
-        ("qos_overrides./image.subscription.reliability", "perhaps", "not used"),
-        ("qos_overrides./image.subscription.depth", "deep", "not used"),
+        ("qos_overrides./image.subscription.reliability", "perhaps", "are ignored"),
+        ("qos_overrides./image.subscription.depth", "deep", "are ignored"),
         ("qos_overrides./imagine.subscription.depth", 3, "has no effect"),
         ("qos_overrides./image.subscription.dept", 3, "has no effect"),
     ],
 )
-def test_a_wrong_override_is_reported_and_left_out(graph, images, name, value, reason):
+def test_an_invalid_override_is_reported_and_ignored(graph, images, name, value, reason):
     client = graph.client()
     graph.tracker(client, **{name: value, **QUICK})
     status = client.show(images[0], client.at(0))
@@ -224,20 +226,19 @@ def test_a_wrong_override_is_reported_and_left_out(graph, images, name, value, r
     assert client.show(images[0], client.at(1)).level == "OK"
 
 
-def test_a_publisher_that_cannot_be_heard_is_named_with_both_sides_and_the_cure(graph, images):
+def test_an_incompatible_camera_is_reported_with_both_sides_and_the_remedy(graph, images):
     camera = graph.client(reliability="BEST_EFFORT")
     graph.tracker(**QUICK)
     text = camera.wait_for(lambda: last_error(camera), "report")
     assert text == (
-        "nothing arrives on /image from /client (RELIABILITY BEST_EFFORT), but /pf_tracker asks "
-        "for RELIABILITY RELIABLE; set image_reliability to auto, or let the publisher be "
-        "reliable"
+        "nothing arrives on /image from /client (RELIABILITY BEST_EFFORT), but /pf_tracker "
+        "requests RELIABILITY RELIABLE; set image_reliability to auto, or publish reliably"
     )
     assert camera.set_parameters(image_reliability="best_effort").successful
     camera.wait_for(camera.images.get_subscription_count, "match")
 
 
-def test_a_subscriber_that_cannot_be_reached_is_named(graph, images):
+def test_an_incompatible_subscriber_is_reported(graph, images):
     client = graph.client()
     graph.tracker(client, **QUICK)
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,4 +1,4 @@
-"""Errors that quote what came over the wire are cut, wherever they are told."""
+"""Errors are cut to a limited length, and repetitions are dropped."""
 
 import pytest
 import rclpy.logging
@@ -9,7 +9,7 @@ from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttl
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, lambda text: ImageError("data", text)])
-def test_an_error_of_any_length_is_told_short(kind, capfd):
+def test_a_long_error_is_cut(kind, capfd):
     reporter = Reporter(rclpy.logging.get_logger("reporter_test"))
     try:
         raise kind("x" * 10_000_000)
@@ -20,7 +20,7 @@ def test_an_error_of_any_length_is_told_short(kind, capfd):
     assert 500 < len(capfd.readouterr().err) < 6000
 
 
-def test_an_unexpected_error_is_logged_with_where_it_came_from(capfd):
+def test_an_unexpected_error_is_logged_with_its_traceback(capfd):
     reporter = Reporter(rclpy.logging.get_logger("reporter_test"))
     try:
         raise RuntimeError("no such thing")
@@ -30,7 +30,7 @@ def test_an_unexpected_error_is_logged_with_where_it_came_from(capfd):
     assert __file__ in capfd.readouterr().err
 
 
-def test_what_was_just_said_is_not_said_again_whatever_the_numbers(monkeypatch):
+def test_sentences_that_differ_in_numbers_are_repetitions(monkeypatch):
     now = 100.0
     monkeypatch.setattr(reporter_module.time, "monotonic", lambda: now)
     throttle = Throttle()

@@ -1,4 +1,4 @@
-"""Processes that are killed, stopped and started again in the middle of things."""
+"""Processes that are killed, stopped and restarted at any moment."""
 
 import os
 import signal
@@ -15,7 +15,7 @@ from pf_tracker_ros.footage import BagWriter
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 DEADLINE = 20.0
-# Ten runs are made by hand.
+# Set PF_TRACKER_RUNS for a longer test.
 RUNS = int(os.environ.get("PF_TRACKER_RUNS", "2"))
 REPLAY = "pf_tracker_ros.node.replay.replay_node"
 
@@ -32,7 +32,7 @@ def corners(message):
     return first.x, first.y, opposite.x, opposite.y
 
 
-def test_a_node_that_was_killed_is_replaced_by_one_that_tracks(graph, client, images, box):
+def test_a_new_node_tracks_after_one_was_killed(graph, client, images, box):
     for _ in range(2):
         process = tracker(graph, box)
         client.meet()
@@ -43,11 +43,11 @@ def test_a_node_that_was_killed_is_replaced_by_one_that_tracks(graph, client, im
         process.kill()
         process.wait(DEADLINE)
         client.statuses.clear()
-        # What is dead looks alive to DDS until its lease ends; frames go out all the same.
+        # DDS keeps the killed process until its lease ends; frames are published all the same.
         client.images.publish(client.message(images[2], client.at(2)))
 
 
-def test_a_publisher_that_was_killed_is_replaced_by_one_that_is_tracked(
+def test_a_new_publisher_is_tracked_after_one_was_killed(
     graph, client, images, box, moving_square_sequence
 ):
     tracker(graph, box, "-p", "time_jump:=restart")
@@ -59,7 +59,7 @@ def test_a_publisher_that_was_killed_is_replaced_by_one_that_is_tracked(
         client.wait_for(lambda: len(client.boxes) > 5, "boxes")
         replay.kill()
         replay.wait(DEADLINE)
-    # Its own publisher has been there all along.
+    # The client's publisher existed all the time.
     assert client.show(images[0], client.at(0)).values["frame"] in ("started", "tracked")
 
 
@@ -109,7 +109,7 @@ def test_the_same_bag_gives_the_same_bits_in_every_run_and_in_the_library(
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_at_any_moment_of_a_busy_life_ends_with_code_0(graph, client, images, number):
+def test_a_signal_while_busy_ends_with_code_0(graph, client, images, number):
     for delay in (0.0, 0.02):
         process = tracker(graph, [20, 30, 24, 24], "-p", "particles:=2000")
         client.meet()
@@ -154,7 +154,7 @@ def test_a_signal_while_an_executable_is_still_importing_ends_it_with_code_0(
     assert (process.returncode, "Traceback" in output) == (0, False), output
 
 
-def test_nodes_in_namespaces_and_a_remapped_one_do_not_touch_each_other(graph, images, box):
+def test_nodes_in_namespaces_and_a_remapped_node_are_independent(graph, images, box):
     left = graph.client(namespace="/left")
     right = graph.client(namespace="/right")
     quick = {"image_reliability": "reliable", "preset": "li2007", "particles": 20}

@@ -1,4 +1,4 @@
-"""Whatever comes over the wire: a live node survives it, says so once, and tracks on."""
+"""A live node survives any received data, reports it once, and keeps tracking."""
 
 import math
 import os
@@ -22,7 +22,7 @@ from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-# A long run is made by hand, with as many cases as this says.
+# Set PF_TRACKER_CASES for a longer test.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
 QUICK = {
     "preset": "li2007",
@@ -34,14 +34,14 @@ DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
 
 
 def cases(bounded):
-    """Settings for a property that is tried on a live node."""
+    """Settings of a property test with a live node."""
     return settings(
         max_examples=CASES or bounded,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     )
 
 
-def test_a_fault_that_repeats_is_logged_once(graph, client, images, box, capfd):
+def test_a_repeated_fault_is_logged_once(graph, client, images, box, capfd):
     graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     short = client.message(images[0], client.at(1))
@@ -55,7 +55,7 @@ def test_a_fault_that_repeats_is_logged_once(graph, client, images, box, capfd):
     assert log.count("image is (50, 160, 3) uint8, but those") == 1
 
 
-def test_refusals_without_end_do_not_fill_the_log(graph, client, images, capfd):
+def test_many_refusals_do_not_fill_the_log(graph, client, images, capfd):
     graph.tracker(client, **QUICK)
     for number in range(60):
         client.send_target([(number, number)])
@@ -69,7 +69,7 @@ def test_refusals_without_end_do_not_fill_the_log(graph, client, images, capfd):
     assert log.count("[ERROR]") <= 20
 
 
-def test_many_targets_and_images_at_once_leave_the_last_target_tracked(
+def test_after_many_targets_and_images_at_once_the_next_target_starts(
     graph, client, images, moving_square
 ):
     graph.tracker(client, **QUICK)
@@ -86,7 +86,7 @@ def test_many_targets_and_images_at_once_leave_the_last_target_tracked(
     assert (status.level, status.values["frame"]) == ("OK", "tracked")
 
 
-def test_weights_that_all_vanish_and_boxes_without_bounds_are_survived(graph, client, images, box):
+def test_vanishing_weights_and_unbounded_boxes_are_survived(graph, client, images, box):
     wild = {
         "preset": "default",
         "motion__size_noise": 10.0,
@@ -112,7 +112,7 @@ def test_weights_that_all_vanish_and_boxes_without_bounds_are_survived(graph, cl
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
 
-def test_an_image_takes_no_more_memory_than_it_brings(graph, client, images):
+def test_an_image_needs_no_more_memory_than_its_data(graph, client, images):
     graph.tracker(client, **QUICK)
     before = _peak_bytes()
     for encoding in ENCODINGS:
@@ -124,7 +124,7 @@ def test_an_image_takes_no_more_memory_than_it_brings(graph, client, images):
     assert _peak_bytes() - before < 30_000_000
 
 
-def test_a_target_takes_no_more_memory_than_a_box_needs(graph, client, images, box):
+def test_a_target_needs_no_memory_for_its_points(graph, client, images, box):
     graph.tracker(client, **QUICK)
     before = _peak_bytes()
     corners = [Point32(x=1.0, y=2.0)] * 400_000
@@ -134,7 +134,7 @@ def test_a_target_takes_no_more_memory_than_a_box_needs(graph, client, images, b
     assert status.level == "WARN"
     assert "its message has 4800" in status.message
     assert "allowed: up to 65536" in status.message
-    # What DDS itself holds of it on its way, twice in this process, but no object a point.
+    # The copies of DDS, two in this process, but no Python object for each point.
     assert _peak_bytes() - before < 60_000_000
     client.point_at(box)
     assert client.show(images[0], client.at(1)).values["frame"] == "started"
@@ -170,12 +170,12 @@ IMAGES = st.tuples(
     ),
     STAMPS,
 )
-PICTURES = st.tuples(st.just("picture"), st.integers(0, 19), STAMPS)
+VALID_IMAGES = st.tuples(st.just("valid image"), st.integers(0, 19), STAMPS)
 TARGETS = st.tuples(
     st.just("target"), st.lists(st.tuples(COORDINATES, COORDINATES), max_size=4), STAMPS
 )
 CLICKS = st.tuples(st.just("click"), st.tuples(st.floats(), st.floats()), STAMPS)
-SERVICES = st.tuples(st.sampled_from(["stop", "pause", "go on"]), st.none(), st.none())
+SERVICES = st.tuples(st.sampled_from(["stop", "pause", "resume"]), st.none(), st.none())
 
 
 def valid(declaration):
@@ -185,7 +185,7 @@ def valid(declaration):
         return st.sampled_from(declaration.choices)
     if declaration.type is bool:
         return st.booleans()
-    # No more particles than a test has time for.
+    # Few particles keep the test quick.
     most = 200 if declaration.name == "particles" else declaration.maximum
     if declaration.type is int:
         return st.integers(int(declaration.minimum), int(most))
@@ -216,11 +216,11 @@ SETS = st.tuples(
     | parameters(NAMES, lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name]))),
     st.none(),
 )
-EVENTS = st.one_of(IMAGES, PICTURES, TARGETS, CLICKS, SERVICES, SETS)
+EVENTS = st.one_of(IMAGES, VALID_IMAGES, TARGETS, CLICKS, SERVICES, SETS)
 
 
 class Sender:
-    """Sends events to a tracker without waiting for what comes of them."""
+    """Sends events to a tracker without waiting for the results."""
 
     def __init__(self, client, images):
         self._client, self._images = client, images
@@ -233,7 +233,7 @@ class Sender:
     def send(self, kind, content, stamp):
         if kind == "image":
             message = Image(**content)
-        elif kind == "picture":
+        elif kind == "valid image":
             message = self._client.message(self._images[content], 0)
         elif kind == "target":
             message = PolygonStamped()
@@ -248,7 +248,7 @@ class Sender:
             service, request = {
                 "stop": (self._stop, Trigger.Request()),
                 "pause": (self._enable, SetBool.Request(data=False)),
-                "go on": (self._enable, SetBool.Request(data=True)),
+                "resume": (self._enable, SetBool.Request(data=True)),
             }[kind]
             self._client.call(service.call_async, request)
             return
@@ -263,7 +263,7 @@ class Sender:
 
 
 def calm():
-    """Every parameter at its default, or at what is quick."""
+    """Every parameter at its default, or at a quick value."""
     values = {
         name: declaration.default
         for name, declaration in declarations(NodeParameters).items()
@@ -288,10 +288,10 @@ def test_after_any_messages_in_any_order_the_next_target_is_tracked(
     def check(events):
         for event in events:
             sender.send(*event)
-        sender.send("go on", None, None)
+        sender.send("resume", None, None)
         sender.send("stop", None, None)
         assert sender.set(calm()).result.successful
-        # Behind all that waits in the queue.
+        # After all pending messages.
         client.show(images[0], client.at(1000))
         client.statuses.clear()
         client.boxes.clear()
@@ -302,18 +302,20 @@ def test_after_any_messages_in_any_order_the_next_target_is_tracked(
     check()
 
 
-def test_any_parameter_values_are_taken_or_refused_and_the_target_is_kept(
-    graph, client, images, box
-):
+def test_any_parameter_values_keep_the_target(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK)
     sender = Sender(client, images)
     client.show(images[0], client.at(0))
     names = st.sampled_from(NAMES)
-    wrong = names.flatmap(lambda name: st.tuples(st.just(name), ANY_VALUE))
-    right = names.flatmap(lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name])))
+    invalid_items = names.flatmap(lambda name: st.tuples(st.just(name), ANY_VALUE))
+    valid_items = names.flatmap(lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name])))
 
     @cases(40)
-    @given(st.lists(wrong | right, min_size=1, max_size=3, unique_by=lambda item: item[0]))
+    @given(
+        st.lists(
+            invalid_items | valid_items, min_size=1, max_size=3, unique_by=lambda item: item[0]
+        )
+    )
     def check(values):
         result = sender.set(values).result
         assert result.successful or result.reason

@@ -1,17 +1,17 @@
-"""The selected target of a live node: what a robot acts on, and what the status is of."""
+"""The selected target of a live node: its box, values, likelihood and log."""
 
 import numpy as np
 import pytest
 from sensor_msgs.msg import Image
 
-SEVERAL = {"max_targets": 4, "image_reliability": "reliable"}
+MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable"}
 
 
 @pytest.fixture
 def two(graph, client, walkers):
     """A node with two targets after a frame, none selected."""
     images, boxes = walkers
-    node = graph.tracker(client, **SEVERAL)
+    node = graph.tracker(client, **MULTI_TARGET)
     for box in boxes[0]:
         client.point_at(box)
     client.show(images[0], client.at(0))
@@ -26,7 +26,7 @@ def stamps(client):
     return [box.header.stamp.sec * 10**9 + box.header.stamp.nanosec for box in client.boxes]
 
 
-def test_box_and_values_are_of_the_selected_one_and_of_none_without(two, client, walkers, send_id):
+def test_box_and_values_are_of_the_selected_target_only(two, client, walkers, send_id):
     images, boxes = walkers
     status = client.show(images[1], client.at(1))
     assert (status.values["selected"], status.values["targets"]) == ("0", "2")
@@ -48,13 +48,14 @@ def test_box_and_values_are_of_the_selected_one_and_of_none_without(two, client,
     assert stamps(client) == [client.at(2), client.at(3)]
 
 
-def test_the_likelihood_is_around_the_selected_one(two, client, walkers, send_id):
+def test_the_likelihood_is_around_the_selected_target(two, client, walkers, send_id):
     images, boxes = walkers
-    heard = []
-    listener = client.create_subscription(Image, "pf_tracker/likelihood", heard.append, 10)
+    received = []
+    subscription = client.create_subscription(Image, "pf_tracker/likelihood", received.append, 10)
     (publisher,) = [one for one in two.publishers if one.topic.endswith("/likelihood")]
     client.wait_for(
-        lambda: publisher.get_subscription_count() and listener.get_publisher_count(), "listener"
+        lambda: publisher.get_subscription_count() and subscription.get_publisher_count(),
+        "subscription",
     )
     assert "likelihood_x" not in client.show(images[1], client.at(1)).values
     for number, id in ((2, 2), (3, 1)):
@@ -63,13 +64,13 @@ def test_the_likelihood_is_around_the_selected_one(two, client, walkers, send_id
         x, y, side = (float(values[f"likelihood_{name}"]) for name in ("x", "y", "side"))
         center = np.add(boxes[number][id - 1][:2], (12, 20))
         assert np.abs(center - (x + side / 2, y + side / 2)).max() < 8
-        assert client.answer(heard, client.at(number)).encoding == "32FC1"
-    assert len(heard) == 2
+        assert client.answer(received, client.at(number)).encoding == "32FC1"
+    assert len(received) == 2
 
 
-def test_no_other_takes_the_place_of_a_selected_one_that_is_lost(graph, client, walkers, send_id):
+def test_a_lost_target_stays_selected(graph, client, walkers, send_id):
     images, boxes = walkers
-    node = graph.tracker(client, track__lost_after=0.1, **SEVERAL)
+    node = graph.tracker(client, track__lost_after=0.1, **MULTI_TARGET)
     for box in boxes[0]:
         client.point_at(box)
     client.show(images[0], client.at(0))
@@ -94,20 +95,20 @@ def test_no_other_takes_the_place_of_a_selected_one_that_is_lost(graph, client, 
     assert corner(client.box_at(client.at(12))) == pytest.approx(boxes[12][1][:2], abs=6)
 
 
-def test_one_that_has_ended_is_lost_until_another_is_selected(
+def test_an_ended_target_is_lost_until_another_is_selected(
     graph, client, walkers, send_id, detector
 ):
     images, boxes = walkers
-    node = graph.tracker(client, **SEVERAL)
-    speaker = detector(client, node)
+    node = graph.tracker(client, **MULTI_TARGET)
+    detections = detector(client, node)
     for number in range(4):
-        speaker.say(boxes[number], client.at(number))
+        detections.publish(boxes[number], client.at(number))
         client.show(images[number], client.at(number))
     send_id(client, node, "select", 1)
     for number in range(4, 16):
         image = images[number].copy()
         image[30:90] = 128
-        speaker.say(boxes[number][1:], client.at(number))
+        detections.publish(boxes[number][1:], client.at(number))
         status = client.show(image, client.at(number))
     assert [one.values["id"] for one in status.targets] == ["2"]
     assert (status.level, status.values["state"], status.values["selected"]) == (
@@ -123,7 +124,7 @@ def test_one_that_has_ended_is_lost_until_another_is_selected(
     assert client.box_at(client.at(16))
 
 
-def test_an_id_of_no_target_is_refused_and_changes_nothing(two, client, walkers, send_id):
+def test_an_unknown_id_is_refused(two, client, walkers, send_id):
     images, _ = walkers
     send_id(client, two, "select", 2)
     send_id(client, two, "select", 7)
@@ -133,7 +134,7 @@ def test_an_id_of_no_target_is_refused_and_changes_nothing(two, client, walkers,
     assert status.values["selected"] == "2"
 
 
-def test_a_stopped_one_is_not_selected_any_more(two, client, walkers, send_id):
+def test_a_stopped_target_is_not_selected(two, client, walkers, send_id):
     images, _ = walkers
     send_id(client, two, "select", 2)
     client.show(images[1], client.at(1))
@@ -144,7 +145,7 @@ def test_a_stopped_one_is_not_selected_any_more(two, client, walkers, send_id):
     assert stamps(client) == [client.at(1)]
 
 
-def test_the_log_tells_the_state_of_the_selected_one(capfd, two, client, walkers, send_id):
+def test_the_log_has_the_state_of_the_selected_target(capfd, two, client, walkers, send_id):
     images, _ = walkers
     send_id(client, two, "select", 1)
     for number in range(1, 7):
@@ -153,12 +154,12 @@ def test_the_log_tells_the_state_of_the_selected_one(capfd, two, client, walkers
         status = client.show(image, client.at(number))
     assert status.values["state"] == "occluded"
     log = capfd.readouterr().err
-    assert log.count("tracking target 1 from the box (30, 40, 24, 40) on") == 1
+    assert log.count("target 1 started on the box (30, 40, 24, 40)") == 1
     assert log.count("targets: 1, 2\n") == 1
     assert log.count("tracking -> occluded, confidence ") == 1
 
 
-def test_with_one_target_it_is_that_one(graph, client, images, box, send_id):
+def test_a_single_target_is_always_selected(graph, client, images, box, send_id):
     node = graph.tracker(client, image_reliability="reliable")
     status = client.show(images[0], client.at(0))
     assert (status.values["selected"], status.targets) == ("0", ())
@@ -170,7 +171,7 @@ def test_with_one_target_it_is_that_one(graph, client, images, box, send_id):
         assert (one.name, one.values["id"]) == (f"/pf_tracker: target {id}", id)
         assert one.values["confidence"] == status.values["confidence"]
         assert client.box_at(client.at(number))
-    # That none is selected leaves it: it is the only one that there may be.
+    # With `max_targets` 1, selecting none has no effect.
     send_id(client, node, "select", 0)
     assert client.show(images[3], client.at(3)).values["selected"] == "2"
     assert client.box_at(client.at(3))

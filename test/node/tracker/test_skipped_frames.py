@@ -1,4 +1,4 @@
-"""A status is about its frame: one that was not looked at says so, and since when."""
+"""The status of a skipped frame: state, cause and duration, without an estimate."""
 
 import itertools
 import time
@@ -10,7 +10,7 @@ from std_srvs.srv import SetBool, Trigger
 from pf_tracker_ros.targets.track_manager import TrackManager
 
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
-OF_AN_ESTIMATE = ("confidence", "covariance_xx", "effective_sample_size", "particles")
+ESTIMATE_KEYS = ("confidence", "covariance_xx", "effective_sample_size", "particles")
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def boxes_since(client, stamp):
 
 
 def skipping(client, images, cause):
-    """A function that sends one more frame that is not looked at and returns its status."""
+    """A function that sends one more frame that is skipped and returns its status."""
     numbers = itertools.count(2)
 
     def show():
@@ -42,51 +42,49 @@ def skipping(client, images, cause):
     return show
 
 
-CURES = {
-    "refused": "give a target on these images (~/target, ~/click), forget the one there is",
-    "duplicate": "let whoever publishes /image stamp each image with the time at which",
-    "paused": "paused; the service ~/enable lets it go on",
+CAUSES = {
+    "refused": "start a target on these images (~/target, ~/click), stop the present one",
+    "duplicate": "on /image; the publisher must stamp each image with its own time of capture",
+    "paused": "paused; resume with the service ~/enable",
 }
 LEVELS = {"refused": "ERROR", "duplicate": "OK", "paused": "OK"}
 
 
-@pytest.mark.parametrize("cause", CURES)
-def test_frames_that_are_not_looked_at_say_so_and_since_when(
-    tracking, client, images, cause, capfd
-):
+@pytest.mark.parametrize("cause", CAUSES)
+def test_a_skipped_frame_has_its_cause_and_duration(tracking, client, images, cause, capfd):
     show = skipping(client, images, cause)
-    began = time.monotonic()
+    start = time.monotonic()
     first = show()
-    assert first.level == LEVELS[cause] or time.monotonic() - began > 1.0
+    assert first.level == LEVELS[cause] or time.monotonic() - start > 1.0
     assert (first.values["frame"], first.values["state"]) == (cause, "skipped")
     assert (first.values["skipped_frames"], first.values["last_state"]) == ("1", "tracking")
-    assert CURES[cause] in first.message
-    told = 1
+    assert CAUSES[cause] in first.message
+    count = 1
 
     def lasts():
-        nonlocal told
+        nonlocal count
         status = show()
-        told += 1
+        count += 1
         assert status.values["state"] == "skipped"
-        assert not [name for name in OF_AN_ESTIMATE if name in status.values]
-        assert int(status.values["skipped_frames"]) == told
+        assert not [name for name in ESTIMATE_KEYS if name in status.values]
+        assert int(status.values["skipped_frames"]) == count
         return status if float(status.values["skipped_seconds"]) >= 1.0 else None
 
     status = client.wait_for(lasts, "a second of skipped frames")
     assert status.level == ("ERROR" if cause == "refused" else "WARN")
-    assert CURES[cause] in status.message
+    assert CAUSES[cause] in status.message
     seconds, nanoseconds = divmod(client.at(1), 10**9)
     assert status.values["last_stamp"] == f"{seconds}.{nanoseconds:09d}"
     client.health.clear()
 
     def warned():
         show()
-        return [h for h in client.health if "no frame has been looked at for" in h.message]
+        return [h for h in client.health if "no frame processed for" in h.message]
 
     health = client.wait_for(warned, "a warning in /diagnostics")[0]
     assert (health.level, health.values["state"]) == ("WARN", "skipped")
-    assert CURES[cause] in health.message
-    assert not [name for name in OF_AN_ESTIMATE if name in health.values]
+    assert CAUSES[cause] in health.message
+    assert not [name for name in ESTIMATE_KEYS if name in health.values]
     if cause == "paused":
         client.ask(SetBool, "enable", data=True)
     again = client.show(images[3], client.at(3))
@@ -96,11 +94,11 @@ def test_frames_that_are_not_looked_at_say_so_and_since_when(
     client.box_at(client.at(3))
     assert len(client.boxes) == 3
     log = capfd.readouterr().err
-    assert log.count("frames are looked at again, after") == (cause != "paused")
-    assert log.count(CURES[cause]) == (cause != "paused")
+    assert log.count("frames are processed again, after") == (cause != "paused")
+    assert log.count(CAUSES[cause]) == (cause != "paused")
 
 
-def test_a_late_frame_and_one_that_fails_are_not_looked_at(graph, client, images, box, monkeypatch):
+def test_a_late_frame_and_a_failed_frame_are_skipped(graph, client, images, box, monkeypatch):
     def fail(*arguments):
         raise ZeroDivisionError("by chance")
 
@@ -108,14 +106,14 @@ def test_a_late_frame_and_one_that_fails_are_not_looked_at(graph, client, images
     client.show(images[0], client.at(5))
     late = client.show(images[0], client.at(4))
     assert (late.level, late.values["frame"], late.values["state"]) == ("OK", "late", "skipped")
-    assert "let one camera alone publish /image" in late.message
+    assert "on /image is older than the last one; let a single camera" in late.message
     monkeypatch.setattr(TrackManager, "update", fail)
     failed = client.show(images[1], client.at(6))
     assert (failed.level, failed.values["state"]) == ("ERROR", "skipped")
     assert "confidence" not in failed.values
 
 
-def test_a_target_that_is_forgotten_meanwhile_is_not_told_as_tracked(tracking, client, images):
+def test_a_target_stopped_during_a_pause_is_not_the_last_state(tracking, client, images):
     client.ask(SetBool, "enable", data=False)
     assert client.show(images[2], client.at(2)).values["last_state"] == "tracking"
     client.ask(Trigger, "stop")
@@ -123,7 +121,7 @@ def test_a_target_that_is_forgotten_meanwhile_is_not_told_as_tracked(tracking, c
     assert (status.values["state"], status.values["last_state"]) == ("skipped", "idle")
 
 
-def test_a_paused_node_says_so_in_its_health_without_any_frame(tracking, client):
+def test_a_pause_is_in_the_diagnostics_without_a_frame(tracking, client):
     client.ask(SetBool, "enable", data=False)
     client.health.clear()
     health = client.wait_for(lambda: client.health, "diagnostics")[0]
@@ -132,9 +130,7 @@ def test_a_paused_node_says_so_in_its_health_without_any_frame(tracking, client)
 
 
 @pytest.mark.parametrize("size", [(80, 60), (320, 240), (107, 80)])
-def test_a_camera_that_comes_back_with_another_size_is_followed(
-    tracking, client, images, moving_square, size
-):
+def test_a_change_of_the_image_size_keeps_the_target(tracking, client, images, moving_square, size):
     client.set_parameters(particles=200)
     for index in range(2, 8):
         image = cv2.resize(images[index], size, interpolation=cv2.INTER_AREA)
@@ -147,19 +143,17 @@ def test_a_camera_that_comes_back_with_another_size_is_followed(
     assert (corner.x, corner.y) == pytest.approx(tuple(expected), abs=6 * scale)
 
 
-def test_a_camera_that_comes_back_with_another_aspect_ratio_is_refused(tracking, client, images):
+def test_a_change_of_the_aspect_ratio_is_refused(tracking, client, images):
     status = client.show(images[2][:100], client.at(2))
     assert (status.level, status.values["state"]) == ("ERROR", "skipped")
-    assert "another size of the same aspect ratio would do as well" in status.message
+    assert "any size of the same aspect ratio" in status.message
     assert client.show(images[3], client.at(3)).values["state"] == "tracking"
 
 
-def test_a_target_that_is_given_on_images_of_another_kind_begins_at_once(
-    tracking, client, images, box
-):
+def test_a_target_drawn_on_images_of_another_format_starts_at_once(tracking, client, images, box):
     client.point_at((900.0, 5.0, 20.0, 20.0))
     status = client.show(images[2][..., 1].copy(), client.at(2), "mono8")
-    # One that cannot begin there is no reason to give up the one before.
+    # A target that cannot start there does not end the present one.
     assert (status.level, status.values["frame"]) == ("ERROR", "refused")
     status = client.show(images[3], client.at(3))
     assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
@@ -169,14 +163,14 @@ def test_a_target_that_is_given_on_images_of_another_kind_begins_at_once(
     assert (status.level, status.values["frame"]) == ("OK", "started")
 
 
-def test_a_preset_that_is_set_while_the_target_is_lost_claims_nothing(graph, client, images, box):
+def test_a_preset_change_while_the_target_is_lost_keeps_it_lost(graph, client, images, box):
     graph.tracker(client, target_box=box, track__lost_after=0.1, **QUICK)
     client.show_all(images[:3])
     for index in range(3, 8):
         status = client.show(images[0] * 0, client.at(index))
     assert status.values["state"] == "lost"
     client.boxes.clear()
-    # With a longer time until the target is lost, it would be a while until it is.
+    # A larger `track.lost_after` does not make the target tracked again.
     assert client.set_parameters(preset="zhang2015", track__lost_after=60.0).successful
     client.health.clear()
     health = client.wait_for(lambda: client.health, "diagnostics")[0]

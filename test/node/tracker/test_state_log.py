@@ -1,4 +1,4 @@
-"""The last state is in the log, however the states change."""
+"""The log of state changes: at most one line a second, the last state always."""
 
 from types import SimpleNamespace
 
@@ -23,7 +23,7 @@ def log(monkeypatch):
     return SimpleNamespace(update=update, lines=lines)
 
 
-def test_each_change_is_told(log):
+def test_each_change_is_logged(log):
     log.update(2.0, "tracking", "occluded", "occluded", "lost", "tracking")
     assert log.lines == [
         "tracking -> occluded, confidence 0.50",
@@ -32,17 +32,17 @@ def test_each_change_is_told(log):
     ]
 
 
-def test_a_flicker_is_told_once_a_second_and_the_state_after_it_always(log):
+def test_a_flicker_is_logged_once_a_second_and_the_last_state_always(log):
     log.update(0.04, *["occluded", "tracking"] * 50, "tracking")
     assert 3 <= len(log.lines) <= 5
     log.update(0.04, *["tracking"] * 30)
     assert log.lines[-1].startswith("occluded -> tracking")
-    told = len(log.lines)
+    count = len(log.lines)
     log.update(0.04, *["tracking"] * 100)
-    assert len(log.lines) == told
+    assert len(log.lines) == count
 
 
-def test_another_target_begins_tracked(log):
+def test_another_target_starts_as_tracked(log):
     log.update(2.0, "occluded")
     log.update(2.0, "tracking", "occluded", id=2)
     assert log.lines == ["tracking -> occluded, confidence 0.50"] * 2

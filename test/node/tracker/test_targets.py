@@ -1,4 +1,4 @@
-"""How a target comes to a live node, and goes: stamps, clicks, stop and enable."""
+"""Start and end of a target in a live node: stamps, clicks, stop and enable."""
 
 import math
 
@@ -24,9 +24,9 @@ def boxes(moving_square):
 
 def click(client, node, x, y):
     publisher = client.create_publisher(PointStamped, "pf_tracker/click", 1)
-    (heard,) = [s for s in node.subscriptions if s.topic_name == "/pf_tracker/click"]
+    (subscription,) = [s for s in node.subscriptions if s.topic_name == "/pf_tracker/click"]
     client.wait_for(
-        lambda: publisher.get_subscription_count() and heard.get_publisher_count(), "click"
+        lambda: publisher.get_subscription_count() and subscription.get_publisher_count(), "click"
     )
     message = PointStamped()
     message.point.x, message.point.y = float(x), float(y)
@@ -63,7 +63,7 @@ def test_a_target_drawn_on_a_past_frame_is_started_there_and_caught_up(
     assert len(client.boxes) == 1
 
 
-def test_a_target_on_a_frame_that_is_gone_is_refused_with_the_reason(graph, client, images, boxes):
+def test_a_target_on_a_frame_out_of_the_buffer_is_refused(graph, client, images, boxes):
     graph.tracker(client, frame_buffer_length=2, **QUICK)
     client.show_all(images[:6])
     client.point_at(boxes[1], stamp=client.at(1))
@@ -77,7 +77,7 @@ def test_a_target_on_a_frame_that_is_gone_is_refused_with_the_reason(graph, clie
     assert client.show(images[8], client.at(8)).values["frame"] == "started"
 
 
-def test_a_target_stamped_by_another_clock_is_refused(graph, client, images, boxes):
+def test_a_target_with_a_stamp_of_another_clock_is_refused(graph, client, images, boxes):
     graph.tracker(client, **QUICK)
     client.show(images[0], client.at(0))
     client.point_at(boxes[1], stamp=client.at(0) + 10**12)
@@ -97,10 +97,10 @@ def test_a_click_starts_on_the_square_around_it(graph, client, images, boxes):
     assert corners(client.box_at(client.at(1))) == (35, 45, 30, 30)
 
 
-def test_a_click_that_is_nowhere_is_refused(graph, client, images):
+def test_an_invalid_click_is_refused(graph, client, images):
     node = graph.tracker(client, **QUICK)
-    nowhere = [(math.nan, 5, "not finite"), (1, math.inf, "not finite"), (900, 5, "outside")]
-    for index, (x, y, reason) in enumerate(nowhere):
+    clicks = [(math.nan, 5, "not finite"), (1, math.inf, "not finite"), (900, 5, "outside")]
+    for index, (x, y, reason) in enumerate(clicks):
         click(client, node, x, y)
         status = client.show(images[0], client.at(index))
         assert (status.level, status.values["state"]) == ("WARN", "idle")
@@ -108,10 +108,10 @@ def test_a_click_that_is_nowhere_is_refused(graph, client, images):
         assert reason in status.message
 
 
-def test_stop_forgets_the_target_and_another_can_be_given(graph, client, images, boxes):
+def test_a_target_can_start_after_a_stop(graph, client, images, boxes):
     graph.tracker(client, target_box=list(boxes[0]), **QUICK)
     early = client.ask(Trigger, "stop")
-    assert (early.success, early.message) == (True, "there was no target")
+    assert (early.success, early.message) == (True, "no target to stop")
     client.set_parameters(target_box=list(boxes[0]))
     assert client.show(images[0], client.at(0)).values["state"] == "tracking"
     assert client.ask(Trigger, "stop").message == "stopped 1 target; waiting for a target"
@@ -122,14 +122,14 @@ def test_stop_forgets_the_target_and_another_can_be_given(graph, client, images,
     assert len(client.boxes) <= 2
 
 
-def test_paused_frames_are_answered_unseen_and_the_target_is_kept(graph, client, images, boxes):
+def test_a_pause_skips_frames_and_keeps_the_target(graph, client, images, boxes):
     graph.tracker(client, target_box=list(boxes[0]), **QUICK)
     client.show(images[0], client.at(0))
     assert client.ask(SetBool, "enable", data=False).success
-    # Not even looked at: this one could not be decoded.
+    # Not even decoded: its encoding is invalid.
     status = client.show(images[1], client.at(1), "no_encoding")
     assert (status.level, status.values["frame"]) == ("OK", "paused")
-    assert status.message == "paused; the service ~/enable lets it go on"
+    assert status.message == "paused; resume with the service ~/enable"
     assert client.ask(SetBool, "enable", data=True).success
     status = client.show(images[1], client.at(1))
     assert (status.values["frame"], status.message) == ("tracked", "tracking")
@@ -138,7 +138,7 @@ def test_paused_frames_are_answered_unseen_and_the_target_is_kept(graph, client,
     )
 
 
-def test_a_target_drawn_on_a_paused_image_is_not_of_another_clock(graph, client, images, boxes):
+def test_a_target_can_be_drawn_on_an_image_of_a_pause(graph, client, images, boxes):
     graph.tracker(client, target_box=list(boxes[0]), **QUICK)
     client.show(images[0], client.at(0))
     assert client.ask(SetBool, "enable", data=False).success
@@ -150,7 +150,7 @@ def test_a_target_drawn_on_a_paused_image_is_not_of_another_clock(graph, client,
     assert (status.level, status.values["frame"]) == ("OK", "started")
 
 
-def test_services_before_the_first_image_are_answered(graph, client, images, boxes):
+def test_services_work_before_the_first_image(graph, client, images, boxes):
     graph.tracker(client, **QUICK)
     assert client.ask(SetBool, "enable", data=True).success
     assert client.ask(SetBool, "enable", data=False).success

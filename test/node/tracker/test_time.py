@@ -1,4 +1,4 @@
-"""Stamps that jump, repeat, stop or begin anew, and simulated time, through a live node."""
+"""Stamps that jump or repeat, and simulated time, in a live node."""
 
 import pytest
 from rosgraph_msgs.msg import Clock
@@ -25,7 +25,7 @@ AFTER_A_JUMP = {
 
 
 @pytest.mark.parametrize("policy", AFTER_A_JUMP)
-def test_a_bag_that_begins_again_does_what_the_parameter_says(graph, client, images, box, policy):
+def test_a_restarted_bag_follows_the_policy(graph, client, images, box, policy):
     graph.tracker(client, target_box=box, time_jump=policy, **QUICK)
     # Away from the box, where a restart would show.
     client.show_all(images[:10])
@@ -70,23 +70,23 @@ def test_dropped_frames_are_counted_by_cause(graph, client, images, box):
     client.wait_for(counted, "counts")
 
 
-def test_the_cloud_widens_over_a_gap_as_the_motion_model_says(graph, client, images, box):
+def test_a_longer_gap_gives_a_larger_covariance(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK | {"particles": 500})
     client.show(images[0], client.at(0))
     # All black: no measurement pulls the particles together.
     black = images[0] * 0
-    spreads = []
+    variances = []
     for gap in (1, 10, 100):
         client.point_at(box)
         client.show(images[0], client.at(0))
         status = client.show(black, client.at(gap))
-        spreads.append(float(status.values["covariance_xx"]))
-    assert spreads[0] < spreads[1] < spreads[2]
+        variances.append(float(status.values["covariance_xx"]))
+    assert variances[0] < variances[1] < variances[2]
     tracker = Tracker.from_preset(
         "li2007", parameters={"particles": 500, "track.occluded_below": 0.0}
     )
     tracker.start(images[0], box)
-    assert spreads[2] == tracker.update(black, 4.0).covariance[0, 0]
+    assert variances[2] == tracker.update(black, 4.0).covariance[0, 0]
 
 
 def test_simulated_time_stamps_the_diagnostics_and_may_jump_back(graph, client, images, box):
@@ -99,7 +99,7 @@ def test_simulated_time_stamps_the_diagnostics_and_may_jump_back(graph, client, 
         message.clock.sec = seconds
 
         def stamped():
-            # As from any source of time; what is sent before both sides have met is lost.
+            # Published repeatedly: messages before the connection are lost.
             clock.publish(message)
             return client.health and client.health[-1].stamp == seconds * 10**9
 
@@ -117,11 +117,11 @@ def test_simulated_time_stamps_the_diagnostics_and_may_jump_back(graph, client, 
 
 
 @pytest.mark.parametrize("most", [1, 2])
-def test_what_is_dropped_is_not_decoded(graph, client, images, box, most):
+def test_dropped_frames_are_not_decoded(graph, client, images, box, most):
     graph.tracker(client, max_targets=most, target_box=box)
     assert client.show(images[0], client.at(0)).values["frame"] == "started"
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
-    # Decoded, this would be refused.
+    # If it were decoded, it would be refused.
     for stamp, frame in ((client.at(1), "duplicate"), (client.at(0.5), "late")):
         broken = client.message(images[2], stamp)
         broken.data = broken.data[:100]

@@ -1,4 +1,4 @@
-"""`track` finds of several targets what the node tells, shown the recording in lockstep."""
+"""The command `track` gives the results of the node in lockstep, for several targets."""
 
 import csv
 
@@ -11,22 +11,22 @@ from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 
-# As many as `track` follows at most by default.
-SEVERAL = {"max_targets": 32, "image_reliability": "reliable", "seed": 3}
-# What depends on the moment, not on the recording.
+# The default maximum of `track`.
+MULTI_TARGET = {"max_targets": 32, "image_reliability": "reliable", "seed": 3}
+# Values that differ between runs.
 TIMES = {"processing_time_ms"}
 
 
 @pytest.fixture
 def lockstep(graph, client):
-    """Shows a recording's images to a tracker of several targets, by the stamps of boxes.csv."""
+    """A function that shows a recording's images to a tracker, with the stamps of boxes.csv."""
     kinds = {"boxes": MarkerArray, "particles": PointCloud2, "overlay": Image}
-    heard = {name: [] for name in kinds}
+    received = {name: [] for name in kinds}
     for name, kind in kinds.items():
-        client.create_subscription(kind, f"pf_tracker/{name}", heard[name].append, 100)
+        client.create_subscription(kind, f"pf_tracker/{name}", received[name].append, 100)
 
     def run(folder, images, given=(), **parameters):
-        graph.tracker(client, **SEVERAL, **parameters)
+        graph.tracker(client, **MULTI_TARGET, **parameters)
         stamps = sorted({int(row["stamp"]) for row in rows(folder)})
         assert len(stamps) == len(images)
         for number, (image, stamp) in enumerate(zip(images, stamps, strict=True)):
@@ -34,15 +34,15 @@ def lockstep(graph, client):
                 if frame == number:
                     client.point_at(box, stamp)
             client.show(image, stamp)
-        return client, heard
+        return client, received
 
     return run
 
 
 @pytest.fixture
-def told_client(graph, client):
-    """A client of a tracker of several targets."""
-    graph.tracker(client, **SEVERAL)
+def connected_client(graph, client):
+    """A client that is connected to a tracker of several targets."""
+    graph.tracker(client, **MULTI_TARGET)
     return client
 
 
@@ -64,14 +64,14 @@ def outline(row):
 
 
 def assert_same(found, client, arrays):
-    """The rows of boxes.csv are what the node told, to the bit."""
+    """The rows of boxes.csv equal the node's messages, to the bit."""
     statuses = {status.stamp: status for status in client.statuses}
     for stamp in {int(row["stamp"]) for row in found}:
         own = [row for row in found if int(row["stamp"]) == stamp and row["id"]]
-        told = [one.values for one in statuses[stamp].targets]
-        # The node writes the shortest text that reads back to the same bits, as the file does.
+        published = [one.values for one in statuses[stamp].targets]
+        # Both write the shortest text that reads back to the same bits.
         assert [(row["id"], row["state"], row["confidence"]) for row in own] == [
-            (values["id"], values["state"], values["confidence"]) for values in told
+            (values["id"], values["state"], values["confidence"]) for values in published
         ]
         lines = [
             (one.id, [(point.x, point.y) for point in one.points])
@@ -81,7 +81,7 @@ def assert_same(found, client, arrays):
         assert [(int(row["id"]), outline(row)) for row in own if row["x"]] == lines
 
 
-def test_drawn_targets_and_the_bag_are_those_of_the_node(
+def test_manual_targets_and_the_bag_equal_those_of_the_node(
     lockstep, source, walkers, typestore, assert_equal_fields
 ):
     from rosbags.rosbag2 import Reader
@@ -92,9 +92,9 @@ def test_drawn_targets_and_the_bag_are_those_of_the_node(
     source.with_name("img.target.yaml").write_text(f"targets:{text}\n")
     output = source.parent / "out"
     assert main([str(source), "--output", str(output), "--seed", "3", "--bag"]) == 0
-    client, heard = lockstep(output, images, entries)
+    client, received = lockstep(output, images, entries)
     found = rows(output)
-    assert_same(found, client, heard["boxes"])
+    assert_same(found, client, received["boxes"])
     assert [row["id"] for row in found] == [""] * 2 + ["1"] * 3 + ["1", "2"] * 11
     recorded = {}
     with Reader(output / "topics.mcap") as reader:
@@ -102,44 +102,42 @@ def test_drawn_targets_and_the_bag_are_those_of_the_node(
             message = typestore.deserialize_cdr(data, connection.msgtype)
             name = connection.topic.removeprefix("/pf_tracker/")
             recorded.setdefault(name, []).append(message)
-    # The box is that of the selected target, and of several that were drawn none is.
-    assert recorded.keys() == {*heard, "status"}
+    # `box` is of the selected target; of several manual targets, none is selected.
+    assert recorded.keys() == {*received, "status"}
     assert client.boxes == []
-    for name in heard:
+    for name in received:
         count = len(recorded[name])
-        client.wait_for(lambda name=name, n=count: len(heard[name]) >= n, f"all of {name}")
-        assert len(heard[name]) == count
-        for one, other in zip(recorded[name], heard[name], strict=True):
+        client.wait_for(lambda name=name, n=count: len(received[name]) >= n, f"all of {name}")
+        assert len(received[name]) == count
+        for one, other in zip(recorded[name], received[name], strict=True):
             assert_equal_fields(one, other)
     for message, status in zip(recorded["status"], client.statuses, strict=True):
         own, *targets = message.status
         assert (own.name, own.message) == (status.name, status.message)
-        for one, told in zip((own, *targets), (status, *status.targets), strict=True):
+        for one, published in zip((own, *targets), (status, *status.targets), strict=True):
             values = {pair.key: pair.value for pair in one.values}
-            assert (one.name, values.keys()) == (told.name, told.values.keys())
-            assert {key for key in values if values[key] != told.values[key]} <= TIMES
+            assert (one.name, values.keys()) == (published.name, published.values.keys())
+            assert {key for key in values if values[key] != published.values[key]} <= TIMES
 
 
-def test_people_in_a_street_are_the_same(lockstep, sequences_directory, tmp_path):
+def test_real_footage_gives_the_same(lockstep, sequences_directory, tmp_path):
     source = sequences_directory / "video" / "TUD-Stadtmitte.mp4"
     boxes = [(340.5, 79.5, 87.5, 244.0), (570.25, 80.75, 68.0, 203.5), (181.0, 89.0, 76.0, 246.0)]
     given = [text for box in boxes for text in ("--box", ",".join(map(str, box)))]
     output = tmp_path / "out"
     assert main([str(source), "--output", str(output), "--seed", "3", *given]) == 0
     images = [frame.image for frame in open_recording(source).frames()]
-    client, heard = lockstep(output, images, [(box, 0) for box in boxes])
+    client, received = lockstep(output, images, [(box, 0) for box in boxes])
     found = rows(output)
-    assert_same(found, client, heard["boxes"])
+    assert_same(found, client, received["boxes"])
     assert len(found) > 2 * len(images)
 
 
-def test_frames_that_are_not_looked_at_are_the_same(
-    told_client, walkers, make_stamped, write_bag, tmp_path
-):
-    client = told_client
+def test_skipped_frames_are_the_same(connected_client, walkers, make_stamped, write_bag, tmp_path):
+    client = connected_client
     images, boxes = walkers
     shown = [(image, client.at(number)) for number, image in enumerate(images)]
-    # One twice, one late, one of another size.
+    # A duplicate, a late frame, and one of another size.
     shown[8:8] = [(images[7], client.at(7)), (images[6], client.at(6) + 5)]
     shown.insert(12, (images[0][:50], client.at(9) + 5))
     messages = []
@@ -163,28 +161,26 @@ def test_frames_that_are_not_looked_at_are_the_same(
         if status.values["state"] == "skipped":
             assert [(row["id"], row["state"]) for row in own] == [("", "skipped")]
         else:
-            told = [one.values for one in status.targets]
+            published = [one.values for one in status.targets]
             assert [(row["id"], row["confidence"]) for row in own] == [
-                (values["id"], values["confidence"]) for values in told
+                (values["id"], values["confidence"]) for values in published
             ]
     assert [status.values["state"] for status in statuses].count("skipped") == 3
 
 
-def test_a_built_in_detector_that_keeps_up_finds_the_same(
-    lockstep, write_sequence, monkeypatch, tmp_path
-):
+def test_a_built_in_detector_gives_the_same(lockstep, write_sequence, monkeypatch, tmp_path):
     images = [moving_block(number) for number in range(50)]
     source = write_sequence("block", images, np.zeros((50, 4))) / "img"
     output = tmp_path / "out"
     given = ("--detector", "motion", "--detector-rate", "25", "--seed", "3")
     assert main([str(source), "--output", str(output), *given]) == 0
     take = DetectorThread.take
-    # As on a machine that has nothing else to do.
+    # As on an idle machine.
     monkeypatch.setattr(DetectorThread, "take", lambda self, **_: take(self, wait=True))
-    client, heard = lockstep(
+    client, received = lockstep(
         output, images, built_in_detector="motion", built_in_detector_rate=25.0
     )
-    assert_same(rows(output), client, heard["boxes"])
+    assert_same(rows(output), client, received["boxes"])
     assert any(row["id"] for row in rows(output))
 
 

@@ -44,7 +44,7 @@ def library_boxes(images, box, intervals, **options):
     return boxes + [tracker.update(image, interval).box for image, interval in pairs]
 
 
-def test_without_a_target_every_frame_is_answered_by_an_idle_status(graph, client, images):
+def test_without_a_target_every_frame_has_an_idle_status(graph, client, images):
     graph.tracker(client, **QUICK)
     statuses = client.show_all(images[:3])
     assert [status.stamp for status in statuses] == [client.at(0), client.at(1), client.at(2)]
@@ -86,7 +86,7 @@ def test_the_box_is_the_target_in_the_frame_that_starts_it(graph, client, images
     assert corners(client.box_at(client.at(0))) == corners_of(box)
 
 
-def test_a_status_tells_state_and_numbers_of_every_frame(graph, client, images, box):
+def test_a_status_has_state_and_values_of_every_frame(graph, client, images, box):
     graph.tracker(client, target_box=list(box), **QUICK)
     for status in client.show_all(images[:4]):
         assert status.name == "/pf_tracker"
@@ -119,7 +119,7 @@ def test_an_occluded_target_has_a_box_and_a_lost_one_has_none(graph, client, ima
     assert stamps == [client.at(index) % 10**9 for index in (0, 1, 2, 9)]
 
 
-def test_particles_and_overlay_come_with_each_frame_that_is_tracked(graph, images, box):
+def test_particles_and_overlay_are_published_with_each_tracked_frame(graph, images, box):
     client = graph.client(particles=True, overlay=True)
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show_all(images[:3])
@@ -151,7 +151,7 @@ def test_the_overlay_shows_the_image_while_there_is_no_target(graph, images):
     assert np.array_equal(drawn[40:], images[0][40:])
 
 
-def test_the_same_picture_gives_the_same_boxes_in_every_layout(graph, client, images, box):
+def test_the_boxes_do_not_depend_on_the_encoding(graph, client, images, box):
     graph.tracker(client, **QUICK)
     layouts = {
         "bgr8": images[:4],
@@ -179,7 +179,7 @@ def test_gray_images_are_tracked(graph, client, images, box, encoding):
     ]
 
 
-def test_a_target_waits_for_the_frame_that_its_stamp_names(graph, client, images, box):
+def test_a_target_waits_for_the_frame_of_its_stamp(graph, client, images, box):
     graph.tracker(client, **QUICK)
     client.point_at(box, stamp=client.at(2))
     statuses = client.show_all(images[:4])
@@ -200,7 +200,7 @@ REFUSED_TARGETS = {
 }
 
 
-def test_a_refused_target_says_why_and_leaves_the_last_one_tracked(graph, client, images, box):
+def test_a_refused_target_has_a_reason_and_keeps_the_last_one(graph, client, images, box):
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show(images[0], client.at(0))
     for index, (points, reason) in enumerate(REFUSED_TARGETS.values(), start=1):
@@ -226,7 +226,7 @@ def test_a_refused_target_without_another_leaves_the_node_waiting(graph, client,
 
 
 def malformed(client, image, stamp):
-    """Messages with one fault each, and what the node says of it."""
+    """Messages with one fault each, and the node's error."""
 
     def changed(encoding="bgr8", **fields):
         message = client.message(image, stamp, encoding)
@@ -244,16 +244,14 @@ def malformed(client, image, stamp):
     yield changed(height=height + 1), f"data has {3 * width * height} bytes"
     yield changed(width=2**32 - 1, step=2**32 - 1), "width is 4294967295 px"
     yield changed(height=2**32 - 1), "height is 4294967295 px"
-    yield changed("mono16"), "give a target on these images"
+    yield changed("mono16"), "start a target on these images"
     yield changed("yuv_from_mars"), "encoding is 'yuv_from_mars'; allowed: bgr8"
     yield changed(""), "encoding is ''"
-    yield client.message(image[: height // 2], stamp), "give a target on these images"
-    yield client.message(image[:1, :1], stamp), "give a target on these images"
+    yield client.message(image[: height // 2], stamp), "start a target on these images"
+    yield client.message(image[:1, :1], stamp), "start a target on these images"
 
 
-def test_every_malformed_image_is_answered_and_the_next_good_one_tracked_as_if_it_never_came(
-    graph, client, images, box
-):
+def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, client, images, box):
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show(images[0], client.at(0))
     for message, reason in malformed(client, images[1], client.at(0) + 1_000_000):
@@ -281,7 +279,7 @@ def test_images_without_texture_or_light_are_survived(graph, client, images, box
         )
 
 
-def test_a_frame_that_comes_twice_is_answered_twice_and_tracked_once(graph, client, images, box):
+def test_a_duplicate_frame_has_two_statuses_and_is_tracked_once(graph, client, images, box):
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show(images[0], client.at(0))
     first = client.show(images[1], client.at(1))
@@ -294,7 +292,7 @@ def test_a_frame_that_comes_twice_is_answered_twice_and_tracked_once(graph, clie
     assert len(client.boxes) == 3
 
 
-def test_a_late_frame_is_dropped_and_a_loop_of_the_bag_is_followed(graph, client, images, box):
+def test_a_late_frame_is_dropped_and_a_time_jump_is_tracked(graph, client, images, box):
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show(images[0], client.at(100))
     client.show(images[1], client.at(101))
@@ -323,7 +321,7 @@ def test_a_jump_far_ahead_is_survived(graph, client, images, box):
     assert all(math.isfinite(value) for point in points for value in point)
 
 
-def test_by_default_images_are_taken_from_a_best_effort_camera(graph, images, box):
+def test_a_best_effort_camera_is_tracked_by_default(graph, images, box):
     client = graph.client(reliability="BEST_EFFORT")
     graph.tracker(client, target_box=list(box))
     numbers = itertools.count()
@@ -338,13 +336,13 @@ def test_by_default_images_are_taken_from_a_best_effort_camera(graph, images, bo
     client.wait_for(tracked, "tracked frames")
 
 
-def test_a_node_in_a_namespace_says_so(graph, images):
+def test_a_status_has_the_namespace_of_the_node(graph, images):
     client = graph.client(namespace="/left")
     graph.tracker(client, namespace="/left", **QUICK)
     assert client.show(images[0], client.at(0)).name == "/left/pf_tracker"
 
 
-def test_an_error_nobody_expected_is_logged_and_the_next_frame_tracked(
+def test_after_an_unexpected_error_the_next_frame_is_tracked(
     graph, client, images, box, monkeypatch
 ):
     graph.tracker(client, target_box=list(box), **QUICK)

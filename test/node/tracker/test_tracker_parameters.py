@@ -13,8 +13,8 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
-# Those that every node has among them.
-MOST_PARAMETERS = 75
+# Including those of rclpy.
+MAX_PARAMETERS = 75
 KNOWN = declarations(NodeParameters) | declarations(TrackerParameters)
 
 
@@ -36,7 +36,7 @@ def test_a_node_has_the_parameters_of_all_parts_and_not_too_many(graph, client, 
     assert sorted(names) == sorted(KNOWN)
     every = client.call(client.parameters.list_parameters).result.names
     assert set(names) < set(every)
-    assert len(every) <= MOST_PARAMETERS
+    assert len(every) <= MAX_PARAMETERS
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -48,7 +48,7 @@ def test_every_parameter_is_described_and_every_float_has_a_range(graph, client,
         declaration = KNOWN[descriptor.name]
         assert descriptor.description.startswith(declaration.description)
         assert declaration.unit in descriptor.description
-        # What the library fixes while it tracks, the node can change: it learns the target again.
+        # The node can change what the library fixes while it tracks: it relearns the target.
         assert descriptor.read_only == (descriptor.name == "autostart")
         if descriptor.type == Parameter.Type.DOUBLE.value:
             (limits,) = descriptor.floating_point_range
@@ -61,7 +61,7 @@ def test_every_parameter_is_described_and_every_float_has_a_range(graph, client,
             assert constraints == f"allowed: {declaration.allowed}" or declaration.type is int
 
 
-def test_a_value_of_the_user_comes_over_the_preset(graph, client, images, box):
+def test_a_given_value_overrides_the_preset(graph, client, images, box):
     graph.tracker(client, preset="li2007", target_box=box, **QUICK | {"particles": 31})
     status = client.show(images[0], client.at(0))
     assert status.values["particles"] == "31"
@@ -72,7 +72,7 @@ REFUSED = {
     "out of range": ("particles", 0, 20, "int, 1 to 100000"),
     "not a number": ("motion__position_noise", math.nan, 0.5, "float, 0 to 50"),
     "infinite": ("track__lost_after", math.inf, 2.0, "float, 0 to 3600"),
-    "of the wrong type": ("particles", "many", 20, "int, 1 to 100000"),
+    "of another type": ("particles", "many", 20, "int, 1 to 100000"),
     "no choice": ("resampling__scheme", "fair", "systematic", "'stratified'"),
     "no model": ("motion__model", "straight", "constant_velocity", "'constant_velo"),
     "no cue": ("cues", ["smell"], ["color_contrast"], "list of strings, each at most once"),
@@ -84,30 +84,28 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_a_wrong_parameter_keeps_the_node_up_but_idle_until_it_is_set_rightly(
-    graph, client, images, kind
-):
-    name, wrong, right, allowed = REFUSED[kind]
+def test_an_invalid_parameter_keeps_the_node_idle_until_corrected(graph, client, images, kind):
+    name, invalid, valid, allowed = REFUSED[kind]
     box = [20.0, 30.0, 24.0, 24.0]
-    graph.tracker(client, **{"target_box": box, **QUICK, name: wrong})
+    graph.tracker(client, **{"target_box": box, **QUICK, name: invalid})
     for index in range(2):
         status = client.show(images[0], client.at(index))
         assert (status.level, status.values["state"]) == ("ERROR", "idle")
         for text in (status.message, status.values["last_error"]):
-            assert f"parameter '{name.replace('__', '.')}' is {wrong!r}" in text
+            assert f"parameter '{name.replace('__', '.')}' is {invalid!r}" in text
             assert allowed in text
     client.point_at(box)
     status = client.show(images[0], client.at(2))
     assert "target refused: not tracking" in status.message
     assert not client.boxes
 
-    assert client.set_parameters(**{name: right}).successful
+    assert client.set_parameters(**{name: valid}).successful
     status = client.show(images[1], client.at(3))
     assert (status.level, status.values["frame"]) == ("OK", "started")
     client.box_at(client.at(3))
 
 
-def test_all_wrong_parameters_are_named_at_once(graph, client, images, box):
+def test_all_invalid_parameters_are_reported_at_once(graph, client, images, box):
     graph.tracker(client, **QUICK | {"particles": -5, "seed": 1.5, "target_box": box})
     message = client.show(images[0], client.at(0)).message
     assert message.startswith("not tracking: ")
@@ -122,11 +120,11 @@ def test_all_wrong_parameters_are_named_at_once(graph, client, images, box):
     assert (status.level, status.message) == ("OK", "tracking")
 
 
-def test_a_preset_corrected_at_run_time_is_taken_whole(graph, client, images, box, capfd):
+def test_a_preset_corrected_at_run_time_sets_all_values(graph, client, images, box, capfd):
     graph.tracker(client, preset="lee2007", target_box=box, **QUICK)
     log = capfd.readouterr().err
     assert "parameter 'preset' is 'lee2007'" in log
-    assert "not tracking until what is wrong is set rightly; images on /image" in log
+    assert "not tracking until the parameters are corrected; images on /image" in log
     assert "preset default" not in log
     assert client.set_parameters(preset="li2007").successful
     status = client.show(images[0], client.at(0))
@@ -134,16 +132,14 @@ def test_a_preset_corrected_at_run_time_is_taken_whole(graph, client, images, bo
     assert client.tunables() == preset_parameters("li2007")
 
 
-def test_a_parameter_that_does_not_exist_is_reported_and_does_not_stop_the_tracker(
-    graph, client, images, box
-):
+def test_an_unknown_parameter_is_reported_and_the_node_tracks(graph, client, images, box):
     graph.tracker(client, target_box=box, particels=50, **QUICK)
     status = client.show(images[0], client.at(0))
     assert (status.level, status.values["frame"]) == ("WARN", "started")
     assert "no parameter 'particels' (did you mean 'particles'?)" in status.message
 
 
-def test_a_value_of_a_part_that_is_not_chosen_waits_for_it(graph, client, images, box):
+def test_a_value_of_an_unused_cue_is_kept(graph, client, images, box):
     graph.tracker(client, target_box=box, hog__sharpness=90.0, **QUICK)
     status = client.show(images[0], client.at(0))
     assert (status.level, status.values["frame"]) == ("OK", "started")
@@ -168,14 +164,12 @@ def test_parts_are_chosen_and_tuned_at_start_up(graph, client, images, box):
         90.0,
         (1.0, 0.0),
         1.0,
-        # The preset's, whatever the method.
+        # The preset's, with any method.
         0.6,
     ]
 
 
-def test_a_change_at_run_time_takes_effect_in_the_next_frame_without_losing_the_target(
-    graph, client, images, box
-):
+def test_a_change_at_run_time_keeps_the_target(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     assert client.set_parameters(particles=33, motion__position_noise=1).successful
@@ -184,11 +178,11 @@ def test_a_change_at_run_time_takes_effect_in_the_next_frame_without_losing_the_
     assert (status.values["frame"], status.values["particles"]) == ("tracked", "33")
 
 
-def test_a_refused_set_changes_nothing_and_is_shown(graph, client, images, box):
+def test_a_refused_request_changes_nothing_and_is_reported(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
-    for wrong in ({"particles": 0}, {"track__lost_after": math.nan}, {"resampling__scheme": ""}):
-        result = client.set_parameters(**{"motion__position_noise": 3.0, **wrong})
+    for invalid in ({"particles": 0}, {"track__lost_after": math.nan}, {"resampling__scheme": ""}):
+        result = client.set_parameters(**{"motion__position_noise": 3.0, **invalid})
         assert not result.successful
         assert result.reason
     assert get(client, "motion.position_noise", "particles") == [
@@ -201,7 +195,7 @@ def test_a_refused_set_changes_nothing_and_is_shown(graph, client, images, box):
     assert client.show(images[2], client.at(2)).level == "OK"
 
 
-def test_an_endless_value_is_not_repeated_endlessly(graph, client, images):
+def test_a_long_value_is_cut_in_the_message(graph, client, images):
     graph.tracker(client, **QUICK)
     assert not client.set_parameters(resampling__scheme="x" * 1_000_000).successful
     status = client.show(images[0], client.at(0))
@@ -209,16 +203,14 @@ def test_an_endless_value_is_not_repeated_endlessly(graph, client, images):
     assert len(status.message) < 2000
 
 
-def test_what_is_fixed_while_the_node_runs_is_refused_at_run_time(graph, client):
+def test_a_read_only_parameter_is_refused_at_run_time(graph, client):
     graph.tracker(client, **QUICK)
     result = client.set_parameters(autostart=True)
     assert not result.successful
     assert "autostart" in result.reason
 
 
-def test_a_target_box_set_at_run_time_starts_and_an_empty_one_calls_it_off(
-    graph, client, images, box
-):
+def test_an_empty_target_box_cancels_the_one_before(graph, client, images, box):
     graph.tracker(client, **QUICK)
     client.set_parameters(target_box=[int(value) for value in box])
     client.set_parameters(target_box=Parameter("target_box", Parameter.Type.DOUBLE_ARRAY, []))
@@ -238,7 +230,7 @@ def test_the_reliability_can_change_at_run_time(graph, client, images, box):
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
 
-def test_a_new_seed_counts_from_the_next_target(graph, client, images, box):
+def test_a_new_seed_takes_effect_with_the_next_target(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK)
     last = []
     for seed in (0, 1, 0):
@@ -250,7 +242,7 @@ def test_a_new_seed_counts_from_the_next_target(graph, client, images, box):
     assert last[0] == last[2] != last[1]
 
 
-def test_a_request_of_no_known_type_does_not_end_the_node(graph, images):
+def test_a_request_of_an_unknown_type_does_not_end_the_node(graph, images):
     client = graph.client()
     process = graph.process("-p", "image_reliability:=reliable")
     service = client.create_client(SetParameters, "pf_tracker/set_parameters")

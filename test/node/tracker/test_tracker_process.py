@@ -1,4 +1,4 @@
-"""The node as a process of its own, as `ros2 run` starts it."""
+"""The node as a process, as `ros2 run` starts it."""
 
 import itertools
 import signal
@@ -13,7 +13,7 @@ DEADLINE = 20.0
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_preset_file_is_read_by_ros_without_a_complaint(graph, client, images, tmp_path, preset):
+def test_a_preset_file_is_a_valid_ros_parameter_file(graph, client, images, tmp_path, preset):
     path = tmp_path / "preset.yaml"
     path.write_text(generated_files()[f"config/{preset}.yaml"])
     graph.process("--params-file", str(path), "-p", "image_reliability:=reliable")
@@ -65,7 +65,7 @@ def test_a_signal_ends_the_process_cleanly_at_any_moment(graph, client, images, 
             *("-p", "target_box:=[20, 30, 24, 24]"),
         )
         if moment == "starting":
-            # The node's endpoints come up one by one; it hears the signal among them.
+            # The signal arrives while the node creates its endpoints.
             client.wait_for(lambda: client.count_publishers("/parameter_events") > 1, "node")
         else:
             client.meet()
@@ -73,7 +73,7 @@ def test_a_signal_ends_the_process_cleanly_at_any_moment(graph, client, images, 
             indices = itertools.count()
 
             def busy(indices=indices):
-                # The status that was waited for may be a late one of the process before.
+                # The awaited status may be a late one of the process before.
                 index = next(indices)
                 image = images[index % len(images)]
                 client.images.publish(client.message(image, client.at(index)))
@@ -88,7 +88,7 @@ def test_a_signal_ends_the_process_cleanly_at_any_moment(graph, client, images, 
         client.wait_for(lambda: client.count_publishers("/parameter_events") == 1, "end")
 
 
-def test_a_wrong_parameter_is_logged_and_the_process_stays_up(graph, client, images):
+def test_an_invalid_parameter_is_logged_and_the_process_runs(graph, client, images):
     process = graph.process("-p", "particles:=0", "-p", "image_reliability:=reliable")
     client.meet()
     assert client.show(images[0], client.at(0)).level == "ERROR"
@@ -99,7 +99,7 @@ def test_a_wrong_parameter_is_logged_and_the_process_stays_up(graph, client, ima
     assert output.count("its encoding is 'ping'") == 1
 
 
-def test_arguments_that_ros_cannot_parse_end_the_process_with_a_reason(graph, ros_domain):
+def test_invalid_ros_arguments_end_the_process_with_a_reason(graph, ros_domain):
     process = graph.process("-p", "target_box:=[1, 2.5, 3, 4]")
     output, _ = process.communicate(timeout=DEADLINE)
     assert process.returncode == 1

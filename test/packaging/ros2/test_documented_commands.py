@@ -70,7 +70,7 @@ BOW_TIE = (
     'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 81, y: 101}, {x: 128, y: 120}]}}"'
 )
 RUN, LAUNCH = "ros2 run pf_tracker_ros", "ros2 launch pf_tracker_ros"
-TARGET_TAKEN = "tracking a target from the box (62, 31, 53, 70) on"
+TARGET_TAKEN = "target 1 started on the box (62, 31, 53, 70)"
 SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
 
 SEVERAL = f"{LAUNCH} detector.launch.py image:=/camera/image_raw detections:=/yolo/detections"

@@ -185,7 +185,7 @@ def test_a_replay_is_tracked_and_ends_with_its_recording(shell, drive):
         assert launch.wait(60.0) == 0
     for told in (
         "preset default; images on /image",
-        "tracking a target from the box (62, 31, 53, 70) on",
+        "target 1 started on the box (62, 31, 53, 70)",
         "published 100 frames of drive (/camera/image_raw)",
         "was required: shutting down",
     ):

@@ -17,26 +17,26 @@ from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-SEVERAL = {"max_targets": 8, "image_reliability": "reliable"}
+MULTI_TARGET = {"max_targets": 8, "image_reliability": "reliable"}
 
 
 @pytest.fixture
-def detected(graph, client, detector):
-    """A tracker of several targets, a detector, and the boxes that the tracker publishes."""
+def start_detector(graph, client, detector):
+    """A tracker of several targets: returns a detector and the received boxes."""
 
     def start(**parameters):
-        heard = []
-        client.create_subscription(MarkerArray, "pf_tracker/boxes", heard.append, 100)
-        node = graph.tracker(client, **{**SEVERAL, **parameters})
-        return detector(client, node), heard
+        received = []
+        client.create_subscription(MarkerArray, "pf_tracker/boxes", received.append, 100)
+        node = graph.tracker(client, **{**MULTI_TARGET, **parameters})
+        return detector(client, node), received
 
     return start
 
 
-def lines(client, heard, stamp):
+def lines(client, received, stamp):
     """Id to box of the targets in a frame."""
     found = {}
-    for one in client.answer_of_array(heard, stamp):
+    for one in client.answer_of_array(received, stamp):
         if one.ns == "boxes":
             first, _, opposite, *_ = one.points
             found[one.id] = (first.x, first.y, opposite.x - first.x, opposite.y - first.y)
@@ -47,13 +47,13 @@ def ids(status):
     return [int(one.values["id"]) for one in status.targets]
 
 
-def follow(client, detector, walkers, numbers, *, delay=0):
-    """Show frames; every fourth, the detector answers of the one `delay` before."""
+def show_with_detections(client, detector, walkers, numbers, *, delay=0):
+    """Show frames; at every fourth, detections of the frame `delay` before are published."""
     images, boxes = walkers
     for number in numbers:
         seen = number - delay
         if seen >= 0 and seen % 4 == 0:
-            detector.say(boxes[seen], client.at(seen))
+            detector.publish(boxes[seen], client.at(seen))
         status = client.show(images[number], client.at(number))
     return status
 
@@ -66,59 +66,59 @@ def overlap(one, other):
 
 
 @pytest.mark.parametrize("delay", [0, 3])
-def test_what_a_detector_finds_is_followed_in_every_frame(client, detected, walkers, delay):
+def test_detections_start_targets_that_are_tracked_in_every_frame(
+    client, start_detector, walkers, delay
+):
     _, boxes = walkers
-    detector, heard = detected()
-    status = follow(client, detector, walkers, range(14), delay=delay)
+    detector, received = start_detector()
+    status = show_with_detections(client, detector, walkers, range(14), delay=delay)
     assert (status.level, ids(status)) == ("OK", [1, 2])
     assert [one.values["label"] for one in status.targets] == ["person", "person"]
     assert status.values["detector_runs"] == str(4 if delay == 0 else 3)
-    found = lines(client, heard, client.at(13))
+    found = lines(client, received, client.at(13))
     assert list(found) == [1, 2]
     for one in found.values():
         assert max(overlap(one, box) for box in boxes[13]) > 0.6
 
 
-def test_in_lockstep_late_detections_give_the_bits_of_the_library(client, detected, walkers):
+def test_late_detections_give_the_boxes_of_the_library(client, start_detector, walkers):
     images, boxes = walkers
-    detector, heard = detected(seed=5)
-    follow(client, detector, walkers, range(12), delay=3)
-    session = Session(preset_parameters("default", SEVERAL["max_targets"]), 5)
+    detector, received = start_detector(seed=5)
+    show_with_detections(client, detector, walkers, range(12), delay=3)
+    session = Session(preset_parameters("default", MULTI_TARGET["max_targets"]), 5)
     session.frame_buffer.limit(120, 64.0)
     for number in range(12):
         if number >= 3 and (number - 3) % 4 == 0:
             found = Detections(boxes[number - 3], [0.9, 0.9], ["person", "person"])
             session.add_detections(found, client.at(number - 3))
-        told = session.process(Frame(images[number], client.at(number))).targets
+        targets = session.process(Frame(images[number], client.at(number))).targets
         corners = {
             one.id: (one.points[0].x, one.points[0].y, one.points[2].x, one.points[2].y)
-            for one in client.answer_of_array(heard, client.at(number))
+            for one in client.answer_of_array(received, client.at(number))
             if one.ns == "boxes"
         }
-        expected = {target.id: target.estimate.box for target in told}
+        expected = {target.id: target.estimate.box for target in targets}
         assert corners == {
             id: (x, y, x + width, y + height) for id, (x, y, width, height) in expected.items()
         }
-    assert len(told) == 2
+    assert len(targets) == 2
 
 
 @pytest.mark.skipif(DETECTIONS_CLASS is None, reason="vision_msgs is not installed")
-def test_track_finds_in_a_bag_what_the_node_told_of_late_detections(
-    client, detected, walkers, tmp_path
-):
+def test_the_command_track_gives_the_boxes_of_the_node(client, start_detector, walkers, tmp_path):
     images, boxes = walkers
-    detector, _ = detected(seed=5, max_targets=32)
-    heard = []
-    client.create_subscription(DETECTIONS_CLASS, "pf_tracker/detections", heard.append, 100)
+    detector, _ = start_detector(seed=5, max_targets=32)
+    received = []
+    client.create_subscription(DETECTIONS_CLASS, "pf_tracker/detections", received.append, 100)
     recorded = []
     for number, image in enumerate(images):
         stamp = client.at(number)
         if number >= 3 and (number - 3) % 4 == 0:
-            seen = detector.message(
+            detections = detector.message(
                 boxes[number - 3], client.at(number - 3), ["dog", "cat"], [0.9, 0.4]
             )
-            detector.send(seen)
-            recorded.append(("/found", "vision_msgs/msg/Detection2DArray", stamp - 5, seen))
+            detector.send(detections)
+            recorded.append(("/found", "vision_msgs/msg/Detection2DArray", stamp - 5, detections))
         message = client.message(image, stamp)
         client.send(message)
         recorded.append(("/eye", "sensor_msgs/msg/Image", stamp, message))
@@ -129,10 +129,10 @@ def test_track_finds_in_a_bag_what_the_node_told_of_late_detections(
     with (output / "boxes.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
     for number in range(len(images)):
-        told = client.answer(heard, client.at(number)).detections
+        published = client.answer(received, client.at(number)).detections
         own = [row for row in found if row["frame"] == str(number) and row["x"]]
-        assert [row["id"] for row in own] == [one.id for one in told]
-        for row, one in zip(own, told, strict=True):
+        assert [row["id"] for row in own] == [one.id for one in published]
+        for row, one in zip(own, published, strict=True):
             x, y, width, height = (float(row[name]) for name in ("x", "y", "width", "height"))
             center = one.bbox.center.position
             assert (center.x, center.y) == (x + width / 2, y + height / 2)
@@ -142,7 +142,7 @@ def test_track_finds_in_a_bag_what_the_node_told_of_late_detections(
 
 
 def write_messages(path, messages):
-    """A bag of messages of rclpy, each with topic, type and log time."""
+    """Write a bag of (topic, type, log time, message); returns its path."""
     rosbag2 = pytest.importorskip("rosbags.rosbag2")
     with rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
         topics = {}
@@ -153,30 +153,30 @@ def write_messages(path, messages):
     return path
 
 
-def test_only_labels_and_scores_that_are_asked_for_count(client, detected, walkers):
+def test_other_labels_and_lower_scores_are_ignored(client, start_detector, walkers):
     images, boxes = walkers
-    detector, _ = detected(detector__labels=["dog"], detector__score_above=0.5)
+    detector, _ = start_detector(detector__labels=["dog"], detector__score_above=0.5)
     for number in range(8):
-        detector.say(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.8])
+        detector.publish(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.8])
         status = client.show(images[number], client.at(number))
     assert [one.values["label"] for one in status.targets] == ["dog"]
     assert client.set_parameters(detector__labels=["dog", "cat"]).successful
     for number in range(8, 14):
-        detector.say(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.3])
+        detector.publish(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.3])
         status = client.show(images[number], client.at(number))
     assert [one.values["label"] for one in status.targets] == ["dog"]
 
 
 def test_the_topic_can_be_remapped(graph, client, walkers, detector):
     node = graph.tracker(
-        client, cli_args=["--ros-args", "-r", "detections:=/yolo/detections"], **SEVERAL
+        client, cli_args=["--ros-args", "-r", "detections:=/yolo/detections"], **MULTI_TARGET
     )
-    speaker = detector(client, node, "yolo/detections")
-    assert ids(follow(client, speaker, walkers, range(8))) == [1, 2]
+    detections = detector(client, node, "yolo/detections")
+    assert ids(show_with_detections(client, detections, walkers, range(8))) == [1, 2]
 
 
-def nonsense(client, boxes, message):
-    """Messages of every kind, each with what is told of it."""
+def invalid_messages(client, boxes, message):
+    """Invalid messages, each with the start of its error."""
     at = client.at
     nan = float("nan")
     yield message([(nan, 1, 2, 3), boxes[0]], at(8)), "1 of 2 detections left out: a box or score"
@@ -190,24 +190,24 @@ def nonsense(client, boxes, message):
 
 
 @pytest.mark.parametrize("kind", range(8))
-def test_nonsense_is_survived_with_one_sentence(client, detected, walkers, kind):
+def test_invalid_detections_are_reported_once(client, start_detector, walkers, kind):
     images, boxes = walkers
-    detector, _ = detected()
-    follow(client, detector, walkers, range(8))
-    message, told = list(nonsense(client, boxes[8], detector.message))[kind]
+    detector, _ = start_detector()
+    show_with_detections(client, detector, walkers, range(8))
+    message, error = list(invalid_messages(client, boxes[8], detector.message))[kind]
     detector.send(message)
     status = client.show(images[8], client.at(8))
-    assert (status.level, status.message.count(told)) == ("WARN", 1)
+    assert (status.level, status.message.count(error)) == ("WARN", 1)
     assert ";" not in status.message.replace(status.values["last_error"], "")
     assert {1, 2} <= {*ids(client.show(images[9], client.at(9)))}
 
 
-def test_what_repeats_itself_is_told_once_in_a_while(client, detected, walkers):
+def test_a_repeated_error_is_reported_once(client, start_detector, walkers):
     images, boxes = walkers
-    detector, _ = detected()
+    detector, _ = start_detector()
     levels = []
     for number in range(6):
-        detector.say(
+        detector.publish(
             [*boxes[number], *[(900.0 + number, 900.0, 9.0, 9.0)] * number], client.at(number)
         )
         levels.append(client.show(images[number], client.at(number)).level)
@@ -218,21 +218,21 @@ def pause(client, *, paused):
     client.ask(SetBool, "enable", data=not paused)
 
 
-def test_a_long_pause_costs_no_answer_and_is_no_fault(client, detected, walkers):
+def test_detections_during_a_long_pause_are_no_fault(client, start_detector, walkers):
     images, boxes = walkers
-    detector, _ = detected()
-    follow(client, detector, walkers, range(5))
+    detector, _ = start_detector()
+    show_with_detections(client, detector, walkers, range(5))
     pause(client, paused=True)
     now = client.at(5)
     for second in range(0, 100, 20):
         now = client.at(5) + second * 10**9
-        detector.say(boxes[5], now)
+        detector.publish(boxes[5], now)
         status = client.show(images[5], now)
         assert (status.level, status.values["last_error"]) == ("OK", "")
     pause(client, paused=False)
     for number in range(6, 9):
         now += client.at(1) - client.at(0)
-        detector.say(boxes[number], now)
+        detector.publish(boxes[number], now)
         status = client.show(images[number], now)
         assert (status.level, status.values["last_error"]) == ("OK", "")
         assert "0.0" in [one.values["unconfirmed_for"] for one in status.targets]
@@ -240,15 +240,13 @@ def test_a_long_pause_costs_no_answer_and_is_no_fault(client, detected, walkers)
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
-def test_an_answer_that_was_on_its_way_as_time_went_back_is_refused(
-    client, detected, walkers, policy
-):
+def test_detections_from_before_a_time_jump_are_refused(client, start_detector, walkers, policy):
     images, _ = walkers
-    detector, _ = detected(time_jump=policy)
+    detector, _ = start_detector(time_jump=policy)
     for number in (49, 50):
         client.show(images[0], client.at(number))
     client.show(images[0], client.at(0))
-    detector.say([(200.0, 10.0, 40.0, 60.0)], client.at(50))
+    detector.publish([(200.0, 10.0, 40.0, 60.0)], client.at(50))
     status = client.show(images[0], client.at(1))
     assert status.level == "WARN"
     assert "detections refused: its stamp is 2.000 s after" in status.message
@@ -257,55 +255,57 @@ def test_an_answer_that_was_on_its_way_as_time_went_back_is_refused(
         assert client.show(images[0], client.at(number)).targets == ()
 
 
-def test_an_empty_answer_is_one(client, detected, walkers):
+def test_empty_detections_end_the_targets(client, start_detector, walkers):
     images, _ = walkers
-    detector, _ = detected()
-    follow(client, detector, walkers, range(5))
+    detector, _ = start_detector()
+    show_with_detections(client, detector, walkers, range(5))
     for number in range(5, 14):
-        detector.say([], client.at(number))
+        detector.publish([], client.at(number))
         status = client.show(images[number], client.at(number))
     assert (status.level, ids(status)) == ("OK", [])
 
 
-def test_detections_without_images_wait_for_them(client, detected, walkers):
+def test_detections_wait_for_their_images(client, start_detector, walkers):
     images, boxes = walkers
-    detector, _ = detected()
+    detector, _ = start_detector()
     for number in (0, 1, 2):
-        detector.say(boxes[number], client.at(number))
+        detector.publish(boxes[number], client.at(number))
     for number in (0, 1, 2, 3):
         status = client.show(images[number], client.at(number))
     assert (status.level, ids(status)) == ("OK", [1, 2])
 
 
-def test_detections_without_stamps_are_of_the_next_image(client, detected, walkers):
+def test_detections_without_stamps_are_of_the_next_image(client, start_detector, walkers):
     images, boxes = walkers
-    detector, _ = detected()
+    detector, _ = start_detector()
     for number in range(8):
-        detector.say(boxes[number], 0)
+        detector.publish(boxes[number], 0)
         status = client.show(images[number], client.at(number))
     assert ids(status) == [1, 2]
 
 
 def test_a_detector_at_best_effort_is_reported(client, graph, detector):
-    node = graph.tracker(client, **SEVERAL)
-    quality = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
-    client.create_publisher(detector.kind(), "detections", quality)
+    node = graph.tracker(client, **MULTI_TARGET)
+    profile = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
+    client.create_publisher(detector.kind(), "detections", profile)
     image = np.zeros((20, 20), np.uint8)
     frame = 0
 
-    def told():
+    def last_error():
         nonlocal frame
         frame += 1
         return client.show(image, client.at(frame), "mono8").values["last_error"]
 
-    assert "nothing arrives on /detections" in client.wait_for(told, "a report of the mismatch")
+    assert "nothing arrives on /detections" in client.wait_for(
+        last_error, "a report of the mismatch"
+    )
     assert node.count_subscribers("/detections") == 1
 
 
-def test_a_single_target_is_started_and_corrected_by_a_detector_too(client, detected, walkers):
+def test_a_detector_starts_and_corrects_a_single_target(client, start_detector, walkers):
     _, boxes = walkers
-    detector, heard = detected(max_targets=1)
-    status = follow(client, detector, walkers, range(14))
+    detector, received = start_detector(max_targets=1)
+    status = show_with_detections(client, detector, walkers, range(14))
     assert (status.level, status.values["state"], ids(status)) == ("OK", "tracking", [1])
     assert status.values["selected"] == "1"
     assert (status.targets[0].values["label"], status.targets[0].name) == (
@@ -313,27 +313,27 @@ def test_a_single_target_is_started_and_corrected_by_a_detector_too(client, dete
         "/pf_tracker: target 1",
     )
     assert status.targets[0].values["unconfirmed_for"] == "0.04"
-    ((id, found),) = lines(client, heard, client.at(13)).items()
+    ((id, found),) = lines(client, received, client.at(13)).items()
     assert (id, max(overlap(found, box) for box in boxes[13]) > 0.6) == (1, True)
     assert client.box_at(client.at(13))
 
 
 def test_without_scipy_detections_are_refused_and_targets_tracked(
-    client, detected, walkers, monkeypatch
+    client, start_detector, walkers, monkeypatch
 ):
     images, boxes = walkers
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
-    detector, _ = detected()
+    detector, _ = start_detector()
     for box in boxes[0]:
         client.point_at(box)
     status = client.show(images[0], client.at(0))
     assert (status.level, ids(status)) == ("OK", [1, 2])
-    detector.say(boxes[1], client.at(1))
+    detector.publish(boxes[1], client.at(1))
     status = client.show(images[1], client.at(1))
     assert status.message.startswith("detections refused: detections need SciPy (")
     assert "pip install scipy" in status.message
     assert (status.level, ids(status), status.values["detector_runs"]) == ("WARN", [1, 2], "0")
     for number in range(2, 6):
-        detector.say(boxes[number], client.at(number))
+        detector.publish(boxes[number], client.at(number))
         status = client.show(images[number], client.at(number))
         assert (status.level, ids(status)) == ("OK", [1, 2])

@@ -1,4 +1,4 @@
-"""Parameters of several groups on a node, of which a parameter of one renews the other."""
+"""A parameter of one group resets the parameters of another one."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +32,7 @@ for name, own in {"steam": (Steam,), "electric": (Electric,), "none": ()}.items(
 @dataclass(frozen=True)
 class Engine:
     kind: str = declared("steam", "Kind.", choices=ENGINES, read_only=True)
-    of_kinds: dict[str, Any] = parts("kind", ENGINES)
+    kinds: dict[str, Any] = parts("kind", ENGINES)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ TIMETABLES = {
     "festive": {"cars": 9, "signals": ("bell",), "bell.tone": 880},
     "modern": {"engine.kind": "electric", "engine.cells": 12},
 }
-USUAL = {
+DEFAULTS = {
     "timetable": "usual",
     "cars": 3,
     "engine.kind": "steam",
@@ -68,11 +68,11 @@ USUAL = {
     "signals": (),
     "bell.tone": 440,
 }
-FESTIVE = {**USUAL, "timetable": "festive", **TIMETABLES["festive"]}
+FESTIVE = {**DEFAULTS, "timetable": "festive", **TIMETABLES["festive"]}
 
 
 class Bound:
-    """A node with a binding, all that it reported, and all that it applied."""
+    """A node with a binding, its reports and its applied changes."""
 
     def __init__(self, context, overrides, superseded):
         parameters = [Parameter(name, value=value) for name, value in overrides.items()]
@@ -103,8 +103,8 @@ class Bound:
 
     @property
     def on_node(self):
-        """What the node itself says, apart from what every node has."""
-        names = [name for name in self.node._parameters if name not in COMMON_PARAMETER_PREFIXES]
+        """The parameters of the node, without those of rclpy."""
+        names = [name for name in self.node._parameters if name not in RCLPY_PARAMETERS]
         found = {name: self.node.get_parameter(name).value for name in names}
         return {
             name: tuple(value) if isinstance(value, list) else value
@@ -115,7 +115,7 @@ class Bound:
         return self.on_node == self.binding.values == expected
 
 
-COMMON_PARAMETER_PREFIXES = ("use_sim_time", "start_type_description_service")
+RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")
 
 
 @pytest.fixture
@@ -126,18 +126,18 @@ def bind(graph):
     return make
 
 
-def test_those_of_every_part_are_on_the_node(bind):
+def test_the_parameters_of_every_part_are_on_the_node(bind):
     bound = bind()
-    assert bound.is_as(USUAL)
+    assert bound.is_as(DEFAULTS)
     assert bind({"timetable": "festive"}).is_as(FESTIVE)
     descriptor = bound.node.describe_parameter("engine.cells")
     assert descriptor.description == "Cells. Counts while 'engine.kind' is 'electric'."
     assert descriptor.integer_range[0].to_value == 12
 
 
-def test_a_choice_takes_what_is_there(bind):
+def test_a_choice_keeps_the_other_values(bind):
     bound = bind({"engine.cells": 2, "signals": ["bell"], "bell.tone": 3})
-    given = USUAL | {"engine.cells": 2, "signals": ("bell",), "bell.tone": 3}
+    given = DEFAULTS | {"engine.cells": 2, "signals": ("bell",), "bell.tone": 3}
     assert bound.is_as(given)
     assert bound.set({"engine.kind": "electric"}).successful
     assert bound.is_as(given | {"engine.kind": "electric"})
@@ -148,39 +148,39 @@ def test_a_choice_takes_what_is_there(bind):
     assert bound.reports == ["no cars without an engine"]
 
 
-def test_one_request_chooses_and_sets_what_that_makes_count(bind):
+def test_one_request_chooses_a_part_and_sets_its_parameters(bind):
     bound = bind()
     request = {"bell.tone": 7, "engine.cells": 4, "signals": ["bell"], "engine.kind": "electric"}
     assert bound.set(request).successful
-    assert bound.is_as(USUAL | request | {"signals": ("bell",)})
+    assert bound.is_as(DEFAULTS | request | {"signals": ("bell",)})
     assert bound.applied == [request | {"signals": ("bell",)}]
 
 
-def test_what_renews_a_group_makes_all_of_it_begin_anew_but_what_is_requested(bind):
+def test_a_reset_keeps_only_the_requested_values(bind):
     bound = bind({"cars": 1, "engine.pressure": 9.0})
     assert bound.set({"bell.tone": 441, "timetable": "festive"}).successful
     assert bound.is_as(FESTIVE | {"bell.tone": 441})
     assert bound.applied == [FESTIVE | {"bell.tone": 441}]
     assert bound.set({"timetable": "usual"}).successful
-    assert bound.is_as(USUAL)
+    assert bound.is_as(DEFAULTS)
 
 
 REFUSED = {
-    "a wrong value of what comes to count": (
+    "an invalid value of a part that is chosen with it": (
         {"signals": ["bell"], "bell.tone": 0},
         "parameter 'bell.tone' is 0",
     ),
-    "a wrong value beside a choice": ({"engine.kind": "electric", "cars": 10}, "'cars' is 10"),
-    "a wrong choice": ({"engine.kind": "diesel"}, "'engine.kind' is 'diesel'"),
-    "a wrong choice of several": ({"signals": ["bell", "horn"]}, "'bell' or 'lamp'"),
+    "an invalid value beside a choice": ({"engine.kind": "electric", "cars": 10}, "'cars' is 10"),
+    "an invalid choice": ({"engine.kind": "diesel"}, "'engine.kind' is 'diesel'"),
+    "an invalid choice of several": ({"signals": ["bell", "horn"]}, "'bell' or 'lamp'"),
     "a choice twice": ({"signals": ["bell", "bell"]}, "each at most once"),
     "one choice for several": ({"signals": "bell"}, "list of strings"),
     "a contradiction": ({"engine.kind": "none"}, "no cars without an engine"),
-    "a contradiction with what comes to count": (
+    "a contradiction beside a chosen part": (
         {"engine.kind": "none", "signals": ["bell"], "bell.tone": 5},
         "no cars without an engine",
     ),
-    "a foreign parameter of a wrong type": (
+    "another parameter of another type": (
         {"signals": ["bell"], "bell.tone": 5, "use_sim_time": 1},
         "expected 'Type.BOOL'",
     ),
@@ -188,10 +188,10 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_a_refused_request_leaves_all_as_it_was(bind, kind):
+def test_a_refused_request_changes_nothing(bind, kind):
     request, reason = REFUSED[kind]
     bound = bind({"engine.cells": 2})
-    before = USUAL | {"engine.cells": 2}
+    before = DEFAULTS | {"engine.cells": 2}
     result = bound.set(request)
     assert not result.successful
     assert reason in result.reason
@@ -203,32 +203,32 @@ def test_a_refused_request_leaves_all_as_it_was(bind, kind):
 
 UNKNOWN = {
     "misspelt": ({"engine.pressurre": 1.0}, "'engine.pressurre' (did you mean 'engine.pressure'?)"),
-    "of no part": ({"wings": 2}, "there is no parameter 'wings' (there are: bell.tone, cars, "),
+    "of no part": ({"wings": 2}, "no parameter 'wings' (there are: bell.tone, cars, "),
 }
 
 
 @pytest.mark.parametrize("kind", UNKNOWN)
-def test_what_is_not_there_is_refused_with_what_to_do(bind, kind):
+def test_an_unknown_parameter_is_refused_with_a_hint(bind, kind):
     request, reason = UNKNOWN[kind]
     bound = bind()
     with pytest.raises(ParameterNotDeclaredException) as refusal:
         bound.set({"cars": 1, **request})
     assert reason in str(refusal.value)
     assert [report for report in bound.reports if reason in report] == bound.reports
-    assert bound.is_as(USUAL)
+    assert bound.is_as(DEFAULTS)
     assert not bound.applied
 
 
-def test_what_is_not_there_at_start_up_has_no_effect(bind):
+def test_an_unknown_parameter_at_start_up_has_no_effect(bind):
     bound = bind({"horn": 1, "cars": 1})
     assert bound.reports == [
-        f"there is no parameter 'horn' (there are: {', '.join(sorted(USUAL))}); it has no effect",
+        f"no parameter 'horn' (there are: {', '.join(sorted(DEFAULTS))}); it has no effect",
     ]
     assert not bound.binding.refused
-    assert bound.is_as(USUAL | {"cars": 1})
+    assert bound.is_as(DEFAULTS | {"cars": 1})
 
 
-def test_what_is_superseded_is_neither_taken_nor_reported(bind):
+def test_superseded_values_are_neither_applied_nor_reported(bind):
     given = {"engine.cells": 4, "cars": 1, "signals": ["horn"], "timetable": "festive", "wings": 2}
     bound = bind(given, superseded=("engine.cells", "cars", "timetable"))
     assert bound.is_as(FESTIVE)
@@ -236,10 +236,10 @@ def test_what_is_superseded_is_neither_taken_nor_reported(bind):
     bound = bind(given, superseded=given)
     assert not bound.binding.refused
     (report,) = bound.reports
-    assert report.startswith("there is no parameter 'wings' ")
+    assert report.startswith("no parameter 'wings' ")
 
 
-def test_what_was_refused_is_settled_by_what_replaces_all_values(bind):
+def test_a_reset_corrects_refused_values(bind):
     bound = bind({"engine.cells": 0})
     assert set(bound.binding.refused) == {"engine.cells"}
     assert bound.set({"engine.kind": "electric"}).successful
@@ -248,13 +248,13 @@ def test_what_was_refused_is_settled_by_what_replaces_all_values(bind):
     assert not bound.binding.refused
 
 
-def test_a_wrong_choice_at_start_up_leaves_the_usual_one(bind):
+def test_an_invalid_choice_at_start_up_keeps_the_default(bind):
     bound = bind({"timetable": "festive", "signals": ["horn"], "bell.tone": 5})
     assert set(bound.binding.refused) == {"signals"}
     assert bound.is_as(FESTIVE | {"bell.tone": 5})
 
 
-def test_a_list_of_strings_is_one_on_the_node(bind):
+def test_a_list_of_strings_is_a_string_array(bind):
     bound = bind({"engine.coal": []})
     assert bound.binding.values["engine.coal"] == ()
     assert bound.node.get_parameter("engine.coal").type_ == Parameter.Type.STRING_ARRAY
@@ -263,7 +263,7 @@ def test_a_list_of_strings_is_one_on_the_node(bind):
     assert "'black' or 'brown'" in descriptor.additional_constraints
     assert bound.set({"engine.coal": ["brown", "black"]}).successful
     assert bound.binding.values["engine.coal"] == ("brown", "black")
-    # What has no elements, has none of strings either.
+    # An empty list has no type of elements.
     for empty in (Parameter("engine.coal"), Parameter("engine.coal", value=[])):
         assert bound.set({"engine.coal": ["brown"]}).successful
         assert bound.node.set_parameters_atomically([empty]).successful

@@ -1,4 +1,4 @@
-"""What stamps tell of frames that never came."""
+"""Rate and loss of a camera, estimated from stamps."""
 
 from itertools import chain
 
@@ -19,7 +19,7 @@ def camera(rate, count, jitter=0.0, seed=0):
 
 
 def seconds(stamps):
-    """When frames arrive that are as even as their stamps."""
+    """Arrival times as even as the stamps."""
     return [stamp * 1e-9 for stamp in stamps]
 
 
@@ -33,36 +33,36 @@ def found_in(stamps):
     jitter=st.floats(0.0, 0.05),
     seed=st.integers(0, 1000),
 )
-def test_the_share_of_lost_frames_and_the_rate_are_found(rate, kept, jitter, seed):
+def test_rate_and_loss_are_estimated(rate, kept, jitter, seed):
     stamps = np.array(camera(rate, 300, jitter, seed))
-    came = np.random.default_rng(seed).random(300) < kept
-    came[[0, -1]] = True
-    found = found_in(stamps[came].tolist())
+    received = np.random.default_rng(seed).random(300) < kept
+    received[[0, -1]] = True
+    found = found_in(stamps[received].tolist())
     assert found.interval == pytest.approx(1.0 / rate, rel=0.1)
-    assert found.frame_loss_rate == pytest.approx(1.0 - came.mean(), abs=0.1)
+    assert found.frame_loss_rate == pytest.approx(1.0 - received.mean(), abs=0.1)
 
 
-def test_where_most_frames_are_lost_they_are_seldom_too_few_to_tell():
-    silent = 0
+def test_there_is_nearly_always_an_estimate_if_most_frames_are_lost():
+    without = 0
     for seed in range(200):
-        came = np.random.default_rng(seed).random(300) < 0.4
-        came[[0, -1]] = True
-        found = found_in(np.array(camera(5.0, 300))[came].tolist())
-        silent += found is None
+        received = np.random.default_rng(seed).random(300) < 0.4
+        received[[0, -1]] = True
+        found = found_in(np.array(camera(5.0, 300))[received].tolist())
+        without += found is None
         if found:
-            assert found.frame_loss_rate == pytest.approx(1.0 - came.mean(), abs=0.1)
-    assert silent <= 4
+            assert found.frame_loss_rate == pytest.approx(1.0 - received.mean(), abs=0.1)
+    assert without <= 4
 
 
-def test_of_a_recording_that_is_played_again_and_again_each_time_counts():
-    """Each time other frames are lost, so that hardly one of them is always missing."""
+def test_a_looped_recording_counts_each_time():
+    """Each loop loses other frames, so that hardly any is always missing."""
     random = np.random.default_rng(3)
-    came = [random.random(60) < 0.7 for _ in range(5)]
-    stamps = [np.array(camera(30.0, 60))[kept].tolist() for kept in came]
+    received = [random.random(60) < 0.7 for _ in range(5)]
+    stamps = [np.array(camera(30.0, 60))[kept].tolist() for kept in received]
     arrivals = [[2.0 * turn + 1e-9 * one for one in part] for turn, part in enumerate(stamps)]
     found = frame_statistics([*chain(*stamps)], [*chain(*arrivals)])
     assert found.interval == pytest.approx(1.0 / 30.0, rel=0.1)
-    assert found.frame_loss_rate == pytest.approx(1.0 - np.mean(came), abs=0.05)
+    assert found.frame_loss_rate == pytest.approx(1.0 - np.mean(received), abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +70,7 @@ def test_of_a_recording_that_is_played_again_and_again_each_time_counts():
     [[], [START], camera(30.0, 10), [START] * 100, [0] * 5],
     ids=["none", "one", "few", "one again and again", "no stamps"],
 )
-def test_too_few_stamps_tell_nothing(stamps):
+def test_too_few_stamps_give_no_estimate(stamps):
     assert found_in(stamps) is None
 
 
@@ -91,24 +91,24 @@ def with_pause(seconds):
     ],
     ids=["short pause", "pause", "long pause", "twice", "backward", "one gap"],
 )
-def test_a_pause_is_no_loss_and_neither_are_doubles_or_another_order(stamps):
+def test_pauses_duplicates_and_another_order_are_no_losses(stamps):
     assert found_in(stamps).frame_loss_rate == 0.0
 
 
-def test_a_camera_without_a_rhythm_is_not_said_to_lose_frames():
+def test_irregular_stamps_give_no_estimate():
     gaps = np.random.default_rng(1).uniform(10e6, 90e6, 200)
     assert found_in((START + np.cumsum(gaps)).astype(np.int64).tolist()) is None
 
 
 @pytest.mark.parametrize("apart", [1_000, 1_000_000, 3_000_000])
-def test_two_cameras_or_doubled_stamps_are_not_taken_for_a_fast_camera(apart):
+def test_two_cameras_give_no_estimate(apart):
     stamps = camera(30.0, 75)
     both = sorted([*stamps, *(stamp + apart for stamp in stamps)])
     assert found_in(both) is None
 
 
 @pytest.mark.parametrize("rates", [(30.0, 15.0), (60.0, 15.0), (15.0, 30.0)])
-def test_a_camera_that_changes_its_rate_is_not_said_to_lose_frames(rates):
+def test_a_change_of_the_rate_gives_no_estimate(rates):
     before, after = rates
     stamps = camera(before, round(2.5 * before))
     stamps += [stamp + 2_500_000_000 for stamp in camera(after, round(2.5 * after))]
@@ -116,7 +116,7 @@ def test_a_camera_that_changes_its_rate_is_not_said_to_lose_frames(rates):
 
 
 @pytest.mark.parametrize(("rate", "tick"), [(60.0, 10_000_000), (50.0, 15_600_000)])
-def test_coarse_stamps_of_even_frames_are_not_taken_for_losses(rate, tick):
+def test_coarse_stamps_are_no_losses(rate, tick):
     even = camera(rate, 300)
     coarse = [stamp // tick * tick for stamp in even]
     found = frame_statistics(coarse, seconds(even))
@@ -128,12 +128,12 @@ def test_coarse_stamps_of_even_frames_are_not_taken_for_losses(rate, tick):
     [
         (
             "best_effort",
-            ["lost on the way, which", "publish reliably", "large_images:=true"],
+            ["lost on the way with best-effort", "publish them reliably", "large_images:=true"],
         ),
-        ("reliable", ["lost on the way although they are sent reliably", "large_images"]),
+        ("reliable", ["lost on the way despite reliable delivery", "large_images"]),
     ],
 )
-def test_the_cause_and_the_cure_are_named(reliability, words):
+def test_the_warning_has_cause_and_remedy(reliability, words):
     text = loss_warning(FrameStatistics(0.04, 0.5), "/camera/image_raw", reliability)
     assert text.startswith("about 50 % of the frames on /camera/image_raw are ")
     assert [word for word in words if word not in text] == []

@@ -1,4 +1,4 @@
-"""Several targets in a live node: given by hand, told one by one, stopped, changed."""
+"""Several manual targets in a live node: started, published, stopped, changed."""
 
 import cv2
 import numpy as np
@@ -14,19 +14,21 @@ from pf_tracker_ros import MultiTracker
 from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.overlay import target_color
 
-SEVERAL = {"max_targets": 4, "image_reliability": "reliable"}
+MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable"}
 
 
 @pytest.fixture
-def crowd(graph, client):
-    """A tracker of several targets, and what it publishes besides its status."""
+def start_tracker(graph, client):
+    """A function that starts a tracker, and returns it and the messages of some topics."""
 
-    def start(hears=(), **parameters):
+    def start(topics=(), **parameters):
         kinds = {"boxes": MarkerArray, "particles": PointCloud2, "overlay": Image}
-        heard = {name: [] for name in hears}
-        for name in hears:
-            client.create_subscription(kinds[name], f"pf_tracker/{name}", heard[name].append, 100)
-        return graph.tracker(client, **{**SEVERAL, **parameters}), heard
+        received = {name: [] for name in topics}
+        for name in topics:
+            client.create_subscription(
+                kinds[name], f"pf_tracker/{name}", received[name].append, 100
+            )
+        return graph.tracker(client, **{**MULTI_TARGET, **parameters}), received
 
     return start
 
@@ -42,9 +44,9 @@ def ids(status):
     return [int(one.values["id"]) for one in status.targets]
 
 
-def test_each_target_that_is_given_is_one_more(client, crowd, walkers):
+def test_each_request_starts_another_target(client, start_tracker, walkers):
     images, _ = walkers
-    crowd()
+    start_tracker()
     status = two_targets(client, walkers)
     assert (status.level, status.values["frame"]) == ("OK", "started")
     assert (status.values["state"], status.values["targets"]) == ("tracking", "2")
@@ -60,15 +62,15 @@ def test_each_target_that_is_given_is_one_more(client, crowd, walkers):
         assert (one.level, one.values["state"], one.values["label"]) == ("OK", "tracking", "")
         assert float(one.values["age"]) == pytest.approx(0.2)
         assert 0.0 < float(one.values["confidence"]) <= 1.0
-    # None is selected, so nothing is said of one alone.
+    # Without a selected target there are no values of a single one.
     assert client.boxes == []
     assert status.values["selected"] == "0"
     assert "confidence" not in status.values
 
 
-def test_the_boxes_are_those_of_the_library(client, crowd, walkers):
+def test_the_boxes_are_those_of_the_library(client, start_tracker, walkers):
     images, boxes = walkers
-    _, heard = crowd(["boxes"], seed=3)
+    _, received = start_tracker(["boxes"], seed=3)
     two_targets(client, walkers)
     tracker = MultiTracker.from_preset("default", 3, {"max_targets": 4})
     tracker.update(images[0])
@@ -76,14 +78,14 @@ def test_the_boxes_are_those_of_the_library(client, crowd, walkers):
         tracker.start(images[0], box)
     for number in range(1, 5):
         client.show(images[number], client.at(number))
-        told = tracker.update(images[number], 0.04)
-    markers = client.answer_of_array(heard["boxes"], client.at(4))
+        targets = tracker.update(images[number], 0.04)
+    markers = client.answer_of_array(received["boxes"], client.at(4))
     assert markers[0].action == Marker.DELETEALL
     lines = [one for one in markers if one.ns == "boxes"]
     texts = [one for one in markers if one.ns == "labels"]
     assert [one.id for one in lines] == [one.id for one in texts] == [1, 2]
     assert [one.text for one in texts] == ["1", "2"]
-    for line, target in zip(lines, told, strict=True):
+    for line, target in zip(lines, targets, strict=True):
         x, y, width, height = target.estimate.box
         assert (line.points[0].x, line.points[0].y) == (x, y)
         assert (line.points[2].x, line.points[2].y) == (x + width, y + height)
@@ -95,25 +97,25 @@ def test_the_boxes_are_those_of_the_library(client, crowd, walkers):
         assert line.header.frame_id == "camera"
 
 
-def test_particles_and_overlay_show_all(client, crowd, walkers):
+def test_particles_and_overlay_show_all(client, start_tracker, walkers):
     images, _ = walkers
-    _, heard = crowd(["particles", "overlay"])
+    _, received = start_tracker(["particles", "overlay"])
     two_targets(client, walkers)
     client.show(images[1], client.at(1))
-    cloud = client.answer(heard["particles"], client.at(1))
+    cloud = client.answer(received["particles"], client.at(1))
     assert [one.name for one in cloud.fields][-1] == "id"
     points = np.frombuffer(cloud.data, np.float32).reshape(cloud.width, -1)
     assert set(points[:, -1]) == {1.0, 2.0}
     for id in (1.0, 2.0):
         assert points[points[:, -1] == id, 5].sum() == pytest.approx(1.0, abs=1e-3)
-    picture = decode_raw(client.answer(heard["overlay"], client.at(1)))
+    overlay = decode_raw(client.answer(received["overlay"], client.at(1)))
     for id in (1, 2):
-        assert (picture == target_color(id)).all(axis=2).sum() > 50
+        assert (overlay == target_color(id)).all(axis=2).sum() > 50
 
 
-def test_a_click_is_one_more_and_a_past_frame_is_caught_up(client, crowd, walkers, send):
+def test_a_click_and_a_target_on_a_past_frame_start(client, start_tracker, walkers, send):
     images, boxes = walkers
-    node, _ = crowd(click_size=30.0)
+    node, _ = start_tracker(click_size=30.0)
     client.show_all(images[:6])
     client.point_at(boxes[3][0], client.at(3))
     assert client.show(images[6], client.at(6)).values["frame"] == "started"
@@ -126,9 +128,9 @@ def test_a_click_is_one_more_and_a_past_frame_is_caught_up(client, crowd, walker
     assert float(status.targets[0].values["age"]) == pytest.approx(0.16)
 
 
-def test_one_more_than_there_may_be_is_refused_with_the_reason(client, crowd, walkers, send_id):
+def test_more_targets_than_allowed_are_refused(client, start_tracker, walkers, send_id):
     images, _ = walkers
-    node, _ = crowd(max_targets=2)
+    node, _ = start_tracker(max_targets=2)
     two_targets(client, walkers)
     client.point_at((150.0, 20.0, 30.0, 30.0))
     status = client.show(images[1], client.at(1))
@@ -140,9 +142,9 @@ def test_one_more_than_there_may_be_is_refused_with_the_reason(client, crowd, wa
     assert ids(client.show(images[2], client.at(2))) == [2, 3]
 
 
-def test_one_target_is_stopped_by_its_id_or_all(client, crowd, walkers, send_id):
+def test_one_target_is_stopped_by_its_id_or_all(client, start_tracker, walkers, send_id):
     images, boxes = walkers
-    node, _ = crowd()
+    node, _ = start_tracker()
     two_targets(client, walkers)
     send_id(client, node, "stop_target", 7)
     status = client.show(images[1], client.at(1))
@@ -156,14 +158,16 @@ def test_one_target_is_stopped_by_its_id_or_all(client, crowd, walkers, send_id)
     assert ids(client.show(images[4], client.at(4))) == [3]
 
 
-def test_images_of_another_kind_are_refused_until_a_target_is_given_on_them(client, crowd, walkers):
+def test_images_of_another_format_are_refused_until_a_target_starts_on_them(
+    client, start_tracker, walkers
+):
     images, boxes = walkers
-    crowd(max_targets=2)
+    start_tracker(max_targets=2)
     two_targets(client, walkers)
     for number in range(1, 4):
         status = client.show(images[number][..., 1].copy(), client.at(number), "mono8")
         assert (status.level, status.values["frame"]) == ("ERROR", "refused")
-        assert "give a target on these images (~/target, ~/click)" in status.message
+        assert "start a target on these images (~/target, ~/click)" in status.message
         assert "another tracker" not in status.message
     client.point_at(boxes[3][1], client.at(3))
     status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
@@ -173,9 +177,9 @@ def test_images_of_another_kind_are_refused_until_a_target_is_given_on_them(clie
     assert (status.level, ids(status)) == ("OK", [3])
 
 
-def test_a_hidden_target_is_one_in_another_size_too(client, crowd, walkers):
+def test_an_occluded_target_survives_another_image_size(client, start_tracker, walkers):
     images, _ = walkers
-    crowd()
+    start_tracker()
     two_targets(client, walkers)
     covered = [image.copy() for image in images]
     for image in covered[3:]:
@@ -190,9 +194,9 @@ def test_a_hidden_target_is_one_in_another_size_too(client, crowd, walkers):
         assert "ended" not in status.message
 
 
-def test_frames_that_are_dropped_say_nothing_of_the_targets(client, crowd, walkers):
+def test_the_status_of_a_dropped_frame_has_no_targets(client, start_tracker, walkers):
     images, _ = walkers
-    crowd()
+    start_tracker()
     two_targets(client, walkers)
     client.show(images[1], client.at(1))
     status = client.show(images[0], client.at(0))
@@ -203,9 +207,9 @@ def test_frames_that_are_dropped_say_nothing_of_the_targets(client, crowd, walke
     assert ids(client.show(images[2], client.at(2))) == [1, 2]
 
 
-def test_parameters_and_presets_change_and_the_ids_stay(client, crowd, walkers):
+def test_parameters_and_presets_change_and_the_ids_stay(client, start_tracker, walkers):
     images, _ = walkers
-    crowd()
+    start_tracker()
     two_targets(client, walkers)
     client.show(images[1], client.at(1))
     assert client.get_parameters("detector.score_above", "particles") == [0.3, 100]
@@ -215,14 +219,14 @@ def test_parameters_and_presets_change_and_the_ids_stay(client, crowd, walkers):
         assert client.set_parameters(**values).successful
         status = client.show(images[number], client.at(number))
         assert ids(status) == [1, 2]
-    # Which detections count is for the detector that there is, and not of a preset.
+    # The parameters that describe the detector are not of a preset.
     assert client.get_parameters("detector.labels", "particles") == [("person",), 60]
     assert status.values["preset"].startswith("li2007")
 
 
-def test_parameters_that_cannot_be_are_refused_with_the_reason(client, crowd, walkers):
+def test_invalid_parameters_are_refused_with_the_reason(client, start_tracker, walkers):
     images, _ = walkers
-    crowd()
+    start_tracker()
     two_targets(client, walkers)
     none = client.set_parameters(max_targets=0)
     assert not none.successful
@@ -233,7 +237,7 @@ def test_parameters_that_cannot_be_are_refused_with_the_reason(client, crowd, wa
     assert "target refused: there are 2 targets" in status.message
 
 
-def test_a_wrong_number_at_start_up_is_corrected_at_run_time(graph, client, images, box):
+def test_an_invalid_number_at_start_up_is_corrected_at_run_time(graph, client, images, box):
     graph.tracker(client, max_targets=0, image_reliability="reliable")
     status = client.show(images[0], client.at(0))
     assert "parameter 'max_targets' is 0" in status.message
@@ -241,9 +245,9 @@ def test_a_wrong_number_at_start_up_is_corrected_at_run_time(graph, client, imag
     assert client.show(images[1], client.at(1)).values["frame"] == "started"
 
 
-def test_a_restarted_recording_goes_on_as_the_policy_says(client, crowd, walkers, send_id):
+def test_a_time_jump_restarts_manual_targets(client, start_tracker, walkers, send_id):
     images, _ = walkers
-    node, _ = crowd(time_jump="restart")
+    node, _ = start_tracker(time_jump="restart")
     two_targets(client, walkers)
     send_id(client, node, "select", 2)
     client.show(images[1], client.at(1))
@@ -252,35 +256,37 @@ def test_a_restarted_recording_goes_on_as_the_policy_says(client, crowd, walkers
     assert status.values["selected"] == "4"
 
 
-def test_a_target_box_is_the_first_of_several(client, crowd, walkers):
+def test_the_target_box_starts_the_first_target(client, start_tracker, walkers):
     images, boxes = walkers
-    crowd(target_box=list(boxes[0][0]))
+    start_tracker(target_box=list(boxes[0][0]))
     client.show(images[0], client.at(0))
     client.point_at(boxes[1][1])
     assert ids(client.show(images[1], client.at(1))) == [1, 2]
 
 
-def test_a_deactivated_node_keeps_its_targets_and_a_cleaned_up_one_does_not(client, crowd, walkers):
+def test_a_deactivated_node_keeps_its_targets_and_a_cleaned_up_one_does_not(
+    client, start_tracker, walkers
+):
     images, _ = walkers
-    crowd(built_in_detector="motion")
+    start_tracker(built_in_detector="motion")
     two_targets(client, walkers)
-    for names, there in (
+    for names, expected in (
         (["DEACTIVATE", "ACTIVATE"], [1, 2]),
         (["DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"], []),
     ):
         for name in names:
-            wanted = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
-            assert client.ask(ChangeState, "change_state", transition=wanted).success
+            transition = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
+            assert client.ask(ChangeState, "change_state", transition=transition).success
         client.wait_for(client.images.get_subscription_count, "subscription")
-        assert ids(_shown_again(client, images)) == there
+        assert ids(_status_of_repeated_image(client, images)) == expected
 
 
-def _shown_again(client, images):
-    """The status of an image that is published until it is answered: nodes get to know anew."""
+def _status_of_repeated_image(client, images):
+    """The status of an image, published again until the nodes are connected."""
     number = len(client.statuses) + 1
 
-    def answered():
+    def statuses():
         client.images.publish(client.message(images[1], client.at(number)))
         return [one for one in client.statuses if one.stamp == client.at(number)]
 
-    return client.wait_for(answered, "status")[0]
+    return client.wait_for(statuses, "status")[0]
