@@ -1,4 +1,4 @@
-"""What can go wrong with a recording's tracking, each with an exit code of its own."""
+"""Errors of tracking a recording, and the exit codes of `track`."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ INTERRUPTED = 130
 TERMINATED = 143
 
 DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Numbers of the system's errors for want of room."""
+"""Error numbers of a full disk."""
 _FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 class RecordingError(ValueError):
-    """Tracking a recording that cannot be done as asked; the message says why.
+    """A recording cannot be tracked as requested.
 
     Attributes:
         exit_code: Of the command `track`.
 
     Args:
-        message: One sentence.
+        message: What is wrong, and what would be right.
         exit_code: As the attribute.
     """
 
@@ -39,17 +39,17 @@ class RecordingError(ValueError):
 
 
 def unwritable(path: Path, error: OSError) -> RecordingError:
-    """The error of a file or folder that the system does not let one write."""
+    """Return the error for a file or folder that cannot be written."""
     reason = error.strerror or type(error).__name__
     if error.errno in DISK_IS_FULL:
         return RecordingError(
-            f"{path} cannot be written any further ({reason}); make room, or choose another folder",
+            f"{path} cannot be written ({reason}); free disk space, or choose another folder",
             DISK_FULL,
         )
     if error.errno in _FORBIDDEN:
         return RecordingError(
-            f"{path} may not be written by this user ({reason}); change the permissions of its "
-            "folder, or choose another one",
+            f"{path} cannot be written ({reason}); change the permissions of its folder, or choose "
+            "another folder",
             NO_PERMISSION,
         )
     return RecordingError(f"{path} cannot be written ({reason})", FAILED)
