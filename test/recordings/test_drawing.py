@@ -398,7 +398,7 @@ def test_a_target_file_is_never_overwritten(ask_for_target, rows, images, tmp_pa
     assert desk.draw(BOX)[0] == 200
     code, said, _ = desk.end()
     assert code == 0
-    assert f"not saved, as {file} is there already" in said
+    assert f"not saved, because {file} exists already" in said
     assert file.read_text() == "target_box: [1, 2, 30, 40]"
     assert first_box(rows, tmp_path / "out") == (0, BOX)
 
@@ -418,7 +418,7 @@ def test_what_is_refused_anyway_is_refused_before_the_page(track, images, monkey
     assert "none.csv" in errors
     code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
     assert code == 2
-    assert "--draw is for one recording; allowed: without --archive" in errors
+    assert "--draw applies to a single recording; leave it out" in errors
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     code, _, errors = track(images, "--output", tmp_path / "c", "--draw")
     assert code == 2
@@ -440,7 +440,7 @@ def test_a_bag_without_any_image_that_can_be_decoded_has_no_page(
 def test_without_any_target_it_says_that_one_can_be_drawn(track, images, tmp_path):
     code, _, errors = track(images, "--output", tmp_path / "out")
     assert code == 2
-    assert "or draw the target with --draw" in errors
+    assert "draw it with --draw" in errors
 
 
 def test_the_page_is_told_how_many_targets_there_may_be(track, images, monkeypatch, tmp_path):
