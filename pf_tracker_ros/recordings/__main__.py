@@ -60,20 +60,7 @@ _SKIP_REASONS = {
 
 @dataclass
 class _Summary:
-    """The summary that is printed at the end of a recording.
-
-    Attributes:
-        name: Of the recording.
-        target_source: Where the targets come from if not from the command line, or empty.
-        is_multi_target: Whether max_targets is above 1.
-        states: State to its number of frames.
-        skip_reason: Why the first skipped frame was skipped, or empty.
-        first_warning: On detections and targets, or empty.
-        warning_count: Number of these warnings.
-        ids: Of all reported targets.
-        expected_frames: Number of frames as the source states it, or None.
-        seconds: Elapsed time.
-    """
+    """The summary that is printed at the end of a recording."""
 
     name: str
     target_source: str = ""
@@ -135,10 +122,8 @@ def main(arguments: Sequence[str] | None = None, source_name: str | None = None)
     except (EvaluationError, ParameterError) as error:
         return _print_error(error, errors.REFUSED)
     except KeyboardInterrupt:
-        return _print_error(
-            f"{stop.word}; unfinished files were discarded",
-            stop.exit_code or errors.INTERRUPTED,
-        )
+        exit_code = stop.exit_code or errors.INTERRUPTED
+        return _print_error(f"{stop.word}; unfinished files were discarded", exit_code)
 
 
 def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> int:
@@ -309,14 +294,10 @@ def _report(
     failures: list[Exception],
     warning: str,
 ) -> int:
-    """Print the summary, the warnings and the errors; return the exit code.
+    """Print the errors, or the warnings (the last one on the detector) and the summary.
 
-    Args:
-        options: Of the command line.
-        summary: Of the frames.
-        stop: Of the signals.
-        failures: Errors of reading and writing.
-        warning: On the detector, or empty.
+    Returns:
+        Exit code.
     """
     exit_code = errors.DONE
     # A file that cannot be written usually cannot be closed either: the same message, once.
@@ -357,12 +338,7 @@ def _print_error(message: Any, exit_code: int) -> int:
 
 @dataclass
 class _Stop:
-    """The state of a requested stop.
-
-    Attributes:
-        exit_code: Of the received signal, 0 before one.
-        at_once: Whether the first signal interrupts the current frame.
-    """
+    """The exit code of a received signal, and whether the first one interrupts at once."""
 
     exit_code: int = 0
     at_once: bool = False

@@ -51,7 +51,7 @@ exit codes:
   {errors.WRONG_TARGET}    the target or its file is invalid, or belongs to another recording
   {errors.WRONG_DETECTIONS}    the detections are invalid, or belong to another recording
   {errors.INTERRUPTED}  interrupted (Ctrl-C); a second Ctrl-C discards the unfinished files
-  {errors.TERMINATED}  terminated
+  {errors.TERMINATED}  terminated (SIGTERM)
 
 If tracking ends early, the files are complete up to the last tracked frame.
 """

@@ -40,16 +40,10 @@ class RecordingError(ValueError):
 
 def unwritable(path: Path, error: OSError) -> RecordingError:
     """Return the error for a file or folder that cannot be written."""
-    reason = error.strerror or type(error).__name__
+    message = f"{path} cannot be written ({error.strerror or type(error).__name__})"
     if error.errno in DISK_IS_FULL:
-        return RecordingError(
-            f"{path} cannot be written ({reason}); free disk space, or choose another folder",
-            DISK_FULL,
-        )
+        return RecordingError(f"{message}; free disk space, or choose another folder", DISK_FULL)
     if error.errno in _FORBIDDEN:
-        return RecordingError(
-            f"{path} cannot be written ({reason}); change the permissions of its folder, or choose "
-            "another folder",
-            NO_PERMISSION,
-        )
-    return RecordingError(f"{path} cannot be written ({reason})", FAILED)
+        advice = "change the permissions of its folder, or choose another folder"
+        return RecordingError(f"{message}; {advice}", NO_PERMISSION)
+    return RecordingError(message, FAILED)

@@ -22,15 +22,12 @@ class FrameWriter(Protocol):
 
     def write(self, tracked: TrackedFrame) -> None:
         """Write one frame."""
-        ...
 
     def close(self) -> None:
         """Complete the file."""
-        ...
 
     def discard(self) -> None:
         """Release all resources; the file may stay incomplete."""
-        ...
 
 
 WriterFactory = Callable[[Path], FrameWriter]

@@ -190,15 +190,7 @@ def _with_scores(content: SequenceContent, seconds: NDArray[np.float64]) -> Sequ
 
 
 class _Track:
-    """The frames of one of several targets, from its first to its last.
-
-    Attributes:
-        id: Of the target.
-        length: Number of frames with the target.
-
-    Args:
-        id: As the attribute.
-    """
+    """The frames of one of several targets, from its first to its last."""
 
     def __init__(self, id: int) -> None:
         self.id = id
@@ -207,6 +199,7 @@ class _Track:
 
     @property
     def length(self) -> int:
+        """Number of frames with the target."""
         return len(self._frames)
 
     def add(self, tracked: TrackedFrame, target: TrackedTarget) -> None:
@@ -215,11 +208,7 @@ class _Track:
         self._label = target.label or self._label
 
     def content(self, states: Sequence[str]) -> SequenceContent:
-        """The content of its section.
-
-        Args:
-            states: Of all frames of the recording.
-        """
+        """The content of its section, from the states of all frames of the recording."""
         first, end = min(self._frames), max(self._frames) + 1
         frames = [
             self._frames.get(number)
@@ -234,12 +223,6 @@ class _Track:
 def _content(
     name: str, frames: Sequence[FrameSummary], true_boxes: NDArray[np.float64] | None
 ) -> SequenceContent:
-    """The content of a section, without scores.
-
-    Args:
-        name: Title of the section.
-        frames: In order, at least one.
-        true_boxes: (frames, 4) boxes to compare with, or None.
-    """
+    """The content of a section, without scores; arguments as for `recording_page`."""
     boxes = forward_fill([each.box for each in frames])
     return SequenceContent(name, boxes, true_boxes, **vars(FrameDetails.of(frames)))

@@ -248,14 +248,7 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
 
 
 def _target(path: Path, which: str, document: dict[str, Any], source: Path) -> Target:
-    """One target of a file.
-
-    Args:
-        path: Of the file.
-        which: Part of a message, such as " of target 2"; empty for a single target.
-        document: Keys and values of the target.
-        source: As for `read_targets`.
-    """
+    """One target of a file; `which` names it in messages, such as " of target 2", or is empty."""
     _check_keys(path, which, document, _KEYS)
     recording = document.get("recording")
     if recording is not None and recording != resolved(source).name:

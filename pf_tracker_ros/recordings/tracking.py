@@ -150,14 +150,7 @@ def track_recording(
 
 
 class _Tracking:
-    """One pass through a recording.
-
-    Args:
-        targets: As for `track_recording`.
-        detection_source: As for `track_recording`.
-        values: Full name to value of all parameters.
-        seed: As for `track_recording`.
-    """
+    """One pass through a recording, with the values of all parameters."""
 
     def __init__(
         self,
@@ -215,11 +208,7 @@ class _Tracking:
         return self._session.process(frame.decoded, arrival)
 
     def finish(self, frame_count: int) -> None:
-        """End the pass after the last frame.
-
-        Raises:
-            RecordingError: The frame of a target or detection is missing.
-        """
+        """End the pass; raises RecordingError if the frame of a target or detection is missing."""
         if self._pending:
             raise self._pending[0].not_found_error()
         self._detection_source.finish(frame_count)

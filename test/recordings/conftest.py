@@ -149,13 +149,13 @@ class Watch:
     @classmethod
     def wait_for_results(cls, output, count):
         """Wait for a number of finished recordings."""
-        cls._wait(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
+        cls.wait_until(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
 
     @classmethod
     def kill_worker(cls, driver, name):
         """Kill a process below the driver that has a name in its command line."""
         found = []
-        cls._wait(lambda: found.extend(cls.below(driver.pid, name)) or found)
+        cls.wait_until(lambda: found.extend(cls.below(driver.pid, name)) or found)
         os.kill(found[0], signal.SIGKILL)
 
     @classmethod
@@ -167,7 +167,8 @@ class Watch:
                 yield int(child)
 
     @staticmethod
-    def _wait(condition):
+    def wait_until(condition):
+        """Wait for a condition."""
         deadline = time.monotonic() + 120
         while not condition():
             assert time.monotonic() < deadline

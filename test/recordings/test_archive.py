@@ -192,13 +192,10 @@ def test_a_run_keeps_the_unfinished_files_of_another_command_in_its_folder(
     other.discard()
 
 
-def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, tmp_path):
+def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, watch, tmp_path):
     output = tmp_path / "out"
     process = start_track("--archive", archive, "--output", output, *QUICK)
-    deadline = time.monotonic() + 60
-    while not list(output.rglob(".archive_*")):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    watch.wait_until(lambda: list(output.rglob(".archive_*")))
     # The first run must not end before the second one starts.
     process.send_signal(signal.SIGSTOP)
     code, _, errors = track("--archive", archive, "--output", output, *QUICK)

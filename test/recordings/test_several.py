@@ -15,10 +15,6 @@ COUNT = 16
 NAMES = ("x", "y", "width", "height")
 
 
-def box_text(box):
-    return ",".join(map(str, box))
-
-
 def one_sentence(errors):
     (line,) = errors.splitlines()
     assert line.startswith("track: error: ")
@@ -27,7 +23,7 @@ def one_sentence(errors):
 
 def test_several_boxes_have_a_row_each_to_the_bits_of_the_library(tracked, source, library):
     boxes = library.boxes[0]
-    given = [argument for box in boxes for argument in ("--box", box_text(box))]
+    given = [f"--box={','.join(map(str, box))}" for box in boxes]
     code, errors, found = tracked(source, "--seed", 5, *given)
     assert (code, errors) == (0, "")
     found = library.target_rows(found)

@@ -260,8 +260,8 @@ def _print_plan(
 
 def _print_excluded(options: argparse.Namespace, recordings: Mapping[str, PathOrUrl]) -> None:
     """Report recordings in the folder that are excluded, for want of a target or a topic."""
-    reason, advice = " without a target", "detect targets with "
-    advice += "--detections, --detections-topic or --detector"
+    reason = " without a target"
+    advice = "detect targets with --detections, --detections-topic or --detector"
     if options.detections_topic:
         reason, advice = "", "only bags have topics"
     elif filter_from_options(options) is not None:
@@ -277,15 +277,7 @@ def _print_excluded(options: argparse.Namespace, recordings: Mapping[str, PathOr
 
 
 class _TimeEstimate:
-    """Counts the frames of recordings, and measures the tracking time on the first ones.
-
-    Attributes:
-        frame_counts: Numbers of frames, where known.
-        unknown_count: Number of recordings with an unknown number of frames.
-
-    Args:
-        options: Of the command line.
-    """
+    """Counts the frames of recordings, and measures the tracking time on the first ones."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
@@ -306,9 +298,8 @@ class _TimeEstimate:
         """Time to download and track a frame; 0 if nothing was tracked."""
         if not self._tracked_frames:
             return 0.0
-        download = 0.0
-        if self._downloaded_frames:
-            download = self._download_seconds / self._downloaded_frames
+        downloaded = self._downloaded_frames
+        download = self._download_seconds / downloaded if downloaded else 0.0
         return self._tracking_seconds / self._tracked_frames + download
 
     def add(self, source: PathOrUrl) -> int | None:

@@ -4,8 +4,7 @@
 - In an object store, each object is written atomically, and `done.json` last. Results without it
   are incomplete.
 
-So a killed process leaves no incomplete results. Only earlier results are replaced, never other
-files.
+A killed process leaves no incomplete results. Only results are replaced, never other files.
 """
 
 from __future__ import annotations

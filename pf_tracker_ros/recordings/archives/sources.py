@@ -79,7 +79,7 @@ def find_recordings(
             raise RecordingError(f"{source} has no name for its results; list its entries instead")
         if name in found:
             raise RecordingError(
-                f"{found[name]} and {source} would share the results folder {name}; rename one"
+                f"{found[name]} and {source} would share the results folder {name}; rename or remove one"
             )
         found[name] = source
     _check_nesting(found)

@@ -13,11 +13,7 @@ from pf_tracker_ros.recordings.errors import FAILED, NO_PERMISSION, REFUSED, Rec
 
 
 def parse_path_or_url(text: str) -> Path | str:
-    """Parse a path, a `file://` URL, or another URL, without a slash at its end.
-
-    Returns:
-        A path in the file system, or a URL.
-    """
+    """Parse a path or URL. A `file://` URL becomes a path, and others lose a slash at the end."""
     if not is_url(text):
         return Path(text)
     try:

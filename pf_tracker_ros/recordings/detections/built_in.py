@@ -38,9 +38,8 @@ class BuiltInDetector(DetectionSource):
         self._name = name
         self._frame_count = self._last_frame = self._detection_count = 0
         try:
-            self._thread = DetectorThread(
-                DETECTORS.make(name, DETECTORS.parameters_of(name)()), rate
-            )
+            detector = DETECTORS.make(name, DETECTORS.parameters_of(name)())
+            self._thread = DetectorThread(detector, rate)
         except ValueError as error:
             raise RecordingError(str(error)) from error
 
