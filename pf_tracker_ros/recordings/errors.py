@@ -17,9 +17,9 @@ WRONG_DETECTIONS = 8
 INTERRUPTED = 130
 TERMINATED = 143
 
-DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Error numbers of a full disk."""
-_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+_PERMISSION_ERRNOS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 class RecordingError(ValueError):
@@ -41,9 +41,9 @@ class RecordingError(ValueError):
 def unwritable(path: Path, error: OSError) -> RecordingError:
     """Return the error for a file or folder that cannot be written."""
     message = f"{path} cannot be written ({error.strerror or type(error).__name__})"
-    if error.errno in DISK_IS_FULL:
+    if error.errno in DISK_FULL_ERRNOS:
         return RecordingError(f"{message}; free disk space, or choose another folder", DISK_FULL)
-    if error.errno in _FORBIDDEN:
+    if error.errno in _PERMISSION_ERRNOS:
         advice = "change the permissions of its folder, or choose another folder"
         return RecordingError(f"{message}; {advice}", NO_PERMISSION)
     return RecordingError(message, FAILED)

@@ -30,7 +30,7 @@ from pf_tracker_ros.recordings.archives.stores import (
     parse_path_or_url,
     translate_read_errors,
 )
-from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
+from pf_tracker_ros.recordings.errors import DISK_FULL_ERRNOS, RecordingError, unwritable
 from pf_tracker_ros.recordings.sidecar_files import (
     DETECTIONS_SUFFIX,
     SIDECAR_SUFFIXES,
@@ -79,7 +79,8 @@ def find_recordings(
             raise RecordingError(f"{source} has no name for its results; list its entries instead")
         if name in found:
             raise RecordingError(
-                f"{found[name]} and {source} would share the results folder {name}; rename or remove one"
+                f"{found[name]} and {source} would share the results folder {name}; rename or "
+                "remove one"
             )
         found[name] = source
     _check_nesting(found)
@@ -319,7 +320,7 @@ def _download(url: str, folder: Path) -> Path:
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 store.get_file(name, str(copy))
             except OSError as error:
-                if error.errno in DISK_IS_FULL:
+                if error.errno in DISK_FULL_ERRNOS:
                     raise unwritable(copy, error) from error
                 raise
         return folder / base_name

@@ -447,7 +447,7 @@ def test_a_target_that_has_just_been_saved_can_be_taken_again(player, moving_squ
         ({"target_box": [1, 2, 3]}, "'target_box' is [1, 2, 3]"),
         ({"target_box": [1, 2, 3, 4], "stamp": 77}, "it belongs to another recording"),
         ({"target_box": [1, 2, 3, 4], "image_size": [640, 480]}, "these have 160 x 120 px"),
-        ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is the target of 'other.mcap'"),
+        ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is for 'other.mcap', not for"),
     ],
 )
 def test_a_target_file_that_is_wrong_or_of_another_recording_is_refused(
