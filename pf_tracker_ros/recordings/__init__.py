@@ -1,4 +1,4 @@
-"""Recordings from end to end, without a ROS graph: a bag, a video or a folder in, boxes out.
+"""Tracks targets through recordings without ROS: bags, videos, folders of images and sequences.
 
 recording = open_recording("drive.mcap")
 for tracked in track_recording(recording, choose_target(recording, (293, 97, 115, 82))):

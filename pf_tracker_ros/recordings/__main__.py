@@ -1,4 +1,4 @@
-"""The command `track`: targets through a recording, into files."""
+"""The command `track`: tracks targets through a recording and writes the results to files."""
 
 from __future__ import annotations
 
@@ -52,34 +52,34 @@ from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.signals import handled_signals
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
-# Why a frame that is not refused is not tracked.
-_SKIPPED_FOR = {
-    "duplicate": "its stamp is that of the frame before",
-    "late": "its stamp is before that of the frame before",
+_SKIP_REASONS = {
+    "duplicate": "its stamp equals that of the previous frame",
+    "late": "its stamp is earlier than that of the previous frame",
 }
 
 
 @dataclass
 class _Summary:
-    """What is told at the end of the recording of a name."""
+    """The summary that is printed at the end of a recording."""
 
     name: str
+    target_source: str = ""
+    is_multi_target: bool = False
     states: Counter[str] = field(default_factory=Counter)
-    skipped: str = ""
-    warning: str = ""
-    warnings: int = 0
+    skip_reason: str = ""
+    first_warning: str = ""
+    warning_count: int = 0
     ids: set[int] = field(default_factory=set)
-    targets_of: str = ""
-    several: bool = False
-    announced: int | None = None
+    expected_frames: int | None = None
     seconds: float = 0.0
 
     def add(self, tracked: TrackedFrame) -> None:
         self.states[tracked.state] += 1
-        self.skipped = self.skipped or tracked.problem or _SKIPPED_FOR.get(tracked.outcome, "")
-        if tracked.warnings and not self.warning:
-            self.warning = f"frame {tracked.frame.index}: {tracked.warnings[0]}"
-        self.warnings += len(tracked.warnings)
+        reason = tracked.problem or _SKIP_REASONS.get(tracked.outcome, "")
+        self.skip_reason = self.skip_reason or reason
+        if tracked.warnings and not self.first_warning:
+            self.first_warning = f"frame {tracked.frame.index}: {tracked.warnings[0]}"
+        self.warning_count += len(tracked.warnings)
         self.ids.update(target.id for target in tracked.targets)
 
     @property
@@ -92,10 +92,10 @@ class _Summary:
             f"{count / self.frames:.0%} {state}" for state, count in self.states.most_common()
         )
         rate = self.frames / self.seconds if self.seconds else 0.0
-        if self.ids and self.several:
-            shares = f"the best seen target: {shares}"
-        targets = f", {counted(len(self.ids), 'target')}" if self.several else ""
-        origin = f"; target of {self.targets_of}" if self.targets_of else ""
+        if self.ids and self.is_multi_target:
+            shares = f"best target: {shares}"
+        targets = f", {counted(len(self.ids), 'target')}" if self.is_multi_target else ""
+        origin = f"; target from {self.target_source}" if self.target_source else ""
         return f"{counted(self.frames, 'frame')} ({shares}){targets}, {rate:.0f} frames/s{origin}"
 
 
@@ -103,34 +103,32 @@ def main(arguments: Sequence[str] | None = None, source_name: str | None = None)
     """Run the command.
 
     Args:
-        arguments: Command line without the program's name; None takes this process'.
-        source_name: Of a recording of an archive what it is called, and where it is if that is a
-            URL; None for one alone, whose path or URL is taken.
+        arguments: Command line without the program's name; None means that of this process.
+        source_name: Path or URL of a recording of an archive, for reports and errors; None for a
+            single recording.
 
     Returns:
-        Exit code, as `track --help` lists them; for any but 0, a line on standard error says why.
+        Exit code as listed by `track --help`. A line on standard error explains any but 0.
     """
     stop = _Stop()
-    handlers = dict.fromkeys(_SIGNALS, stop.notice)
+    handlers = dict.fromkeys(_SIGNALS, stop.on_signal)
     try:
-        with handled_signals(handlers), quiet_opencv(), _printing_any_name():
+        with handled_signals(handlers), quiet_opencv(), _escaping_output():
             return _run(parser().parse_args(arguments), stop, source_name)
     except FootageError as error:
-        return _complain(error, errors.UNREADABLE_SOURCE)
+        return _print_error(error, errors.UNREADABLE_SOURCE)
     except RecordingError as error:
-        return _complain(error, error.exit_code)
+        return _print_error(error, error.exit_code)
     except (EvaluationError, ParameterError) as error:
-        return _complain(error, errors.REFUSED)
+        return _print_error(error, errors.REFUSED)
     except KeyboardInterrupt:
-        return _complain(
-            f"{stop.word} at once; what was not finished is gone",
-            stop.exit_code or errors.INTERRUPTED,
-        )
+        exit_code = stop.exit_code or errors.INTERRUPTED
+        return _print_error(f"{stop.word}; unfinished files were discarded", exit_code)
 
 
 def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> int:
-    # What can be refused is refused before the first frame, not after an hour's work.
-    for package, extra, wanted in (
+    # Errors of the request are reported before the first frame, not after an hour of tracking.
+    for package, extra, is_used in (
         ("rich", "recordings", True),
         ("yaml", "recordings", True),
         ("rosbags", "recordings", options.bag),
@@ -140,9 +138,9 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         ("aiohttp", "console", options.draw),
         ("scipy", "targets", uses_detector(options)),
     ):
-        if wanted:
+        if is_used:
             require_package(package, extra)
-    _check_kind(options)
+    _check_options(options)
     apply_parameter_file(options)
     check_request(options)
     if options.archive is not None:
@@ -154,25 +152,27 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
             return _run_one(options, path, name, stop, is_archived=source_name is not None)
 
 
-def _check_kind(options: argparse.Namespace) -> None:
-    """Refuse what is for an archive without one."""
+def _check_options(options: argparse.Namespace) -> None:
+    """Check the options of a single recording."""
     if options.archive is not None:
         return
     for option in ("dry_run", "ray", "jobs"):
         if getattr(options, option):
-            what = f"--{option.replace('_', '-')} is for an archive"
-            raise RecordingError(f"{what}; give one with --archive FOLDER_OR_LIST")
+            name = f"--{option.replace('_', '-')}"
+            raise RecordingError(f"{name} applies to archives; add --archive FOLDER_OR_LIST")
     if not options.source:
-        message = "there is no SOURCE; give one, or --archive FOLDER_OR_LIST"
+        message = "SOURCE is missing; give a recording, or --archive FOLDER_OR_LIST"
         for option in ("detections", "report"):
-            taken = getattr(options, option)
-            if taken not in (None, SIDECAR):
-                message += f"; {taken} was taken for --{option}: SOURCE comes first"
+            value = getattr(options, option)
+            if value not in (None, SIDECAR):
+                message += f" ({value} was read as the value of --{option}: put SOURCE first)"
         raise RecordingError(message)
     if options.draw and options.box:
-        raise RecordingError("--draw and --box both give the target; allowed: one of them")
+        raise RecordingError("--draw and --box exclude each other; give one of them")
     if is_url(options.output):
-        raise RecordingError(f"--output {options.output} is for an archive; allowed: a folder")
+        raise RecordingError(
+            f"--output {options.output} is a URL; allowed for a single recording: a folder"
+        )
 
 
 def _run_one(
@@ -189,13 +189,13 @@ def _run_one(
 
 def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
     outputs = open_outputs(options, plan, name)
-    summary = _Summary(name, targets_of=_found_beside(options, plan), several=plan.max_targets > 1)
+    summary = _Summary(name, _target_source(options, plan), plan.max_targets > 1)
     failures: list[Exception] = []
     try:
         try:
             _track(plan.track(), plan.recording, outputs, summary, stop)
         except (FootageError, RecordingError) as error:
-            # Without a target, and a detector that might find one, there is nothing to keep.
+            # Without a target and without a detector, there are no results to keep.
             is_idle = summary.states.keys() <= {"idle", "skipped"}
             if not summary.frames or (is_idle and not plan.detection_source):
                 raise
@@ -209,27 +209,27 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
         raise
     warning = plan.detection_source.warning if plan.detection_source else ""
     if warning and not plan.targets:
-        warning += ", --box gives a target without it"
+        warning += ", or --box starts a target without it"
     return _report(options, summary, stop, failures, warning)
 
 
-def _found_beside(options: argparse.Namespace, plan: Plan) -> str:
-    """Where targets come from that nobody has given on the command line, or empty."""
+def _target_source(options: argparse.Namespace, plan: Plan) -> str:
+    """The origin of targets that are not given on the command line, or empty."""
     if not plan.targets or options.box or options.draw:
         return ""
-    from_truth = plan.targets[0].box is None
-    return "the ground truth" if from_truth else target_file(plan.recording.path).name
+    is_true_box = plan.targets[0].box is None
+    return "the ground truth" if is_true_box else target_file(plan.recording.path).name
 
 
 def _draw(
-    recording: Recording, options: argparse.Namespace, stop: _Stop, most: int
+    recording: Recording, options: argparse.Namespace, stop: _Stop, max_targets: int
 ) -> tuple[Target, ...]:
-    """Have the targets drawn on a page, and save them beside the recording where that can be."""
+    """Let the user draw the targets on a page, and save them beside the recording if possible."""
     from pf_tracker_ros.recordings.drawing.server import prompt_for_targets
 
     stop.at_once = True
     try:
-        targets = prompt_for_targets(recording, most, _announce)
+        targets = prompt_for_targets(recording, max_targets, _print_url)
     except KeyboardInterrupt:
         raise RecordingError(
             f"{stop.word} before a target was drawn; nothing was tracked", stop.exit_code
@@ -237,29 +237,29 @@ def _draw(
     finally:
         stop.at_once = False
     if is_url(options.source):
-        kept = f"not saved, as {options.source} is not a place on this machine"
+        saved = "not saved, because the recording has a URL"
     else:
-        kept = _kept(targets, recording.path)
-    drawn = "; ".join(
+        saved = _save(targets, recording.path)
+    boxes = "; ".join(
         f"{','.join(f'{value:.10g}' for value in target.box or ())} in frame {target.frame}"
         for target in targets
     )
-    print(f"target{'s' if len(targets) > 1 else ''} {drawn}, {kept}", flush=True)
+    print(f"target{'s' if len(targets) > 1 else ''} {boxes}, {saved}", flush=True)
     return targets
 
 
-def _announce(address: str) -> None:
-    print(f"draw the targets at {address} (Ctrl-C gives it up)", flush=True)
+def _print_url(url: str) -> None:
+    print(f"draw the targets at {url} (Ctrl-C cancels)", flush=True)
 
 
-def _kept(targets: Sequence[Target], source: Path) -> str:
-    """What became of the file of a recording's targets."""
+def _save(targets: Sequence[Target], source: Path) -> str:
+    """Save the target file of a recording; return the outcome as part of a sentence."""
     try:
         return f"saved as {save_targets(targets, source)}"
     except FileExistsError:
-        return f"not saved, as {target_file(source)} is there already: remove it to keep these"
+        return f"not saved, because {target_file(source)} exists already (remove it first)"
     except OSError as error:
-        return f"not saved, as {unwritable(target_file(source), error)}"
+        return f"not saved, because {unwritable(target_file(source), error)}"
 
 
 def _track(
@@ -269,8 +269,8 @@ def _track(
     summary: _Summary,
     stop: _Stop,
 ) -> None:
-    began = time.monotonic()
-    summary.announced = recording.frame_count
+    started_at = time.monotonic()
+    summary.expected_frames = recording.frame_count
     try:
         with (
             progress_bar(recording.frame_count, name=recording.path.name) as on_progress,
@@ -284,7 +284,7 @@ def _track(
                 if stop.exit_code:
                     return
     finally:
-        summary.seconds = time.monotonic() - began
+        summary.seconds = time.monotonic() - started_at
 
 
 def _report(
@@ -294,63 +294,57 @@ def _report(
     failures: list[Exception],
     warning: str,
 ) -> int:
-    """Say what came of it, and with which exit code.
+    """Print the errors, or the warnings (the last one on the detector) and the summary.
 
-    Args:
-        options: Of the command line.
-        summary: Of the frames.
-        stop: Whether it was asked to end.
-        failures: What went wrong.
-        warning: On the detector, or empty.
+    Returns:
+        Exit code.
     """
-    code = errors.DONE
-    # What cannot be written any further can as a rule not be finished either, and is told once.
+    exit_code = errors.DONE
+    # A file that cannot be written usually cannot be closed either: the same message, once.
     for failure in {str(failure): failure for failure in failures}.values():
-        found = getattr(failure, "exit_code", errors.UNREADABLE_SOURCE)
-        code = code or found
+        failure_code = getattr(failure, "exit_code", errors.UNREADABLE_SOURCE)
+        exit_code = exit_code or failure_code
         verb = "was" if summary.frames == 1 else "were"
         kept = f"; {counted(summary.frames, 'frame')} {verb} tracked" if summary.frames else ""
-        _complain(f"{failure}{kept}", found)
+        _print_error(f"{failure}{kept}", failure_code)
     if stop.exit_code:
-        verb = "is" if summary.frames == 1 else "are"
-        return _complain(
-            f"{stop.word} after {counted(summary.frames, 'frame')}, which {verb} kept",
-            stop.exit_code,
+        return _print_error(
+            f"{stop.word}; {counted(summary.frames, 'frame')} saved", stop.exit_code
         )
-    if code == errors.DONE:
+    if exit_code == errors.DONE:
         warnings = []
-        if summary.announced is not None and summary.frames < summary.announced:
+        if summary.expected_frames is not None and summary.frames < summary.expected_frames:
             warnings.append(
-                f"{summary.name} announces {counted(summary.announced, 'frame')}, but only "
-                f"{summary.frames} could be read: it is damaged or cut off"
+                f"only {summary.frames} of {counted(summary.expected_frames, 'frame')} of "
+                f"{summary.name} could be read: it is damaged or truncated"
             )
-        if summary.skipped:
-            warnings.append(f"frames were skipped, the first because {summary.skipped}")
-        if summary.warning:
+        if summary.skip_reason:
+            warnings.append(f"frames were skipped, the first because {summary.skip_reason}")
+        if summary.first_warning:
             warnings.append(
-                f"of {counted(summary.warnings, 'warning')} on detections and targets the first is: "
-                f"{summary.warning} (frames count from 0)"
+                f"{counted(summary.warning_count, 'warning')} on detections and targets, first: "
+                f"{summary.first_warning} (frames counted from 0)"
             )
         for each in filter(None, [*warnings, warning]):
             print(f"track: {each}", file=sys.stderr)
         print(f"{options.source}: {summary.text}; results in {options.output}")
-    return code
+    return exit_code
 
 
-def _complain(what: Any, exit_code: int) -> int:
-    print(f"track: error: {' '.join(str(what).split())}", file=sys.stderr)
+def _print_error(message: Any, exit_code: int) -> int:
+    print(f"track: error: {' '.join(str(message).split())}", file=sys.stderr)
     return exit_code
 
 
 @dataclass
 class _Stop:
-    """Whether the work shall end, with which exit code, and whether before the frame is done."""
+    """The exit code of a received signal, and whether the first one interrupts at once."""
 
     exit_code: int = 0
     at_once: bool = False
 
-    def notice(self, number: int, frame: FrameType | None) -> None:
-        """Take a signal: the first one ends the work after a frame, the second one at once."""
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Stop after the current frame on the first signal, at once on the second."""
         is_second = bool(self.exit_code)
         self.exit_code = _SIGNALS[signal.Signals(number)]
         if is_second or self.at_once:
@@ -358,13 +352,13 @@ class _Stop:
 
     @property
     def word(self) -> str:
-        """Why."""
+        """The reason, for messages."""
         return "terminated" if self.exit_code == errors.TERMINATED else "interrupted"
 
 
 @contextmanager
-def _printing_any_name() -> Iterator[None]:
-    """Print names of files that are no text as standard error does, in place of failing."""
+def _escaping_output() -> Iterator[None]:
+    """Escape file names that are not valid UTF-8 on standard output, as on standard error."""
     output = sys.stdout
     if not isinstance(output, io.TextIOWrapper) or output.errors != "strict":
         yield

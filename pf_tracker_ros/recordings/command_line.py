@@ -19,171 +19,189 @@ from pf_tracker_ros.recordings.plan import SIDECAR
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
 _DESCRIPTION = """\
-Track a target, or several, through a recording, without a ROS graph: a bag, a video, a folder of
-images or a sequence folder in, boxes.csv and what else is asked for out. The boxes are those that
-the node publishes for a replay of the recording in lockstep, to the bit.
+Track targets through a recording, without ROS. A recording is a ROS 2 bag, a video, a folder of
+images or a sequence folder. The boxes are written to boxes.csv in the output folder. They equal
+the boxes of the node in a lockstep replay, to the bit.
 
-The target is that of --box, or is drawn with --draw, else that of the file SOURCE.target.yaml
-beside the recording (for drive.mcap that is drive.target.yaml), else the first box of the
-recording's ground truth. Where the parameter max_targets is not given, it is 1 for one target, and
-32 for several and for what a detector finds.
+The target is the first of these:
+  1. the box of --box, or the one drawn with --draw
+  2. the box in the target file beside the recording: drive.target.yaml for drive.mcap
+  3. the first box of the recording's ground truth, unless a detector is used
+With a detector, a target is optional. The default of max_targets is 32 with a detector or several
+targets, else 1.
 """
 
-_EXIT_CODES = f"""\
-boxes.csv has a row a frame: frame (from 0), stamp (ns), id, x, y, width, height (px; empty while
-there is no box), state and confidence (0 to 1), in full precision. With max_targets above 1 each
-target has a row in a frame, with its label in a last column, and a frame without any one row
-without an id.
+_EPILOG = f"""\
+example:
+  track drive.mcap --box 293,97,115,82 --video --output results
+
+boxes.csv:
+  One row per frame and target, with the columns frame (counted from 0), stamp (ns), id, x, y,
+  width, height (px), state and confidence (0 to 1), and label where max_targets is above 1. The
+  box is empty while the target is lost. A frame without targets has one row.
 
 exit codes:
-  {errors.DONE}    all went well
-  {errors.FAILED}    a file could not be written, for another reason than those below
-  {errors.REFUSED}    the request cannot be carried out; nothing was tracked
-  {errors.UNREADABLE_SOURCE}    the recording cannot be read, or not to its end
+  {errors.DONE}    success
+  {errors.FAILED}    a file cannot be written, or a recording of the archive failed
+  {errors.REFUSED}    the request is invalid; nothing was tracked
+  {errors.UNREADABLE_SOURCE}    the recording cannot be read, or only in part
   {errors.OUTPUT_EXISTS}    an output exists already; nothing was tracked
-  {errors.NO_PERMISSION}    this user may not write there
+  {errors.NO_PERMISSION}    no permission to write to the output folder
   {errors.DISK_FULL}    the disk is full
-  {errors.WRONG_TARGET}    the target is refused, or its file is wrong or of another recording
-  {errors.WRONG_DETECTIONS}    the detections cannot be read, are wrong or of another recording
-  {errors.INTERRUPTED}  interrupted (Ctrl-C); the second time at once, without finishing the files
-  {errors.TERMINATED}  terminated
+  {errors.WRONG_TARGET}    the target or its file is invalid, or belongs to another recording
+  {errors.WRONG_DETECTIONS}    the detections are invalid, or belong to another recording
+  {errors.INTERRUPTED}  interrupted (Ctrl-C); a second Ctrl-C discards the unfinished files
+  {errors.TERMINATED}  terminated (SIGTERM)
 
-Where the work ends early, the files hold the frames up to there, and are whole.
+If tracking ends early, the files are complete up to the last tracked frame.
 """
 
 
 class _Parser(Parser):
     def error(self, message: str) -> NoReturn:
         if message.endswith("expected one argument"):
-            # argparse takes a box that begins left of the image for an option.
-            message += "; one that begins with '-' comes behind '=', such as --box=-3,4,50,60"
+            # argparse takes a box with a negative x for an option.
+            message += "; write a value that begins with '-' after '=', such as --box=-3,4,50,60"
         super().error(message)
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of the command line, which refuses in one line."""
-    parser = _Parser("track", description=_DESCRIPTION, epilog=_EXIT_CODES)
+    """Return the parser of the command line. Its errors are one line long."""
+    parser = _Parser("track", description=_DESCRIPTION, epilog=_EPILOG)
     parser.add_argument(
         "source",
         nargs="?",
         metavar="SOURCE",
-        help="a rosbag2 folder or .mcap file, a video, a folder of images or a sequence folder; or "
-        "the URL of one, of which a copy is made (needs fsspec)",
+        help="recording: a rosbag2 folder or .mcap file, a video, a folder of images, a sequence "
+        "folder, or the URL of one of these (needs fsspec)",
     )
     parser.add_argument(
         "--output",
         type=parse_path_or_url,
         required=True,
         metavar="DIR",
-        help="folder for boxes.csv and the rest, made where it is missing; for an archive also a "
-        "place in an object store, such as s3://bucket/boxes (needs fsspec)",
+        help="folder for boxes.csv and the other files, created if missing; for an archive also "
+        "the URL of an object store, such as s3://bucket/boxes (needs fsspec)",
     )
     parser.add_argument(
-        "--box",
-        type=_box,
-        action="append",
-        metavar="X,Y,W,H",
-        help="the target in the first frame, in pixels; may be repeated for several targets",
-    )
-    parser.add_argument(
-        "--draw",
-        action="store_true",
-        help="draw the target, or several, on a page that is served on this machine's loopback "
-        "(needs aiohttp)",
-    )
-    _add_detections(parser)
-    add_tracker_options(parser)
-    parser.add_argument("--seed", type=_seed, metavar="N", help="as the node's (default: 0)")
-    parser.add_argument(
-        "--video", action="store_true", help="write overlay.mp4: what ~/overlay shows"
-    )
-    parser.add_argument(
-        "--parquet", action="store_true", help="write boxes.parquet too (needs pyarrow)"
-    )
-    parser.add_argument(
-        "--bag",
-        action="store_true",
-        help="write topics.mcap: ~/box, ~/boxes where max_targets is above 1, ~/status, "
-        "~/particles and ~/overlay, to play beside the recording (needs rosbags)",
-    )
-    parser.add_argument(
-        "--report",
-        type=Path,
-        nargs="?",
-        const=SIDECAR,
-        metavar="DIR",
-        help="write report.html: plots and pictures on one page, into DIR or beside boxes.csv "
-        "(needs Matplotlib and Jinja2)",
-    )
-    parser.add_argument(
-        "--bag-topic", default="", metavar="TOPIC", help="image topic of a bag that has several"
+        "--bag-topic", default="", metavar="TOPIC", help="image topic, if the bag has several"
     )
     parser.add_argument(
         "--frame-rate",
         type=_rate,
         metavar="HZ",
-        help=f"of a folder of images, which does not tell (default: {DEFAULT_FRAME_RATE:g})",
+        help=f"frame rate of a folder of images (default: {DEFAULT_FRAME_RATE:g})",
     )
+    add_tracker_options(parser)
     parser.add_argument(
-        "--archive",
-        type=parse_path_or_url,
-        metavar="FOLDER_OR_LIST",
-        help="track every recording below a folder that has its target file beside it or is a "
-        "sequence (with detections or a detector every one), or those that a text file lists "
-        "(paths and URLs), into a folder each; what is done of the same inputs, version and "
-        "parameters is not done again",
+        "--seed", type=_seed, metavar="N", help="seed of the tracker's random numbers (default: 0)"
     )
-    parser.add_argument(
-        "--jobs",
-        type=positive,
-        metavar="N",
-        help="recordings of an archive at once, each on a core of its own (default: 1, on Ray as "
-        "many as the cluster has cores for)",
+    targets = parser.add_argument_group("target")
+    targets.add_argument(
+        "--box",
+        type=_box,
+        action="append",
+        metavar="X,Y,W,H",
+        help="the target in the first frame, in pixels; repeat it for several targets",
     )
-    parser.add_argument(
-        "--ray",
-        metavar="ADDRESS",
-        help="spread an archive over a Ray cluster: auto or HOST:PORT of one that is running, or "
-        "local to start one on this machine (needs ray)",
-    )
-    parser.add_argument(
-        "--dry-run",
+    targets.add_argument(
+        "--draw",
         action="store_true",
-        help="say what would be done for an archive, and how long it would take, from a sample",
+        help="draw the targets on a web page, served on this machine only (needs aiohttp)",
     )
+    _add_detections(parser)
+    _add_outputs(parser)
+    _add_archives(parser)
     return parser
 
 
 def _add_detections(parser: argparse.ArgumentParser) -> None:
-    """Where detections come from; any of it needs SciPy."""
-    group = parser.add_mutually_exclusive_group()
-    group.add_argument(
+    detections = parser.add_argument_group(
+        "detector", "Detections start, confirm and correct targets (needs SciPy)."
+    )
+    sources = detections.add_mutually_exclusive_group()
+    sources.add_argument(
         "--detections",
         type=Path,
         nargs="?",
         const=SIDECAR,
         metavar="FILE",
-        help="a detector's boxes, which start, confirm and correct targets: lines frame,id,x,y,"
-        "width,height,score[,label] with frame, x and y counted from 1, as of the MOT challenge; "
-        "without FILE, and for an archive, SOURCE.detections.csv beside each recording",
+        help="text file in the format of the MOT challenge, with lines frame,id,x,y,width,height,"
+        "score[,label] and frame, x and y counted from 1 (default FILE: drive.detections.csv "
+        "beside drive.mcap; an archive always uses this)",
     )
-    group.add_argument(
+    sources.add_argument(
         "--detections-topic",
         metavar="TOPIC",
-        help="the same from a topic of the bag, of vision_msgs/Detection2DArray, as recorded",
+        help="topic of the bag, of type vision_msgs/Detection2DArray",
     )
-    group.add_argument(
-        "--detector",
-        choices=tuple(DETECTORS),
-        help="the same by the node's built-in detector, which here has all the time that it takes",
-    )
-    parser.add_argument(
+    sources.add_argument("--detector", choices=tuple(DETECTORS), help="built-in detector to run")
+    detections.add_argument(
         "--detector-rate",
-        type=functools.partial(_rate, most=100.0),
+        type=functools.partial(_rate, highest=100.0),
         default=1.0,
         metavar="HZ",
-        help="most frames in a second of the recording that it looks at (default: %(default)g); "
-        f"motion is cheap enough for 5, and learns the background from its first {UPDATE_EVERY}",
+        help="frames per second of the recording that the built-in detector processes at most "
+        "(default: %(default)g); 5 suits motion, which learns the background from its first "
+        f"{UPDATE_EVERY} frames",
+    )
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
+    outputs = parser.add_argument_group("further outputs")
+    outputs.add_argument(
+        "--video",
+        action="store_true",
+        help="write overlay.mp4, the recording with the targets drawn in, as on ~/overlay",
+    )
+    outputs.add_argument(
+        "--parquet",
+        action="store_true",
+        help="write boxes.parquet with the same rows (needs pyarrow)",
+    )
+    outputs.add_argument(
+        "--bag",
+        action="store_true",
+        help="write topics.mcap with ~/box, ~/status, ~/particles, ~/overlay and, if max_targets "
+        "is above 1, ~/boxes, for playback with the recording (needs rosbags)",
+    )
+    outputs.add_argument(
+        "--report",
+        type=Path,
+        nargs="?",
+        const=SIDECAR,
+        metavar="DIR",
+        help="write report.html, a page with plots and images (default DIR: that of boxes.csv; "
+        "needs Matplotlib and Jinja2)",
+    )
+
+
+def _add_archives(parser: argparse.ArgumentParser) -> None:
+    archives = parser.add_argument_group("archive", "Track many recordings, each into its folder.")
+    archives.add_argument(
+        "--archive",
+        type=parse_path_or_url,
+        metavar="FOLDER_OR_LIST",
+        help="track every recording with a target file or ground truth in a folder tree (with a "
+        "detector: every recording), or every path or URL listed in a text file; recordings whose "
+        "results are up to date are skipped",
+    )
+    archives.add_argument(
+        "--jobs",
+        type=positive,
+        metavar="N",
+        help="recordings tracked in parallel (default: 1; with --ray: one per core)",
+    )
+    archives.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        help="distribute the recordings over a Ray cluster: auto or HOST:PORT of a running "
+        "cluster, or local to start one on this machine (needs ray)",
+    )
+    archives.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="list the recordings to track and estimate the time, without writing anything",
     )
 
 
@@ -205,11 +223,11 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def _rate(text: str, most: float = 10_000.0) -> float:
+def _rate(text: str, highest: float = 10_000.0) -> float:
     try:
         rate = float(text)
     except ValueError:
         rate = math.nan
-    if not 0.01 <= rate <= most:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: 0.01 to {most:g}")
+    if not 0.01 <= rate <= highest:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: 0.01 to {highest:g}")
     return rate

@@ -1,4 +1,4 @@
-"""What can go wrong with a recording's tracking, each with an exit code of its own."""
+"""Errors of tracking a recording, and the exit codes of `track`."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ WRONG_DETECTIONS = 8
 INTERRUPTED = 130
 TERMINATED = 143
 
-DISK_IS_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Numbers of the system's errors for want of room."""
-_FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS)
+DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Error numbers of a full disk."""
+_PERMISSION_ERRNOS = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 class RecordingError(ValueError):
-    """Tracking a recording that cannot be done as asked; the message says why.
+    """A recording cannot be tracked as requested.
 
     Attributes:
         exit_code: Of the command `track`.
 
     Args:
-        message: One sentence.
+        message: What is wrong, and what would be right.
         exit_code: As the attribute.
     """
 
@@ -39,17 +39,11 @@ class RecordingError(ValueError):
 
 
 def unwritable(path: Path, error: OSError) -> RecordingError:
-    """The error of a file or folder that the system does not let one write."""
-    reason = error.strerror or type(error).__name__
-    if error.errno in DISK_IS_FULL:
-        return RecordingError(
-            f"{path} cannot be written any further ({reason}); make room, or choose another folder",
-            DISK_FULL,
-        )
-    if error.errno in _FORBIDDEN:
-        return RecordingError(
-            f"{path} may not be written by this user ({reason}); change the permissions of its "
-            "folder, or choose another one",
-            NO_PERMISSION,
-        )
-    return RecordingError(f"{path} cannot be written ({reason})", FAILED)
+    """Return the error for a file or folder that cannot be written."""
+    message = f"{path} cannot be written ({error.strerror or type(error).__name__})"
+    if error.errno in DISK_FULL_ERRNOS:
+        return RecordingError(f"{message}; free disk space, or choose another folder", DISK_FULL)
+    if error.errno in _PERMISSION_ERRNOS:
+        advice = "change the permissions of its folder, or choose another folder"
+        return RecordingError(f"{message}; {advice}", NO_PERMISSION)
+    return RecordingError(message, FAILED)

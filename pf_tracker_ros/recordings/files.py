@@ -1,4 +1,4 @@
-"""Which files the options of `track` ask for, and where."""
+"""The output files of `track`, from its options."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ BOXES, PARQUET, VIDEO, BAG = "boxes.csv", "boxes.parquet", "overlay.mp4", "topic
 
 
 def check_outputs(options: argparse.Namespace) -> None:
-    """Refuse what `open_outputs` would refuse because it is there already, or could not write.
+    """Check that the files can be created, before anything is tracked.
 
     Raises:
-        RecordingError: A file is there, or OpenCV cannot take the name of a video.
+        RecordingError: A file exists, or OpenCV does not support the name of the folder.
     """
     if options.video:
         _check_video_folder(options.output)
-    for folder, names in _places(options).items():
+    for folder, names in _output_files(options).items():
         check_free(folder, names)
 
 
 def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[OutputFolder]:
-    """Begin the files.
+    """Open the files for writing.
 
     Args:
         options: Of the command line.
-        plan: What is tracked.
-        name: What the report calls the recording.
+        plan: Of the recording.
+        name: Of the recording, for the report.
 
     Raises:
-        RecordingError: One is there already, or cannot be written.
+        RecordingError: A file exists, or cannot be written.
     """
-    makers = _makers(plan, name, str(options.seed))
+    factories = _writer_factories(plan, name, str(options.seed))
     opened: list[OutputFolder] = []
     try:
-        for folder, names in _places(options).items():
-            opened.append(OutputFolder(folder, {each: makers[each] for each in names}))
+        for folder, names in _output_files(options).items():
+            opened.append(OutputFolder(folder, {each: factories[each] for each in names}))
     except BaseException:
         for outputs in opened:
             outputs.discard()
@@ -54,19 +54,18 @@ def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[Out
 
 
 def _check_video_folder(folder: Path) -> None:
-    """Refuse a folder with whose name OpenCV would end the process."""
+    """Reject a name that is not UTF-8: OpenCV's writer would abort the process."""
     name = str(folder)
     try:
         name.encode()
     except UnicodeEncodeError as error:
         raise RecordingError(
-            f"--output {name!a} has a name that OpenCV cannot write a video into; give a folder "
-            "whose name is UTF-8"
+            f"OpenCV cannot write a video into --output {name!a}; give a folder with a UTF-8 name"
         ) from error
 
 
-def _places(options: argparse.Namespace) -> dict[Path, list[str]]:
-    """Folder to the names of the files that go there."""
+def _output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
+    """Folder to the names of its files."""
     names = [BOXES]
     names += [PARQUET] if options.parquet else []
     names += [VIDEO] if options.video else []
@@ -78,16 +77,16 @@ def _places(options: argparse.Namespace) -> dict[Path, list[str]]:
     return {options.output: names, options.report: [REPORT_FILE]}
 
 
-def _makers(plan: Plan, name: str, seed: str) -> dict[str, WriterFactory]:
-    """Name of each file to what begins it."""
-    recording, preset, most = plan.recording, plan.summary, plan.max_targets
-    columns = COLUMNS if most == 1 else LABELED_COLUMNS
+def _writer_factories(plan: Plan, name: str, seed: str) -> dict[str, WriterFactory]:
+    """Name of each file to the factory of its writer."""
+    recording, preset, max_targets = plan.recording, plan.summary, plan.max_targets
+    columns = COLUMNS if max_targets == 1 else LABELED_COLUMNS
     facts = {"recording": name, "preset": preset, "seed": seed}
     return {
         BOXES: functools.partial(BoxesCsv, columns=columns),
         PARQUET: functools.partial(BoxesParquet, columns=columns),
         VIDEO: functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval),
-        BAG: functools.partial(TopicBag, preset=preset, max_targets=most),
+        BAG: functools.partial(TopicBag, preset=preset, max_targets=max_targets),
         REPORT_FILE: functools.partial(
             RecordingReport, recording=recording, preset=preset, facts=facts
         ),

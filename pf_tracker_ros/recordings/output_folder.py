@@ -1,4 +1,7 @@
-"""The files of one recording in its folder: put in place whole, or up to where the work ended."""
+"""The output files of one recording, written in a hidden folder and moved into place when complete.
+
+If tracking ends early, the files are complete up to the last tracked frame.
+"""
 
 from __future__ import annotations
 
@@ -15,49 +18,46 @@ from pf_tracker_ros.recordings.tracking import TrackedFrame
 
 
 class FrameWriter(Protocol):
-    """Writes what is known after each frame."""
+    """Writes one output file, frame by frame."""
 
     def write(self, tracked: TrackedFrame) -> None:
         """Write one frame."""
-        ...
 
     def close(self) -> None:
-        """Finish the file, which then is whole."""
-        ...
+        """Complete the file."""
 
     def discard(self) -> None:
-        """Give the file up, unfinished, and all that it takes to write it."""
-        ...
+        """Release all resources; the file may stay incomplete."""
 
 
 WriterFactory = Callable[[Path], FrameWriter]
-"""Begins a file at a path where nothing is yet."""
+"""Makes the writer of a new file at a path."""
 
 
 class OutputFolder:
-    """Writes files side by side in a hidden folder, from where they go into place when closed.
+    """Writes several files in a hidden folder, and moves them into place on `close`.
 
     Args:
-        folder: Where they go; made where it is missing.
-        makers: Name of each file to what begins it.
+        folder: Final folder of the files; created if missing.
+        factories: Name of each file to the factory of its writer.
 
     Raises:
-        RecordingError: A file is there already, or cannot be written.
+        RecordingError: A file exists, or cannot be written.
     """
 
-    def __init__(self, folder: Path, makers: dict[str, WriterFactory]) -> None:
+    def __init__(self, folder: Path, factories: dict[str, WriterFactory]) -> None:
         self._folder = folder
-        check_free(folder, makers)
+        check_free(folder, factories)
         self._writers: dict[str, FrameWriter] = {}
-        self._made = ExitStack()
+        self._cleanup = ExitStack()
         try:
             for each in reversed([folder, *folder.parents]):
                 if not each.exists():
                     each.mkdir(exist_ok=True)
-                    self._made.callback(_remove_empty, each)
-            self._workplace = self._made.enter_context(hidden_folder(folder, ".track_"))
-            for name, make in makers.items():
-                self._writers[name] = make(self._workplace / name)
+                    self._cleanup.callback(_remove_empty, each)
+            self._staging_folder = self._cleanup.enter_context(hidden_folder(folder, ".track_"))
+            for name, make_writer in factories.items():
+                self._writers[name] = make_writer(self._staging_folder / name)
         except OSError as error:
             self.discard()
             raise unwritable(folder, error) from error
@@ -69,7 +69,7 @@ class OutputFolder:
         """Write a frame into every file.
 
         Raises:
-            RecordingError: One cannot be written any further.
+            RecordingError: A file cannot be written.
         """
         for name, writer in self._writers.items():
             try:
@@ -78,59 +78,57 @@ class OutputFolder:
                 raise unwritable(self._folder / name, error) from error
 
     def close(self) -> list[RecordingError]:
-        """Finish the files and put those that are whole into place.
+        """Complete the files and move them into place.
 
         Returns:
-            Why others are not.
+            The errors of the files that could not be completed or moved.
         """
-        failures: dict[str, RecordingError] = {}
+        failures: list[RecordingError] = []
         for name, writer in self._writers.items():
-            place = self._folder / name
+            path = self._folder / name
             try:
                 writer.close()
-                flush_to_disk(self._workplace / name)
-                move_without_overwriting(self._workplace / name, place)
+                flush_to_disk(self._staging_folder / name)
+                move_without_overwriting(self._staging_folder / name, path)
             except FileExistsError:
-                failures[name] = _exists(place)
+                failures.append(_exists_error(path))
             except OSError as error:
-                failures[name] = unwritable(place, error)
+                failures.append(unwritable(path, error))
             except RecordingError as error:
-                failures[name] = error
+                failures.append(error)
         self._writers = {}
         self.discard()
-        return list(failures.values())
+        return failures
 
     def discard(self) -> None:
-        """Leave nothing but what was put into place."""
+        """Remove everything that was not moved into place."""
         for writer in self._writers.values():
-            # What it is about is being given up already.
+            # The error that led here is reported instead.
             with contextlib.suppress(Exception):
                 writer.discard()
         self._writers = {}
-        self._made.close()
+        self._cleanup.close()
 
 
 def check_free(folder: Path, names: Iterable[str]) -> None:
-    """Refuse a folder where files are already, or where there can be none.
+    """Check that files can be created in a folder.
 
     Raises:
-        RecordingError: One is there, or it is no folder.
+        RecordingError: A file exists, or the path is not a folder.
     """
     try:
         if os.path.lexists(folder) and not folder.is_dir():
-            raise RecordingError(
-                f"{folder} is no folder; give another one to write into", OUTPUT_EXISTS
-            )
+            raise RecordingError(f"{folder} is not a folder; give another one", OUTPUT_EXISTS)
         for name in names:
             if os.path.lexists(folder / name):
-                raise _exists(folder / name)
+                raise _exists_error(folder / name)
     except OSError as error:
         raise unwritable(folder, error) from error
 
 
-def _exists(path: Path) -> RecordingError:
+def _exists_error(path: Path) -> RecordingError:
     return RecordingError(
-        f"{path} exists already and is left as it is; remove it or give another folder",
+        f"{path} exists already and is not overwritten; remove it, or give another folder",
         OUTPUT_EXISTS,
     )
 

@@ -1,4 +1,4 @@
-"""What is to be tracked in a recording, and how."""
+"""The plan of a run of `track`: recording, targets, detections and parameters, from its options."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import ActivePreset
 
 SIDECAR = Path()
-"""What an option stands for that is given without its file or folder: the one beside.
+"""Value of an option without its file or folder: the default place beside the recording or results.
 
-To be told by `is` from the folder that a user is in.
+Compare it with `is`: it equals the current folder.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What is to be tracked in a recording, and how.
+    """What is tracked, and how.
 
     Attributes:
-        recording: In which.
-        targets: Which, besides what a detector finds.
-        detection_source: Hears what a detector says, None without one.
+        recording: The recording.
+        targets: The given targets. Detections may start others.
+        detection_source: Source of the detections, None without a detector.
         preset: Name of the preset.
         parameters: Full name to value of all parameters.
         seed: As for `Tracker`.
@@ -63,12 +63,12 @@ class Plan:
 
     @property
     def max_targets(self) -> int:
-        """How many targets there may be."""
+        """The largest number of simultaneous targets."""
         return int(self.parameters["max_targets"])
 
     @property
     def summary(self) -> str:
-        """The preset, and how many values differ from it."""
+        """The preset, and the number of parameters that differ from it."""
         return ActivePreset.of({"preset": self.preset, **self.parameters}).summary
 
     def track(self) -> Generator[TrackedFrame, None, None]:
@@ -83,13 +83,13 @@ class Plan:
         )
 
     def close(self) -> None:
-        """Let go of what hears the detector."""
+        """Release the detection source."""
         if self.detection_source is not None:
             self.detection_source.close()
 
 
 def open_from_options(path: Path, options: argparse.Namespace) -> Recording:
-    """Open a recording as the options of `track` ask for.
+    """Open a recording with the options of `track`.
 
     Raises:
         FootageError: It cannot be read.
@@ -99,20 +99,20 @@ def open_from_options(path: Path, options: argparse.Namespace) -> Recording:
 
 
 def check_applies(options: argparse.Namespace, recording: Recording) -> None:
-    """Refuse options that are for another kind of recording.
+    """Check that the options apply to this kind of recording.
 
     Raises:
-        RecordingError: There is one.
+        RecordingError: One does not.
     """
     path = recording.path
     if options.bag_topic and not is_bag(path):
-        raise RecordingError(f"--bag-topic is for a bag, and {path} is none; leave it out")
+        raise RecordingError(f"--bag-topic applies to bags, and {path} is not a bag; leave it out")
     rate = 1.0 / recording.interval
-    # Where it tells the same, nothing is disregarded.
+    # The recording's own frame rate is no error.
     if options.frame_rate and not math.isclose(rate, options.frame_rate, rel_tol=1e-3):
         raise RecordingError(
-            f"--frame-rate is for a folder of images, and {path} tells its own, about {rate:.4g} "
-            "frames a second; leave it out"
+            f"--frame-rate applies to folders of images, and {path} has its own frame rate, about "
+            f"{rate:.4g} Hz; leave it out"
         )
 
 
@@ -123,18 +123,18 @@ def make_plan(
     *,
     is_archived: bool = False,
 ) -> Plan:
-    """What the options of `track` ask for.
+    """Make the plan from the options of `track`.
 
     Args:
-        recording: In which.
+        recording: To track in.
         options: Of the command line.
-        draw: Asks for up to so many targets in the place of all others, once nothing else is in
-            the way.
-        is_archived: Whether it is one of an archive, where some options are not allowed.
+        draw: Prompts for at most this many targets, which replace all others. Called last, when
+            all else is checked.
+        is_archived: Whether the recording belongs to an archive; changes the advice in errors.
 
     Raises:
-        RecordingError: There is no target, or one or the detections cannot be used.
-        ParameterError: A parameter is not allowed.
+        RecordingError: There is no target, or a target or the detections are invalid.
+        ParameterError: A parameter is invalid.
         FootageError: The detections of a bag cannot be read.
     """
     with_detector = uses_detector(options)
@@ -158,14 +158,14 @@ def make_plan(
 
 
 def apply_parameter_file(options: argparse.Namespace) -> None:
-    """Put what a parameter file gives into preset, parameters and seed, as if it had been typed.
+    """Merge the parameter file into preset, parameters and seed, as if they had been typed.
 
     Args:
-        options: Of the command line, which are changed.
+        options: Of the command line; changed.
 
     Raises:
         ParameterError: The file cannot be read, or is not for a tracker.
-        EvaluationError: What is given contradicts it.
+        EvaluationError: Another option contradicts it.
     """
     settings = merge_parameter_file(options)
     if options.seed is None:
@@ -173,22 +173,22 @@ def apply_parameter_file(options: argparse.Namespace) -> None:
 
 
 def uses_detector(options: argparse.Namespace) -> bool:
-    """Whether a detector is to start targets."""
+    """Whether detections start targets."""
     return any((options.detections, options.detections_topic, options.detector))
 
 
 def check_request(options: argparse.Namespace) -> None:
-    """Refuse what no recording could be tracked with, before one is opened.
+    """Check what can be checked before a recording is opened.
 
     Raises:
-        ParameterError: A parameter is not allowed.
-        RecordingError: There are more targets than there may be.
+        ParameterError: A parameter is invalid.
+        RecordingError: There are more targets than `max_targets`.
     """
     _parameters(options, [Target(box) for box in options.box or ()])
 
 
 def _parameters(options: argparse.Namespace, targets: Sequence[Target] = ()) -> dict[str, Any]:
-    """Full name to value of all parameters, for some targets; raises as `check_request`."""
+    """Full name to value of all parameters; raises as `check_request`."""
     given = parse_parameters(options.parameter)
     with errors_name_parameter_file(options):
         values = tracker_parameters(
@@ -199,10 +199,10 @@ def _parameters(options: argparse.Namespace, targets: Sequence[Target] = ()) -> 
 
 
 def require_package(package: str, extra: str) -> None:
-    """Make sure that a package is installed.
+    """Check that a package is installed.
 
     Raises:
-        RecordingError: It is not; the message says how to get it.
+        RecordingError: It is not.
     """
     try:
         importlib.import_module(package)
@@ -226,7 +226,7 @@ def _detection_source(
     if not lexists(path):
         otherwise = "" if is_archived else ", or give --detections FILE"
         raise RecordingError(
-            f"no detections for {recording.path}: write {path.name} beside it{otherwise}",
+            f"no detections for {recording.path}; write {path.name} beside it{otherwise}",
             WRONG_DETECTIONS,
         )
     return DetectionFile(path)

@@ -1,4 +1,4 @@
-"""Recordings of any kind as the frames that the node would be given, each with its stamp."""
+"""Recordings of every kind, read as the frames and stamps that the node would receive."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from pf_tracker_ros.footage.cdr import (
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 
-# As the parameter `max_image_pixels` of the node has it.
-_LARGEST_IMAGE = 2**24
-# What `replay` puts into the headers of footage that has none.
+# Default of the node's parameter `max_image_pixels`.
+_MAX_IMAGE_PIXELS = 2**24
+# Of footage without headers, as `replay` sets it.
 _FRAME_ID = "camera"
-# So many stamps tell how fast a bag's camera was.
-_TELLING_STAMPS = 30
+# Stamps of a bag from which its frame interval is estimated.
+_INTERVAL_STAMPS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +49,11 @@ class RecordedFrame:
     Attributes:
         index: Position in the recording, counted from 0.
         stamp: Of the header, nanoseconds; 0 means unknown.
-        log_time: When it was recorded, nanoseconds; the stamp where the recording does not tell.
-        frame_id: Frame of the header.
-        decoded: The image with its stamp, as for `Session.process`; None where the message holds
-            none that can be decoded.
+        log_time: Time of recording, nanoseconds; the stamp outside bags.
+        frame_id: Coordinate frame of the header.
+        decoded: The image with its stamp, as for `Session.process`; None if it cannot be decoded.
         problem: Why there is no image, or empty.
-        true_box: (x, y, width, height) in pixels, None where there is no ground truth for it.
+        true_box: (x, y, width, height) in pixels, None without ground truth for this frame.
     """
 
     index: int
@@ -67,7 +66,7 @@ class RecordedFrame:
 
     @property
     def image(self) -> NDArray[Any] | None:
-        """As for `Tracker.update`, None without one."""
+        """The image as for `Tracker.update`, or None."""
         return self.decoded.image if self.decoded else None
 
 
@@ -81,14 +80,14 @@ def open_recording(
     """Open a bag, a video, a folder of images or a sequence folder.
 
     Args:
-        path: Where it is.
-        bag_topic: Image topic of a bag; empty takes the only one that there is.
-        bag_ground_truth_topic: Topic of a bag with the true boxes; empty takes the only one whose
-            name ends with `ground_truth`, if there is one.
-        frame_rate: Frames a second, where the source does not tell.
+        path: Path of the recording.
+        bag_topic: Image topic of a bag; empty selects the only one.
+        bag_ground_truth_topic: Topic of the true boxes in a bag; empty selects the only one whose
+            name ends with `ground_truth`, if any.
+        frame_rate: Hertz, for sources without a frame rate of their own.
 
     Raises:
-        FootageError: It cannot be read; the message says why and what would be accepted.
+        FootageError: The recording cannot be read.
     """
     source = existing_path(path)
     if is_bag(source):
@@ -100,14 +99,14 @@ class FootageRecording:
     """Frames of a video, a folder of images or a sequence.
 
     Attributes:
-        path: Where it is.
-        frame_count: Number of frames as far as the source tells, else None.
-        interval: Seconds from one frame to the next, about.
+        path: Path of the recording.
+        frame_count: Number of frames if the source states it, else None.
+        interval: Approximate frame interval, seconds.
         has_ground_truth: Whether there are true boxes.
 
     Args:
-        path: Where it is.
-        footage: What was opened there.
+        path: As the attribute.
+        footage: The opened footage.
     """
 
     def __init__(self, path: Path, footage: Footage) -> None:
@@ -121,7 +120,7 @@ class FootageRecording:
         """Read the frames in order; each call starts from the first.
 
         Raises:
-            FootageError: The recording cannot be read, or not any further.
+            FootageError: The recording cannot be read, or only in part.
         """
         boxes = self._footage.ground_truth
         for index, frame in enumerate(self._footage.frames()):
@@ -132,10 +131,10 @@ class FootageRecording:
 
 
 class BagRecording:
-    """The images of a bag, decoded as the node decodes them; attributes as `FootageRecording`.
+    """The images of a bag, decoded as in the node; attributes as `FootageRecording`.
 
     Args:
-        bag: What was found in it.
+        bag: The opened bag.
     """
 
     def __init__(self, bag: ImageBag) -> None:
@@ -143,21 +142,21 @@ class BagRecording:
         self.frame_count = bag.image_count or None
         self.has_ground_truth = bag.ground_truth_topic is not None
         self._bag = bag
-        self._decoder = ImageDecoder(_LARGEST_IMAGE)
-        stamps = [image.stamp for image in islice(bag.images(), _TELLING_STAMPS)]
+        self._decoder = ImageDecoder(_MAX_IMAGE_PIXELS)
+        stamps = [image.stamp for image in islice(bag.images(), _INTERVAL_STAMPS)]
         gaps = [after - before for before, after in pairwise(stamps) if after > before]
         self.interval = median(gaps) / NANOSECONDS if gaps else 1.0 / DEFAULT_FRAME_RATE
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
         """Read the frames in order; see `FootageRecording.frames`."""
         for index, recorded in enumerate(self._bag.images()):
-            yield self._decoded(index, recorded)
+            yield self._decode(index, recorded)
 
-    def _decoded(self, index: int, recorded: BagImage) -> RecordedFrame:
+    def _decode(self, index: int, recorded: BagImage) -> RecordedFrame:
         is_compressed = self._bag.image_type == COMPRESSED_IMAGE_TYPE
-        read = deserialize_compressed_image if is_compressed else deserialize_image
+        deserialize = deserialize_compressed_image if is_compressed else deserialize_image
         try:
-            message = read(recorded.message)
+            message = deserialize(recorded.message)
         except FootageError as error:
             raise FootageError(f"bag {self.path}, frame {index}: {error}") from error
         frame, problem = None, ""
@@ -167,7 +166,7 @@ class BagRecording:
             problem = str(error)
         true_box = None
         if recorded.ground_truth is not None:
-            true_box = _box_of(deserialize_polygon(recorded.ground_truth))
+            true_box = _bounding_box(deserialize_polygon(recorded.ground_truth))
         return RecordedFrame(
             index, recorded.stamp, recorded.log_time, message.frame_id, frame, problem, true_box
         )
@@ -177,8 +176,8 @@ Recording = FootageRecording | BagRecording
 """A source of frames."""
 
 
-def _box_of(points: list[tuple[float, float]]) -> Box | None:
-    """The bounding rectangle of a polygon, None where it spans no area."""
+def _bounding_box(points: list[tuple[float, float]]) -> Box | None:
+    """The bounding rectangle of a polygon, None if it spans no area."""
     corners = np.array(points, dtype=np.float64).reshape(-1, 2)
     if len(corners) < 2 or not np.isfinite(corners).all():
         return None

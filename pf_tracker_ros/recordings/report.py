@@ -1,4 +1,4 @@
-"""The report of one tracked recording. Needs Jinja2 and Matplotlib."""
+"""The HTML report of a tracked recording. Needs Jinja2 and Matplotlib."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 ABSENT = (np.nan, np.nan, np.nan, np.nan)
-# A section is half a megabyte, most of it pictures.
-_MOST_SECTIONS = 20
+# A section takes half a megabyte, mostly images.
+_MAX_SECTIONS = 20
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,11 @@ class FrameSummary:
     Attributes:
         stamp: Nanoseconds.
         state: `skipped`, `idle`, or the state of the track.
-        box: (x, y, width, height) in pixels, None without one.
+        box: (x, y, width, height) in pixels, or None.
         true_box: Likewise.
-        confidence: 0 to 1, NaN where it is unknown.
-        seconds: What the tracker took for it, NaN where it did not track.
-        effective_sample_size: NaN where it is unknown.
+        confidence: 0 to 1, NaN if unknown.
+        seconds: Processing time, NaN for a frame that was not tracked.
+        effective_sample_size: NaN if unknown.
         cue_weights: Name of a cue to its weight.
     """
 
@@ -54,7 +54,7 @@ class FrameSummary:
 
 
 def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> FrameSummary:
-    """What is kept of a frame and of one of its targets, by default the only one that may be."""
+    """Summarize a frame for one of its targets, by default the selected one."""
     estimate = target.estimate if target else tracked.estimate
     return FrameSummary(
         stamp=tracked.frame.stamp,
@@ -69,15 +69,15 @@ def summary_of(tracked: TrackedFrame, target: TrackedTarget | None = None) -> Fr
 
 
 class RecordingReport:
-    """Writes the page of one recording once all of its frames are known.
+    """Writes the report of one recording after its last frame.
 
-    A single target has a section over all frames, with the figures of an evaluation where there is
-    a truth. Of several, each has one; of many those that were followed through the most frames.
+    A single target has one section over all frames, with the scores of an evaluation if there is
+    ground truth. With several targets, each has a section, at most the 20 longest.
 
     Args:
-        path: The file, made anew.
-        recording: What is tracked in; its frames are read again for the pictures.
-        preset: That tracks.
+        path: Of the new file.
+        recording: The tracked recording; its frames are read again for the images.
+        preset: Name of the preset.
         facts: Further facts of the run, name to value.
     """
 
@@ -88,15 +88,15 @@ class RecordingReport:
         self._recording = recording
         self._preset = preset
         self._facts = facts
-        self._alone: list[FrameSummary] = []
+        self._frames: list[FrameSummary] = []
         self._states: list[str] = []
         self._tracks: dict[int, _Track] = {}
 
     def write(self, tracked: TrackedFrame) -> None:
-        """Remember what is known of a frame."""
+        """Add a frame."""
         self._states.append(tracked.state)
         if tracked.max_targets == 1:
-            self._alone.append(summary_of(tracked))
+            self._frames.append(summary_of(tracked))
             return
         for target in tracked.targets:
             self._tracks.setdefault(target.id, _Track(target.id)).add(tracked, target)
@@ -107,27 +107,27 @@ class RecordingReport:
         Raises:
             OSError: It cannot be written.
         """
-        page = self._page_of_one() if self._alone else self._page_of_several()
+        page = self._single_target_page() if self._frames else self._multi_target_page()
         self._path.write_bytes(page.encode("utf-8", "replace"))
 
     def discard(self) -> None:
-        """Give the file up, which is not begun yet."""
+        """Do nothing: the file is not open before `close`."""
 
-    def _page_of_one(self) -> str:
+    def _single_target_page(self) -> str:
         true_boxes = None
         if self._recording.has_ground_truth:
-            true_boxes = np.array([each.true_box or ABSENT for each in self._alone])
+            true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
         return recording_page(
-            self._recording, self._alone, true_boxes, preset=self._preset, facts=self._facts
+            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
         )
 
-    def _page_of_several(self) -> str:
-        longest = sorted(self._tracks.values(), key=lambda track: -track.seen)[:_MOST_SECTIONS]
+    def _multi_target_page(self) -> str:
+        longest = sorted(self._tracks.values(), key=lambda track: -track.length)[:_MAX_SECTIONS]
         shown = sorted(longest, key=lambda track: track.id)
-        contents = [track.content_among(self._states) for track in shown]
+        contents = [track.content(self._states) for track in shown]
         count = str(len(self._tracks))
         if len(self._tracks) > len(shown):
-            count += f", of which the {len(shown)} that were followed longest are shown"
+            count += f", the {len(shown)} with the most frames shown"
         states = Counter(self._states).most_common()
         frames = ", ".join(f"{number} {state}" for state, number in states)
         facts = {**self._facts, "targets": count, "frames": frames}
@@ -142,36 +142,36 @@ def recording_page(
     preset: str,
     facts: Mapping[str, str],
 ) -> str:
-    """The page of one target in a recording, with the figures of an evaluation if there is a truth.
+    """The report of a single target, with the scores of an evaluation if there is ground truth.
 
     Args:
-        recording: What was tracked in; its frames are read again for the pictures.
-        frames: What is known of them, in order, at least one.
-        true_boxes: (frames, 4) what the boxes are compared with; None without such.
-        preset: That tracked.
+        recording: The tracked recording; its frames are read again for the images.
+        frames: Their summaries, in order, at least one.
+        true_boxes: (frames, 4) boxes to compare with, or None.
+        preset: Name of the preset.
         facts: Further facts of the run, name to value.
     """
-    content = _content_of(recording.path.name, frames, true_boxes)
-    content = _scored(content, np.array([each.seconds for each in frames]))
+    content = _content(recording.path.name, frames, true_boxes)
+    content = _with_scores(content, np.array([each.seconds for each in frames]))
     return _page(recording, [content], preset=preset, facts=facts, mean=content.scores)
 
 
-def _page(recording: Recording, contents: Sequence[SequenceContent], **about: Any) -> str:
+def _page(recording: Recording, contents: Sequence[SequenceContent], **header: Any) -> str:
     def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
         with closing(recording.frames()) as frames:
             for frame in frames:
                 yield frame.index, frame.image
 
-    # What could be read once is there again, or the page has no pictures.
+    # If the recording is gone by now, the page has no images.
     try:
-        pictures = make_thumbnails(contents, images())
+        thumbnails = make_thumbnails(contents, images())
     except FootageError:
-        pictures = [{} for _ in contents]
-    sections = list(map(Section, contents, pictures))
-    return render(Report(title=f"{recording.path.name}, tracked", sections=sections, **about))
+        thumbnails = [{} for _ in contents]
+    sections = list(map(Section, contents, thumbnails))
+    return render(Report(title=f"{recording.path.name}, tracked", sections=sections, **header))
 
 
-def _scored(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceContent:
+def _with_scores(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceContent:
     overlaps, errors = content.overlaps, content.center_errors
     if overlaps is None or errors is None or np.isnan(overlaps).all():
         return content
@@ -190,15 +190,7 @@ def _scored(content: SequenceContent, seconds: NDArray[np.float64]) -> SequenceC
 
 
 class _Track:
-    """What is known of one of several targets from its first frame to its last one.
-
-    Attributes:
-        id: Its own.
-        seen: Number of frames in which it was told.
-
-    Args:
-        id: As the attribute.
-    """
+    """The frames of one of several targets, from its first to its last."""
 
     def __init__(self, id: int) -> None:
         self.id = id
@@ -206,40 +198,31 @@ class _Track:
         self._frames: dict[int, FrameSummary] = {}
 
     @property
-    def seen(self) -> int:
+    def length(self) -> int:
+        """Number of frames with the target."""
         return len(self._frames)
 
     def add(self, tracked: TrackedFrame, target: TrackedTarget) -> None:
-        """Take it in a frame."""
+        """Add a frame with the target."""
         self._frames[tracked.frame.index] = summary_of(tracked, target)
         self._label = target.label or self._label
 
-    def content_among(self, states: Sequence[str]) -> SequenceContent:
-        """What there is to tell of it.
-
-        Args:
-            states: Of all frames.
-        """
+    def content(self, states: Sequence[str]) -> SequenceContent:
+        """The content of its section, from the states of all frames of the recording."""
         first, end = min(self._frames), max(self._frames) + 1
         frames = [
             self._frames.get(number)
             or FrameSummary(0, "skipped" if states[number] == "skipped" else "absent", None, None)
             for number in range(first, end)
         ]
-        content = _content_of(f"target {self.id} {self._label}".rstrip(), frames, None)
+        content = _content(f"target {self.id} {self._label}".rstrip(), frames, None)
         has_ended = any(state != "skipped" for state in states[end:])
         return replace(content, first=first, has_ended=has_ended)
 
 
-def _content_of(
+def _content(
     name: str, frames: Sequence[FrameSummary], true_boxes: NDArray[np.float64] | None
 ) -> SequenceContent:
-    """What there is to tell of a recording, without figures.
-
-    Args:
-        name: Of the recording.
-        frames: In order, at least one.
-        true_boxes: (frames, 4) what the boxes are compared with; None without such.
-    """
+    """The content of a section, without scores; arguments as for `recording_page`."""
     boxes = forward_fill([each.box for each in frames])
     return SequenceContent(name, boxes, true_boxes, **vars(FrameDetails.of(frames)))

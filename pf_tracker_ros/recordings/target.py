@@ -1,17 +1,17 @@
-"""Which targets are tracked in a recording: from the command line, a file beside it, or its truth.
+"""The targets of a recording: from the command line, its target file or its ground truth.
 
-A target file `drive.target.yaml` stands beside `drive.mcap`:
+The target file `drive.target.yaml` stands beside `drive.mcap`:
 
     target_box: [293.0, 97.0, 115.0, 82.0]   # x, y, width, height, pixels
     frame: 3                                 # on which it was drawn, counted from 0
     stamp: 1700000000000000000               # of that frame, nanoseconds
-    label: car                               # what it is
-    recording: drive.mcap                    # in which: the name of its file or folder
-    image_size: [768, 576]                   # width and height of its images, pixels
+    label: car                               # class or name
+    recording: drive.mcap                    # name of its file or folder
+    image_size: [768, 576]                   # width, height, pixels
 
-All but `target_box` may be left out; without `frame` and `stamp` it is drawn on the first frame.
-Of several targets, each has these in a list `targets`; `recording` and `image_size` may stand
-beside that, for all of them.
+Only `target_box` is required. Without `frame` and `stamp` the box is in the first frame. Several
+targets stand in a list `targets`, with these keys each. `recording` and `image_size` may also
+stand beside the list.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
 _SHARED_KEYS = {"recording", "image_size"}
-# YAML has whole numbers beyond all floats.
-_LARGEST = sys.float_info.max
+# YAML integers are unbounded.
+_MAX_FLOAT = sys.float_info.max
 
 
 @dataclass(frozen=True)
 class Target:
-    """What is to be tracked, and from which frame on.
+    """A target to track, and the frame of its first box.
 
     Attributes:
-        box: (x, y, width, height) in pixels; None takes the first true box.
-        stamp: Of the frame that the box was drawn on, nanoseconds; 0 where that is unknown.
-        frame: Of that frame, counted from 0; None where that is unknown. Without either it is the
-            first one.
-        image_size: (width, height) of the image that it was drawn on, None where that is unknown.
-        source: Where it comes from, for messages.
-        label: What it is, or empty.
+        box: (x, y, width, height) in pixels; None means the first true box.
+        stamp: Of the frame of the box, nanoseconds; 0 if unknown.
+        frame: Index of this frame, counted from 0; None if unknown. Without `stamp` and `frame` it
+            is the first frame.
+        image_size: (width, height) of the image, None if unknown.
+        source: Where the target comes from, for messages.
+        label: Class or name, or empty.
     """
 
     box: Box | None
@@ -62,10 +62,10 @@ class Target:
     label: str = ""
 
     def box_in(self, frame: RecordedFrame) -> Box | None:
-        """The box as the node would be sent it with this frame; None before its frame comes.
+        """The box in single precision, as in a message to the node; None before its frame.
 
         Raises:
-            RecordingError: It was drawn on another recording.
+            RecordingError: The target belongs to another recording.
         """
         if self.box is None:
             return None if frame.true_box is None else box_in_single_precision(frame.true_box)
@@ -77,50 +77,50 @@ class Target:
         if is_before:
             return None
         if self.frame not in (None, frame.index) or self.stamp not in (0, frame.stamp):
-            raise self.missed()
+            raise self.not_found_error()
         if frame.image is None:
             raise RecordingError(f"frame {frame.index}, with the target: {frame.problem}", REFUSED)
         size = (frame.image.shape[1], frame.image.shape[0])
         if self.image_size not in (None, size):
             raise RecordingError(
-                f"{self.source} is of images of {_size_text(self.image_size)} px, and these have "
+                f"{self.source} is for images of {_size_text(self.image_size)} px, but these have "
                 f"{_size_text(size)} px: it belongs to another recording",
                 WRONG_TARGET,
             )
         return box_in_single_precision(self.box)
 
-    def missed(self) -> RecordingError:
-        """The error of a recording that has not the frame that the target was drawn on."""
+    def not_found_error(self) -> RecordingError:
+        """Return the error for a recording without the frame of the target."""
         if self.box is None:
             return RecordingError(
-                "there is no true box in any frame; write a target file beside the recording, or "
-                "give --box x,y,w,h where it is tracked alone"
+                "the ground truth has no box in any frame; write a target file beside the "
+                "recording, or give --box X,Y,W,H for a single recording"
             )
         known = [f"number {self.frame}"] if self.frame is not None else []
-        known += [f"stamped {self.stamp} ns"] if self.stamp else []
+        known += [f"stamp {self.stamp} ns"] if self.stamp else []
         return RecordingError(
-            f"{self.source} is of a frame {', '.join(known)}, which this recording does not "
-            "have: it belongs to another recording",
+            f"{self.source} is for the frame with {' and '.join(known)}, which this recording does "
+            "not have: it belongs to another recording",
             WRONG_TARGET,
         )
 
 
 def choose_target(recording: Recording, box: Sequence[float] | None) -> Target:
-    """The one target of a recording: the box that is given, else its target file, else its truth.
+    """The single target of a recording: the given box, else its target file, else its truth.
 
     Args:
-        recording: What is to be tracked.
-        box: (x, y, width, height) in the first frame, in pixels.
+        recording: To track in.
+        box: (x, y, width, height) in the first frame, in pixels, or None.
 
     Raises:
-        RecordingError: There is none, there are several, or the target file is wrong or of another
-            recording.
+        RecordingError: There is no target or more than one, or the target file is invalid or
+            belongs to another recording.
     """
     first, *others = choose_targets(recording, () if box is None else (box,))
     if others:
         raise RecordingError(
-            f"{target_file(recording.path)} lists {1 + len(others)} targets; allowed here: one, as "
-            "several are for the command track and the console",
+            f"{target_file(recording.path)} lists {1 + len(others)} targets; allowed here: one "
+            "(the command track and the console take several)",
             WRONG_TARGET,
         )
     return first
@@ -133,17 +133,21 @@ def choose_targets(
     with_detector: bool = False,
     is_archived: bool = False,
 ) -> tuple[Target, ...]:
-    """The targets of a recording: the boxes that are given, else its target file, else its truth.
+    """The targets of a recording: the given boxes, else its target file, else its truth.
 
     Args:
-        recording: What is to be tracked.
+        recording: To track in.
         boxes: (x, y, width, height) in the first frame, in pixels.
-        with_detector: Whether a detector starts targets: then there need be no other, and the truth,
-            which is of one target, is none.
-        is_archived: Whether it is one of an archive, for what is advised where there is none.
+        with_detector: Whether a detector starts targets. Then none are required, and the truth,
+            which has a single target, is not used.
+        is_archived: Whether the recording belongs to an archive; changes the advice in errors.
+
+    Returns:
+        The targets; empty only with a detector.
 
     Raises:
-        RecordingError: There is none, or the target file is wrong or of another recording.
+        RecordingError: There is no target, or the target file is invalid or belongs to another
+            recording.
     """
     if boxes:
         return tuple(Target(as_box(box), source="--box") for box in boxes)
@@ -155,24 +159,24 @@ def choose_targets(
     if recording.has_ground_truth:
         return (Target(None, source="the ground truth"),)
     write = f"write {path.name} beside it"
-    advice = f"give --box x,y,w,h for the first frame, or {write}, or draw the target with --draw"
+    advice = f"give --box X,Y,W,H for the first frame, draw it with --draw, or {write}"
     if is_archived:
-        advice = f"{write}, or find targets with --detections, --detections-topic or --detector"
-    raise RecordingError(f"no target for {recording.path}: {advice}")
+        advice = f"{write}, or detect targets with --detections, --detections-topic or --detector"
+    raise RecordingError(f"no target for {recording.path}; {advice}")
 
 
 def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     """Read a target file.
 
     Args:
-        path: The file.
-        source: The recording that it stands beside.
+        path: Path of the file.
+        source: Path of its recording.
 
     Returns:
         The targets, at least one.
 
     Raises:
-        RecordingError: It cannot be read, is wrong, or names another recording.
+        RecordingError: It cannot be read, is invalid, or names another recording.
     """
     document = _read_yaml(path)
     if "targets" not in document:
@@ -180,13 +184,14 @@ def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     _check_keys(path, "", document, {"targets", *_SHARED_KEYS})
     entries = document.pop("targets")
     if not isinstance(entries, list) or not entries:
-        raise _wrong(path, "'targets'", entries, "a list with a mapping for each target")
+        raise _invalid(path, "'targets'", entries, "a list with a mapping for each target")
     targets = []
     for number, entry in enumerate(entries, start=1):
-        of = f" of target {number}"
+        which = f" of target {number}"
         if not isinstance(entry, dict):
-            raise _wrong(path, f"the entry{of}", entry, "a mapping with target_box, frame, stamp")
-        targets.append(_target(path, of, {**document, **entry}, source))
+            allowed = "a mapping with target_box, frame, stamp"
+            raise _invalid(path, f"the entry{which}", entry, allowed)
+        targets.append(_target(path, which, {**document, **entry}, source))
     return tuple(targets)
 
 
@@ -223,19 +228,18 @@ def _yaml_line(name: str, value: str) -> str:
 
 
 def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool = False) -> Path:
-    """Write the target file of a recording, whole or not at all.
+    """Write the target file of a recording atomically.
 
     Args:
         targets: At least one, each with a box.
-        source: The recording that they are in.
-        may_replace: Whether one that is there may be written over; of a link, what it leads to.
+        source: Path of the recording.
+        may_replace: Whether an existing file may be replaced; for a link, the file it points to.
 
     Returns:
         Path of the file.
 
     Raises:
-        OSError: It cannot be written, or there is one that may not be written over, or what is no
-            file.
+        OSError: It cannot be written, or it exists and may not be replaced, or is not a file.
     """
     path = target_file(source)
     with atomic_write(path, may_replace=may_replace) as draft:
@@ -243,44 +247,37 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
     return path
 
 
-def _target(path: Path, of: str, document: dict[str, Any], source: Path) -> Target:
-    """One target of a file.
-
-    Args:
-        path: The file.
-        of: Which one, for messages; empty for the only one.
-        document: Its keys and values.
-        source: As for `read_targets`.
-    """
-    _check_keys(path, of, document, _KEYS)
-    name = document.get("recording")
-    if name is not None and name != resolved(source).name:
+def _target(path: Path, which: str, document: dict[str, Any], source: Path) -> Target:
+    """One target of a file; `which` names it in messages, such as " of target 2", or is empty."""
+    _check_keys(path, which, document, _KEYS)
+    recording = document.get("recording")
+    if recording is not None and recording != resolved(source).name:
         raise RecordingError(
-            f"{path} is the target of {name!r}, not of {resolved(source).name!r}: draw one for "
-            "this recording, or correct 'recording' in it",
+            f"{path} is for {recording!r}, not for {resolved(source).name!r}; draw a target in "
+            "this recording, or correct 'recording' in the file",
             WRONG_TARGET,
         )
-    what = f"'target_box'{of}"
+    name = f"'target_box'{which}"
     box = _numbers(
-        path, what, document.get("target_box"), 4, "four numbers, x, y, width and height in pixels"
+        path, name, document.get("target_box"), 4, "four numbers, x, y, width and height in pixels"
     )
     if min(box[2:]) <= 0:
-        raise _wrong(path, what, document["target_box"], "a width and height above 0")
+        raise _invalid(path, name, document["target_box"], "a width and height above 0")
     image_size = None
     if (size := document.get("image_size")) is not None:
-        what = f"'image_size'{of}"
-        allowed = "two numbers, width and height, both whole"
-        width, height = _numbers(path, what, size, 2, allowed)
+        name = f"'image_size'{which}"
+        allowed = "two whole numbers, width and height"
+        width, height = _numbers(path, name, size, 2, allowed)
         if not (width.is_integer() and height.is_integer()):
-            raise _wrong(path, what, size, allowed)
+            raise _invalid(path, name, size, allowed)
         image_size = (int(width), int(height))
     return Target(
         as_box(box),
-        stamp=_whole(path, of, document, "stamp") or 0,
-        frame=_whole(path, of, document, "frame"),
+        stamp=_whole_number(path, which, document, "stamp") or 0,
+        frame=_whole_number(path, which, document, "frame"),
         image_size=image_size,
-        source=f"{of.removeprefix(' of ')} of {path}" if of else str(path),
-        label=_label(path, of, document.get("label")),
+        source=f"{which.removeprefix(' of ')} of {path}" if which else str(path),
+        label=_label(path, which, document.get("label")),
     )
 
 
@@ -290,51 +287,52 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     except YamlError as error:
         raise RecordingError(str(error), WRONG_TARGET) from error
     if not isinstance(document, dict):
-        raise _wrong(path, "it", document, "a mapping with target_box, frame and stamp")
+        raise _invalid(path, "the document", document, "a mapping with target_box, frame and stamp")
     return document
 
 
-def _check_keys(path: Path, of: str, mapping: dict[str, Any], allowed: set[str]) -> None:
+def _check_keys(path: Path, which: str, mapping: dict[str, Any], allowed: set[str]) -> None:
     unknown = sorted(str(key) for key in mapping.keys() - allowed)
     if unknown:
         raise RecordingError(
-            f"{path} has {', '.join(unknown)}{of}; allowed: {', '.join(sorted(allowed))}",
+            f"{path}: unknown key {', '.join(unknown)}{which}; allowed: "
+            f"{', '.join(sorted(allowed))}",
             WRONG_TARGET,
         )
 
 
-def _label(path: Path, of: str, value: Any) -> str:
+def _label(path: Path, which: str, value: Any) -> str:
     label = "" if value is None else value
     if not isinstance(label, str):
-        raise _wrong(path, f"'label'{of}", value, "one text, such as car or '7'")
+        raise _invalid(path, f"'label'{which}", value, "a text, such as car or '7'")
     try:
         label.encode("utf-8")
     except UnicodeEncodeError:
-        raise _wrong(path, f"'label'{of}", value, "a text of Unicode characters") from None
+        raise _invalid(path, f"'label'{which}", value, "Unicode text") from None
     return label
 
 
-def _whole(path: Path, of: str, document: dict[str, Any], name: str) -> int | None:
+def _whole_number(path: Path, which: str, document: dict[str, Any], name: str) -> int | None:
     value = document.get(name)
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise _wrong(path, f"'{name}'{of}", value, "a whole number from 0")
+        raise _invalid(path, f"'{name}'{which}", value, "a whole number from 0")
     return int(value)
 
 
-def _numbers(path: Path, what: str, value: Any, count: int, allowed: str) -> list[float]:
+def _numbers(path: Path, name: str, value: Any, count: int, allowed: str) -> list[float]:
     is_list = isinstance(value, list) and len(value) == count
     if not is_list or not all(
-        isinstance(one, (int, float)) and not isinstance(one, bool) and abs(one) <= _LARGEST
+        isinstance(one, (int, float)) and not isinstance(one, bool) and abs(one) <= _MAX_FLOAT
         for one in value
     ):
-        raise _wrong(path, what, value, allowed)
+        raise _invalid(path, name, value, allowed)
     return [float(one) for one in value]
 
 
-def _wrong(path: Path, what: str, value: Any, allowed: str) -> RecordingError:
-    return RecordingError(f"{path}: {what} is {quoted(value)}; allowed: {allowed}", WRONG_TARGET)
+def _invalid(path: Path, name: str, value: Any, allowed: str) -> RecordingError:
+    return RecordingError(f"{path}: {name} is {quoted(value)}; allowed: {allowed}", WRONG_TARGET)
 
 
 def _size_text(size: tuple[int, int] | None) -> str:

@@ -1,4 +1,4 @@
-"""What the node would have published, as a bag to play beside the recording."""
+"""The topics that the node would publish, as a bag to play together with the recording."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ _STATUS = f"{NODE}/status"
 
 
 class TopicBag:
-    """Writes the node's topics into an MCAP file, logged when their images were. Needs rosbags.
+    """Writes the node's topics into an MCAP file, with the log times of the images. Needs rosbags.
 
     Attributes:
         topics: Name to type.
 
     Args:
-        path: The file, made anew.
-        preset: As the status names it.
-        max_targets: As the tracker has it.
+        path: Of the new file.
+        preset: As in the status.
+        max_targets: As in the tracker.
 
     Raises:
         FootageError: rosbags is missing.
@@ -35,7 +35,7 @@ class TopicBag:
     def __init__(self, path: Path, preset: str, max_targets: int) -> None:
         names = ["box", *(["boxes"] if max_targets > 1 else []), "particles", "overlay"]
         self._outputs = {f"{NODE}/{one.name}": one for one in OUTPUT_TOPICS if one.name in names}
-        types = {topic: output.message_type for topic, output in self._outputs.items()}
+        types = {name: output.message_type for name, output in self._outputs.items()}
         self.topics: Mapping[str, str] = {**types, _STATUS: STATUS_TYPE}
         self._preset = preset
         self._last_state = "idle"
@@ -45,7 +45,7 @@ class TopicBag:
             self._writer.add_topic(topic, message_type)
 
     def write(self, tracked: TrackedFrame) -> None:
-        """Write what the node would publish for a frame."""
+        """Write the messages of a frame."""
         frame, new = tracked.frame, self._writer.new
         header = self._writer.header(frame.stamp, frame.frame_id)
         messages = {}
@@ -60,16 +60,16 @@ class TopicBag:
                 self._writer.write_message(topic, frame.log_time, message)
 
     def close(self) -> None:
-        """Finish the file."""
+        """Complete the file."""
         self._writer.__exit__(None, None, None)
 
     def discard(self) -> None:
-        """Give the file up."""
+        """Close the incomplete file."""
         error = InterruptedError()
         self._writer.__exit__(type(error), error, None)
 
     def _status(self, tracked: TrackedFrame) -> Status:
-        """What is told of the frame as a whole."""
+        """The status of the tracker as a whole."""
         problems = [tracked.problem] if tracked.problem else []
         problems += tracked.warnings
         level = SEVERITIES[self._last_state]
@@ -79,7 +79,7 @@ class TopicBag:
         values: StatusValues = {"frame": tracked.outcome, "state": tracked.state}
         if tracked.state == "skipped":
             values["last_state"] = self._last_state
-            text = text if problems else f"not looked at: {tracked.outcome}"
+            text = text if problems else f"frame skipped: {tracked.outcome}"
         else:
             values |= tracked.values
         values["processing_time_ms"] = 1e3 * tracked.seconds

@@ -1,4 +1,11 @@
-"""Track the targets of a recording as the node does that is shown it in lockstep."""
+"""Tracks the targets of a recording, with the results of the node in a lockstep replay.
+
+For each frame:
+1. Detections that arrived since the previous frame are added to the session.
+2. Targets whose first box is in this frame are requested.
+3. The session tracks into the frame.
+4. The detection source receives the frame, for a built-in detector.
+"""
 
 from __future__ import annotations
 
@@ -25,26 +32,24 @@ from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 SKIPPED = ("refused", *DROPPED_ARRIVALS)
-"""What becomes of a frame that is not looked at, as the node's status says it."""
+"""Outcomes of frames that are not tracked, as in the node's status."""
 
-# As the node's parameters `frame_buffer_length` and `frame_buffer_megabytes` have them: late detections count
-# in what is kept.
-_HISTORY = (120, 64.0)
+# Defaults of the node's parameters `frame_buffer_length` and `frame_buffer_megabytes`: late
+# detections are applied to buffered frames only.
+_FRAME_BUFFER_LIMITS = (120, 64.0)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TrackedFrame(FrameResult):
-    """One frame of a recording, and what the tracker makes of it.
-
-    Of a frame that was not looked at, there are no targets.
+    """One frame of a recording, and the tracker's result. A skipped frame has no targets.
 
     Attributes:
         frame: The frame.
         outcome: "started", "tracked", "waiting", "duplicate", "late" or "refused".
         problem: Why the frame was refused, or empty.
-        seconds: What the tracker took for it.
-        warnings: Which detections were no use, and which targets ended for the images' sake, a
-            sentence each.
+        seconds: Processing time.
+        warnings: A sentence for each rejected detection, and for each target that ended because of
+            the images.
     """
 
     frame: RecordedFrame
@@ -55,17 +60,17 @@ class TrackedFrame(FrameResult):
 
     @property
     def state(self) -> str:
-        """`skipped`, `idle`, or the state of the selected target, without one of that seen best."""
+        """`skipped`, `idle`, or the state of the selected target, else of the best one."""
         return "skipped" if self.outcome in SKIPPED else super().state
 
     @property
     def box(self) -> Box | None:
-        """(x, y, width, height) of the selected target; None where the node publishes none."""
+        """(x, y, width, height) of the selected target; None if the node publishes none."""
         return published_box(self.estimate)
 
 
 def published_box(estimate: Estimate | None) -> Box | None:
-    """The box of an estimate; None of a target that is lost, and without one."""
+    """The box of an estimate; None for a lost target or no estimate."""
     return None if estimate is None or estimate.state == "lost" else estimate.box
 
 
@@ -76,29 +81,30 @@ def tracker_parameters(
     *,
     with_detector: bool = False,
 ) -> dict[str, Any]:
-    """The value of every parameter for some targets.
+    """The value of every parameter.
 
     Args:
         preset: Name of a preset.
-        parameters: Full name to value, where they differ from the preset's; `max_targets` is 1 for
-            one target and no detector, and else 32, where it is not given.
-        targets: To be tracked.
-        with_detector: Whether a detector starts targets, too.
+        parameters: Full name to value, where they differ from the preset's. The default of
+            `max_targets` is 1 for one target without a detector, else 32.
+        targets: The given targets.
+        with_detector: Whether detections start targets.
 
     Raises:
         ParameterError: There is no such preset.
-        RecordingError: There are more targets than there may be.
+        RecordingError: There are more targets than `max_targets`.
     """
-    usual = 1 if len(targets) == 1 and not with_detector else DEFAULT_MAX_TARGETS
-    given = parameters.get("max_targets", usual)
-    # What is no number is refused by its name, with all values.
-    most = given if isinstance(given, int) else usual
-    if len(targets) > most:
+    default = 1 if len(targets) == 1 and not with_detector else DEFAULT_MAX_TARGETS
+    given = parameters.get("max_targets", default)
+    # The session rejects other types, with the name of the parameter.
+    max_targets = given if isinstance(given, int) else default
+    if len(targets) > max_targets:
         raise RecordingError(
-            f"{len(targets)} targets are given, and 'max_targets' is {most}; allowed: no more",
+            f"there are {len(targets)} targets, but 'max_targets' is {max_targets}; raise it, or "
+            "give fewer targets",
             WRONG_TARGET,
         )
-    return {**preset_parameters(preset, most), **parameters}
+    return {**preset_parameters(preset, max_targets), **parameters}
 
 
 def track_recording(
@@ -112,47 +118,39 @@ def track_recording(
 ) -> Generator[TrackedFrame, None, None]:
     """Track targets through a recording.
 
-    The frames go through the same `Session` as those of the node, so ids and boxes are those that
-    it publishes for a replay in lockstep. Frames are read ahead in a thread.
+    The frames go through the same `Session` as in the node, so ids and boxes equal those that it
+    publishes in a lockstep replay. A thread prefetches the frames.
 
     Args:
-        recording: What to track in.
-        targets: What to track, besides what a detector finds.
-        detection_source: Hears what a detector says, None for none; used up with this.
+        recording: To track in.
+        targets: To track. Detections may start others.
+        detection_source: Source of detections, or None; can be used once.
         preset: Name of a preset.
-        parameters: Full name to value, where they differ from the preset's; `max_targets` is 1 for
-            one target and no detector, and else 32, where it is not given.
+        parameters: As for `tracker_parameters`.
         seed: As for `Tracker`.
 
     Yields:
         Every frame, in order.
 
     Raises:
-        ParameterError: A parameter is not allowed.
-        RecordingError: A target is refused, or targets or detections are of another recording.
-        FootageError: The recording cannot be read, or not any further.
+        ParameterError: A parameter is invalid.
+        RecordingError: A target is refused, or targets or detections belong to another recording.
+        FootageError: The recording cannot be read, or only in part.
     """
-    wanted = [targets] if isinstance(targets, Target) else targets
+    targets = [targets] if isinstance(targets, Target) else targets
     with_detector = detection_source is not None
-    values = tracker_parameters(preset, parameters or {}, wanted, with_detector=with_detector)
-    tracking = _Tracking(wanted, detection_source, values, seed)
+    values = tracker_parameters(preset, parameters or {}, targets, with_detector=with_detector)
+    tracking = _Tracking(targets, detection_source, values, seed)
     count = 0
     with one_opencv_thread(), closing(Prefetch(recording.frames())) as frames:
         for frame in frames:
             count += 1
-            yield tracking.take(frame)
+            yield tracking.process(frame)
         tracking.finish(count)
 
 
 class _Tracking:
-    """One way through a recording.
-
-    Args:
-        targets: As for `track_recording`.
-        detection_source: As for `track_recording`.
-        values: Of all parameters.
-        seed: As for `track_recording`.
-    """
+    """One pass through a recording, with the values of all parameters."""
 
     def __init__(
         self,
@@ -163,45 +161,45 @@ class _Tracking:
     ) -> None:
         self._session = Session(values, seed)
         if detection_source is not None:
-            self._session.frame_buffer.limit(*_HISTORY)
+            self._session.frame_buffer.limit(*_FRAME_BUFFER_LIMITS)
         self._max_targets: int = values["max_targets"]
-        self._waiting = list(targets)
-        self._asked_for: list[Target] = []
+        self._pending = list(targets)
+        self._requested: list[Target] = []
         self._labels: dict[int, str] = {}
         self._detection_source = detection_source or DetectionSource()
 
-    def take(self, frame: RecordedFrame) -> TrackedFrame:
+    def process(self, frame: RecordedFrame) -> TrackedFrame:
         """Track into a frame."""
-        refused = self._hear(frame)
-        self._request(frame)
+        detection_errors = self._add_detections(frame)
+        self._request_targets(frame)
         problem = ""
-        began = time.perf_counter()
+        started_at = time.perf_counter()
         try:
-            outcome = self._process(frame)
+            outcome = self._session_outcome(frame)
         except (ValueError, cv2.error) as error:
-            # What is known of it is as little as of one that came late.
+            # Without an image there is no result, as for a late frame.
             outcome, problem = Outcome("late"), str(error)
-        seconds = time.perf_counter() - began
+        seconds = time.perf_counter() - started_at
         self._detection_source.on_frame(frame, outcome)
         if outcome.refused:
-            raise _refused(frame, self._asked_for, "; ".join(outcome.refused))
+            raise _target_error(frame, self._requested, "; ".join(outcome.refused))
         for id in outcome.started:
-            self._labels[id] = self._asked_for.pop(0).label
-        is_seen = outcome.frame not in SKIPPED
+            self._labels[id] = self._requested.pop(0).label
+        is_tracked = outcome.frame not in SKIPPED
         return TrackedFrame(
             frame=frame,
             outcome="refused" if problem else outcome.frame,
-            targets=tuple(map(self._labeled, outcome.targets)) if is_seen else (),
+            targets=tuple(map(self._labeled, outcome.targets)) if is_tracked else (),
             selected=outcome.selected,
             max_targets=self._max_targets,
             detector_runs=self._session.detector_runs,
             image=frame.image,
             problem=problem,
             seconds=seconds,
-            warnings=(*refused, *outcome.ended, *outcome.rejected_detections),
+            warnings=(*detection_errors, *outcome.ended, *outcome.rejected_detections),
         )
 
-    def _process(self, frame: RecordedFrame) -> Outcome:
+    def _session_outcome(self, frame: RecordedFrame) -> Outcome:
         arrival = self._session.classify(frame.stamp)
         if arrival in DROPPED_ARRIVALS:
             return self._session.drop(arrival)
@@ -210,48 +208,44 @@ class _Tracking:
         return self._session.process(frame.decoded, arrival)
 
     def finish(self, frame_count: int) -> None:
-        """Take that the recording has ended.
-
-        Raises:
-            RecordingError: It has not all frames that were spoken of.
-        """
-        if self._waiting:
-            raise self._waiting[0].missed()
+        """End the pass; raises RecordingError if the frame of a target or detection is missing."""
+        if self._pending:
+            raise self._pending[0].not_found_error()
         self._detection_source.finish(frame_count)
 
-    def _hear(self, frame: RecordedFrame) -> list[str]:
-        """Take what detectors have said before a frame; why it was refused."""
-        refused = []
-        for answer in self._detection_source.detections_before(frame):
-            reason = answer.error
-            if answer.detections is not None:
+    def _add_detections(self, frame: RecordedFrame) -> list[str]:
+        """Add the detections that arrived before a frame; return the errors."""
+        errors = []
+        for output in self._detection_source.detections_before(frame):
+            error = output.error
+            if output.detections is not None:
                 try:
-                    self._session.add_detections(answer.detections, answer.stamp)
-                except ValueError as error:
-                    reason = f"detections refused: {error}"
-            if reason:
-                refused.append(reason)
-        return refused
+                    self._session.add_detections(output.detections, output.stamp)
+                except ValueError as refusal:
+                    error = f"detections refused: {refusal}"
+            if error:
+                errors.append(error)
+        return errors
 
-    def _request(self, frame: RecordedFrame) -> None:
-        """Ask for the targets that were drawn on a frame."""
-        for target in [*self._waiting]:
+    def _request_targets(self, frame: RecordedFrame) -> None:
+        """Request the targets whose first box is in a frame."""
+        for target in [*self._pending]:
             box = target.box_in(frame)
             if box is None:
                 continue
-            self._waiting.remove(target)
+            self._pending.remove(target)
             try:
-                # Without its label, which a target that is sent to the node has not either.
+                # Without its label, as in a message to the node.
                 self._session.request(box, frame.stamp)
             except ValueError as error:
-                raise _refused(frame, [target], str(error)) from error
-            self._asked_for.append(target)
+                raise _target_error(frame, [target], str(error)) from error
+            self._requested.append(target)
 
     def _labeled(self, target: TrackedTarget) -> TrackedTarget:
-        """The same, under the label that it was drawn with while no detector calls it anything."""
+        """The target with its given label, unless detections have labeled it."""
         return replace(target, label=target.label or self._labels.get(target.id, ""))
 
 
-def _refused(frame: RecordedFrame, targets: Sequence[Target], reason: str) -> RecordingError:
+def _target_error(frame: RecordedFrame, targets: Sequence[Target], reason: str) -> RecordingError:
     sources = ", ".join(dict.fromkeys(target.source for target in targets))
     return RecordingError(f"frame {frame.index}, box from {sources}: {reason}", WRONG_TARGET)

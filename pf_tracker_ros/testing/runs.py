@@ -261,7 +261,7 @@ def run_node(
             if start is None and (box := target.box_in(frame)) is not None:
                 start = box, frame.stamp
     if start is None:
-        raise target.missed()
+        raise target.not_found_error()
     transport = "raw"
     if is_bag(recording.path):
         is_compressed = open_bag(recording.path, bag_topic).image_type == COMPRESSED_IMAGE_TYPE

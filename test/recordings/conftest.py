@@ -1,4 +1,4 @@
-"""The command `track` in this process or in one of its own, and what it is run on."""
+"""Runs the command `track` in this process or another one; recordings and detections for it."""
 
 import csv
 import os
@@ -45,22 +45,22 @@ _DEFINITIONS = {
 
 @pytest.fixture
 def track(capsys):
-    """Runs the command in this process; returns its exit code, what it said, and its errors."""
+    """Runs the command in this process; returns its exit code, output and errors."""
 
     def run(*arguments):
         try:
             code = main([str(argument) for argument in arguments])
         except SystemExit as ended:
             code = ended.code
-        said = capsys.readouterr()
-        return code, said.out, said.err
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
 
     return run
 
 
 @pytest.fixture
 def start_track(tmp_path):
-    """Starts the command as a process; what still runs after the test is killed."""
+    """Starts the command as a process, which is killed after the test."""
     processes = []
 
     def start(*arguments):
@@ -121,17 +121,17 @@ def archive(write_sequence, moving_square, tmp_path):
 
 @pytest.fixture
 def serial(archive, track, tmp_path):
-    """What one process finds in the archive; the folder, and what was said."""
+    """The archive tracked by one process: the folder of the results, and what `track` returned."""
     output = tmp_path / "serial"
     return output, track("--archive", archive, "--output", output, *QUICK)
 
 
 class Watch:
-    """Looks at an archive's output folder, and at the processes that write into it."""
+    """Observes an archive's output folder, and the processes that write into it."""
 
     @classmethod
     def boxes(cls, output):
-        """Name of a recording to the bytes of its boxes, of all that is not hidden."""
+        """Name of a recording to the bytes of its boxes, without hidden folders."""
         found = {path.relative_to(output): path for path in output.rglob("boxes.csv")}
         return {
             str(name.parent): path.read_bytes()
@@ -141,21 +141,21 @@ class Watch:
 
     @classmethod
     def assert_whole(cls, output):
-        """All that is not hidden is whole."""
+        """All results outside hidden folders are complete."""
         for name, content in cls.boxes(output).items():
             assert (output / name / "done.json").is_file()
             assert content.count(b"\n") == 21
 
     @classmethod
     def wait_for_results(cls, output, count):
-        """Until so many recordings are done."""
-        cls._wait(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
+        """Wait for a number of finished recordings."""
+        cls.wait_until(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
 
     @classmethod
     def kill_worker(cls, driver, name):
         """Kill a process below the driver that has a name in its command line."""
         found = []
-        cls._wait(lambda: found.extend(cls.below(driver.pid, name)) or found)
+        cls.wait_until(lambda: found.extend(cls.below(driver.pid, name)) or found)
         os.kill(found[0], signal.SIGKILL)
 
     @classmethod
@@ -167,7 +167,8 @@ class Watch:
                 yield int(child)
 
     @staticmethod
-    def _wait(condition):
+    def wait_until(condition):
+        """Wait for a condition."""
         deadline = time.monotonic() + 120
         while not condition():
             assert time.monotonic() < deadline
@@ -176,7 +177,7 @@ class Watch:
 
 @pytest.fixture
 def watch():
-    """Looks at what an archive's processes do."""
+    """Observes the processes of an archive."""
     return Watch()
 
 
@@ -215,7 +216,7 @@ def source(walkers, write_sequence):
 
 @pytest.fixture
 def write_detections(walkers, tmp_path):
-    """Writes what a detector finds in some frames, of so many of the walkers."""
+    """Writes a detection file with the first `count` walkers in some frames."""
 
     def write(numbers, count=2, label=""):
         lines = []
@@ -230,10 +231,10 @@ def write_detections(walkers, tmp_path):
 
 
 class Library:
-    """What the library alone makes of the walkers.
+    """The results of the library for the walkers.
 
     Attributes:
-        boxes: (frames, 2, 4) where they are.
+        boxes: (frames, 2, 4) true boxes.
     """
 
     def __init__(self, images, boxes):
@@ -246,7 +247,7 @@ class Library:
         return 10**9 + number * _INTERVAL
 
     @staticmethod
-    def as_told(rows):
+    def target_rows(rows):
         """Rows of boxes.csv with targets, as values."""
         return [
             (int(row["frame"]), int(row["stamp"]), int(row["id"]), *(float(row[n]) for n in _NAMES),
@@ -254,18 +255,21 @@ class Library:
             for row in rows if row["id"]
         ]  # fmt: skip
 
-    def said(self, number):
-        """What a detector says of them in a frame."""
+    def detections(self, number):
+        """The detections in a frame."""
         return Detections(self.boxes[number], [0.9, 0.9], ["walker"] * 2)
 
-    def track(self, boxes=(), heard=None, seed=0):
-        """The rows for boxes in the first frame, and what is heard before each frame of which."""
+    def track(self, boxes=(), arrivals=None, seed=0):
+        """The rows for boxes in the first frame and detections.
+
+        `arrivals` maps a frame to the detections that arrive before it, each with its own frame.
+        """
         session = Session(preset_parameters("default", 32), seed)
         session.frame_buffer.limit(120, 64.0)
         found = []
         for number, image in enumerate(self._images):
-            for detections, seen in (heard or {}).get(number, ()):
-                session.add_detections(detections, self.at(seen))
+            for detections, frame in (arrivals or {}).get(number, ()):
+                session.add_detections(detections, self.at(frame))
             for box in boxes if number == 0 else ():
                 session.request(box, self.at(0))
             found += [
@@ -278,7 +282,7 @@ class Library:
 
 @pytest.fixture
 def library(walkers):
-    """The library, shown the walkers."""
+    """The results of the library for the walkers."""
     return Library(*walkers)
 
 
@@ -355,10 +359,10 @@ def detections_message(vision):
 def write_walkers(walkers, vision, make_stamped, tmp_path):
     """Writes a bag of the walkers and of messages of a detector (log time, octets)."""
 
-    def write(answers, kind="vision_msgs/msg/Detection2DArray"):
+    def write(messages, kind="vision_msgs/msg/Detection2DArray"):
         from rosbags.rosbag2 import StoragePlugin, Writer
 
-        rows = [(moment, 0, kind, octets) for moment, octets in answers]
+        rows = [(log_time, 0, kind, octets) for log_time, octets in messages]
         for number, image in enumerate(walkers[0]):
             height, width = image.shape[:2]
             octets = make_stamped(
@@ -369,12 +373,12 @@ def write_walkers(walkers, vision, make_stamped, tmp_path):
         path = tmp_path / "drive"
         with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             topics = {}
-            for moment, which, message_type, octets in sorted(rows):
+            for log_time, index, message_type, octets in sorted(rows):
                 if message_type not in topics:
                     topics[message_type] = writer.add_connection(
-                        ("/found", "/eye")[which], message_type, typestore=vision
+                        ("/found", "/eye")[index], message_type, typestore=vision
                     )
-                writer.write(topics[message_type], moment, octets)
+                writer.write(topics[message_type], log_time, octets)
         return path
 
     return write

@@ -1,4 +1,4 @@
-"""An archive: every recording once, whatever is killed on the way."""
+"""Archives: every recording is tracked once, even if processes are killed."""
 
 import json
 import os
@@ -26,13 +26,13 @@ def one_sentence(errors):
     return line
 
 
-def test_each_recording_is_tracked_and_broken_ones_are_told(
+def test_each_recording_is_tracked_and_broken_ones_are_reported(
     serial, archive, track, watch, tmp_path
 ):
     output, (code, said, errors) = serial
     assert code == 1
     assert said.splitlines()[-1] == (
-        f"13 recordings: 10 tracked, 0 done before, 3 failed; results in {output}"
+        f"13 recordings: 10 tracked, 0 up to date, 3 failed; results in {output}"
     )
     lines = errors.splitlines()
     assert len(lines) == 3
@@ -66,7 +66,7 @@ def reported(write_sequence, moving_square, track, tmp_path):
     return output
 
 
-def test_a_report_of_the_archive_leads_to_those_of_its_recordings(reported):
+def test_the_report_of_an_archive_links_to_those_of_its_recordings(reported):
     page = (reported / "report.html").read_text()
     (address,) = re.findall(r'<a href="([^"]*)">one #1 &lt;b&gt;</a>', page)
     assert (reported / unquote(address)).read_text().startswith("<!doctype html>")
@@ -76,7 +76,7 @@ def test_a_report_of_the_archive_leads_to_those_of_its_recordings(reported):
     assert '<td data-figure="tracking" data-value="1.0">100.0 %</td>' in page
 
 
-def test_a_report_leads_to_a_recording_whose_name_is_no_text(
+def test_a_report_links_to_a_recording_whose_name_is_not_utf_8(
     write_sequence, moving_square, track, tmp_path
 ):
     pytest.importorskip("jinja2")
@@ -107,13 +107,13 @@ def test_the_report_of_an_archive_can_be_sorted_and_is_not_too_wide(reported, br
     assert said == {"errors": [], "rows": 2, "scroll": 390}
 
 
-def test_two_processes_find_the_same(serial, archive, track, watch, tmp_path):
+def test_two_processes_have_the_same_results(serial, archive, track, watch, tmp_path):
     code, _, _ = track("--archive", archive, "--output", tmp_path / "two", "--jobs", 2, *QUICK)
     assert code == 1
     assert watch.boxes(tmp_path / "two") == watch.boxes(serial[0])
 
 
-def test_only_what_has_changed_is_done_again(serial, archive, track):
+def test_only_changed_recordings_are_tracked_again(serial, archive, track):
     output, _ = serial
 
     def written():
@@ -121,19 +121,19 @@ def test_only_what_has_changed_is_done_again(serial, archive, track):
 
     before = written()
     _, said, _ = track("--archive", archive, "--output", output, *QUICK)
-    assert "0 tracked, 10 done before, 3 failed" in said
+    assert "0 tracked, 10 up to date, 3 failed" in said
     assert written() == before
     truth = archive / "day_0" / "drive_2" / "groundtruth.txt"
     truth.write_text(truth.read_text().replace("20,30,24,24", "21,31,24,24"))
     _, said, _ = track("--archive", archive, "--output", output, *QUICK)
-    assert "1 tracked, 9 done before, 3 failed" in said
-    changed = {path for path, moment in written().items() if moment != before[path]}
+    assert "1 tracked, 9 up to date, 3 failed" in said
+    changed = {path for path, time in written().items() if time != before[path]}
     assert changed == {output / "day_0" / "drive_2" / "boxes.csv"}
     _, said, _ = track("--archive", archive, "--output", output, *QUICK, "--seed", 1)
-    assert "10 tracked, 0 done before, 3 failed" in said
+    assert "10 tracked, 0 up to date, 3 failed" in said
 
 
-def test_workers_that_are_killed_cost_only_what_was_under_way(
+def test_killed_workers_cost_only_the_recordings_in_progress(
     serial, archive, start_track, watch, tmp_path
 ):
     output = tmp_path / "out"
@@ -147,9 +147,7 @@ def test_workers_that_are_killed_cost_only_what_was_under_way(
     assert not list(output.rglob(".archive_*"))
 
 
-def test_a_driver_that_is_killed_goes_on_where_it_was(
-    serial, archive, start_track, watch, tmp_path
-):
+def test_a_killed_driver_continues_with_the_next_run(serial, archive, start_track, watch, tmp_path):
     output = tmp_path / "out"
     generator = random.Random(5)
     arguments = ("--archive", archive, "--output", output, "--jobs", 2, *QUICK)
@@ -166,14 +164,14 @@ def test_a_driver_that_is_killed_goes_on_where_it_was(
     assert not list(output.rglob(".archive_*"))
 
 
-def test_ctrl_c_ends_it_at_once_and_keeps_what_is_done(archive, start_track, watch, tmp_path):
+def test_ctrl_c_keeps_the_finished_recordings(archive, start_track, watch, tmp_path):
     output = tmp_path / "out"
     process = start_track("--archive", archive, "--output", output, *QUICK)
     watch.wait_for_results(output, 1)
     process.send_signal(signal.SIGINT)
     said, errors = process.communicate(timeout=30)
     assert (process.returncode, said) == (130, "")
-    assert "track: error: interrupted at once; what was not finished is gone\n" in errors
+    assert "track: error: interrupted; unfinished files were discarded\n" in errors
     watch.assert_whole(output)
     done = {entry["name"] for entry in json.loads((output / "archive.json").read_text())}
     assert set(watch.boxes(output)) <= done
@@ -181,27 +179,24 @@ def test_ctrl_c_ends_it_at_once_and_keeps_what_is_done(archive, start_track, wat
     assert not list(output.rglob(".archive_*"))
 
 
-def test_a_run_leaves_the_unfinished_files_of_another_command_below_it_alone(
+def test_a_run_keeps_the_unfinished_files_of_another_command_in_its_folder(
     track, write_sequence, moving_square, tmp_path
 ):
-    """As of `track` on one recording, which writes into a hidden folder beside its results."""
+    """Such as those of `track` on a single recording, in a hidden folder beside its results."""
     output, archive = tmp_path / "out", tmp_path / "archive"
     write_sequence("archive/only", moving_square.images[:2], moving_square.boxes[:2])
-    by_hand = OutputFolder(output / "by_hand", {})
-    (draft,) = (output / "by_hand").iterdir()
+    other = OutputFolder(output / "other", {})
+    (draft,) = (output / "other").iterdir()
     code, _, errors = track("--archive", archive, "--output", output, *QUICK)
     assert (code, draft.is_dir()) == (0, True), errors
-    by_hand.discard()
+    other.discard()
 
 
-def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, tmp_path):
+def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, watch, tmp_path):
     output = tmp_path / "out"
     process = start_track("--archive", archive, "--output", output, *QUICK)
-    deadline = time.monotonic() + 60
-    while not list(output.rglob(".archive_*")):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    # It must not be done before the other one has begun.
+    watch.wait_until(lambda: list(output.rglob(".archive_*")))
+    # The first run must not end before the second one starts.
     process.send_signal(signal.SIGSTOP)
     code, _, errors = track("--archive", archive, "--output", output, *QUICK)
     process.send_signal(signal.SIGCONT)
@@ -211,7 +206,7 @@ def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, tmp_
     assert process.returncode == 1
 
 
-def test_a_dry_run_writes_nothing_and_tells_how_long(archive, track, tmp_path):
+def test_a_dry_run_writes_nothing_and_estimates_the_time(archive, track, tmp_path):
     code, said, _ = track(
         *("--archive", archive, "--output", tmp_path / "out", "--dry-run", "--jobs", 2, *QUICK)
     )
@@ -226,15 +221,13 @@ def test_a_dry_run_writes_nothing_and_tells_how_long(archive, track, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_without_targets_it_says_what_a_recording_of_an_archive_may_have(
-    track, moving_square_sequence, tmp_path
-):
+def test_without_targets_an_archive_says_how_to_give_them(track, moving_square_sequence, tmp_path):
     images = moving_square_sequence / "img"
     listed = tmp_path / "list.txt"
     listed.write_text(f"{images}\n")
     given = ("--archive", listed, "--output", tmp_path / "out", *QUICK)
     advice = (
-        f"no target for {images}: write img.target.yaml beside it, or find targets with "
+        f"no target for {images}; write img.target.yaml beside it, or detect targets with "
         "--detections, --detections-topic or --detector"
     )
     code, said, _ = track(*given, "--dry-run")
@@ -246,14 +239,14 @@ def test_without_targets_it_says_what_a_recording_of_an_archive_may_have(
     code, said, errors = track(*given)
     assert code == 1
     assert errors == f"track: error: {advice}\n"
-    assert "\n1 recording: 0 tracked, 0 done before, 1 failed" in said
+    assert "\n1 recording: 0 tracked, 0 up to date, 1 failed" in said
     (tmp_path / "empty").mkdir()
     for dry in ([], ["--dry-run"]):
         code, _, errors = track(
             *("--archive", tmp_path / "empty", "--output", tmp_path / "out", *dry)
         )
         assert code == 2
-        assert "--detections, --detections-topic or --detector finds them" in errors
+        assert "or a detector: --detections, --detections-topic or --detector" in errors
 
 
 def test_one_recording_of_one_frame_on_one_core(track, write_sequence, moving_square, tmp_path):
@@ -268,7 +261,7 @@ def test_one_recording_of_one_frame_on_one_core(track, write_sequence, moving_sq
     assert last.startswith("1 of 1 recording, 1 frame; about 0:00:0")
     assert " on 1 core, at " in last
     assert last.endswith(" frames/s")
-    assert "\n1 recording: 1 tracked, 0 done before" in track(*given)[1]
+    assert "\n1 recording: 1 tracked, 0 up to date" in track(*given)[1]
     assert ": 1 frame (100% tracking), " in track(source, "--output", tmp_path / "alone", *QUICK)[1]
 
 
@@ -277,14 +270,14 @@ def test_a_list_names_recordings_beside_it(archive, tmp_path):
     listed.write_text("# the first day\nday_0/drive_0\n\nday_1/drive_1  # and one of the second\n")
     assert list(find_recordings(listed)) == ["day_0/drive_0", "day_1/drive_1"]
     listed.write_text("day_0/drive_0\nday_0/drive_0\n")
-    with pytest.raises(RecordingError, match="would both be written as day_0/drive_0"):
+    with pytest.raises(RecordingError, match="would share the results folder day_0/drive_0"):
         find_recordings(listed)
     listed.write_text("day_0/drive_0\nday_0/drive_0/img\n")
-    with pytest.raises(RecordingError, match=r"is inside of .*drive_0, which is a recording"):
+    with pytest.raises(RecordingError, match=r"is inside .*drive_0, which is a recording"):
         find_recordings(listed)
 
 
-def test_entries_of_a_list_that_cannot_be_are_told_with_the_others(
+def test_impossible_entries_of_a_list_are_reported_with_the_other_errors(
     track, ordinary_user, public_folder, moving_square, write_sequence
 ):
     drive = write_sequence("drive", moving_square.images, moving_square.boxes, public_folder)
@@ -293,7 +286,7 @@ def test_entries_of_a_list_that_cannot_be_are_told_with_the_others(
     listed = public_folder / "list.txt"
     listed.write_text("\n".join([*wrong, "drive"]))
     dry = ("--archive", listed, "--output", public_folder / "out", "--dry-run", *QUICK)
-    # Once by who may read all modules that it takes.
+    # The first run imports all modules, which the ordinary user may not read.
     assert track(*dry)[0] == 0
     with ordinary_user():
         code, said, _ = track(*dry)
@@ -305,17 +298,17 @@ def test_entries_of_a_list_that_cannot_be_are_told_with_the_others(
     assert lines[4] == f"would track: {drive} ({len(moving_square.images)} frames)"
 
 
-def test_a_list_that_is_no_text_is_refused(track, tmp_path):
+def test_a_binary_list_is_refused(track, tmp_path):
     (tmp_path / "list.txt").write_bytes(b"drive\0\n")
     code, _, errors = track("--archive", tmp_path / "list.txt", "--output", tmp_path / "out")
     assert code == 3
-    assert "has characters of code 0; allowed: UTF-8 text" in one_sentence(errors)
+    assert "contains null characters; allowed: UTF-8 text" in one_sentence(errors)
 
 
-def test_results_cannot_go_to_an_address_that_is_none(track, archive):
+def test_results_cannot_be_written_to_an_invalid_url(track, archive):
     code, _, errors = track("--archive", archive, "--output", "http://[::1")
     assert code == 2
-    assert "results cannot go to http://" in one_sentence(errors)
+    assert "results cannot be written to http://" in one_sentence(errors)
 
 
 def test_an_archive_without_recordings_says_what_they_need(tmp_path):
@@ -331,7 +324,7 @@ def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
     target = tmp_path / "drive.target.yaml"
     target.write_text("recording: drive.avi\ntarget_box: [1, 2, 3, 4]")
     assert list(find_recordings(tmp_path)) == ["drive.avi"]
-    # Where it names none, it is for what is a video by its name, and not for what stands beside it.
+    # Without a name, it is for the entries with the suffix of a video.
     target.write_text("target_box: [1, 2, 3, 4]")
     assert list(find_recordings(tmp_path)) == ["drive.avi", "drive.mp4"]
     (tmp_path / "DJI_1.MP4").write_bytes(b"")
@@ -341,7 +334,7 @@ def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
     assert "DJI_1.SRT" not in find_recordings(tmp_path)
 
 
-def test_what_is_damaged_is_told_of_and_what_may_not_be_read_stops_nothing(
+def test_damaged_and_unreadable_recordings_are_reported_and_do_not_stop_the_others(
     track, write_sequence, moving_square, make_unreadable, tmp_path
 ):
     folder, output = tmp_path / "archive", tmp_path / "out"
@@ -358,11 +351,11 @@ def test_what_is_damaged_is_told_of_and_what_may_not_be_read_stops_nothing(
     make_unreadable(folder / "lost+found")
     code, said, errors = track("--archive", folder, "--output", output, *QUICK)
     assert code == 1
-    assert "3 recordings: 2 tracked, 0 done before, 1 failed" in said
+    assert "3 recordings: 2 tracked, 0 up to date, 1 failed" in said
     (line,) = (line for line in errors.splitlines() if line.startswith("track: error: "))
     assert "lost+found" in line
-    warning = "announces 20 frames, but only"
-    assert f"track: cut.avi: {path} {warning}" in errors
+    warning = f"of 20 frames of {path} could be read"
+    assert re.search(rf"track: cut\.avi: only \d+ {re.escape(warning)}", errors)
     entries = {entry["name"]: entry for entry in json.loads((output / "archive.json").read_text())}
     assert warning in entries["cut.avi"]["warnings"][0]
     assert entries["sound"]["warnings"] == []
@@ -371,35 +364,35 @@ def test_what_is_damaged_is_told_of_and_what_may_not_be_read_stops_nothing(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("drive.mp4",), "SOURCE is for one recording"),
-        (("--box", "1,2,3,4"), "--box is for one recording"),
-        (("--report", "there"), "--report has no folder here"),
+        (("drive.mp4",), "SOURCE applies to a single recording"),
+        (("--box", "1,2,3,4"), "--box applies to a single recording"),
+        (("--report", "there"), "--report DIR applies to a single recording"),
         (("--jobs", "0"), "whole numbers from 1"),
     ],
 )
-def test_what_is_for_one_recording_is_refused(archive, track, tmp_path, arguments, said):
+def test_options_of_a_single_recording_are_refused(archive, track, tmp_path, arguments, said):
     code, _, errors = track("--archive", archive, "--output", tmp_path / "out", *arguments)
     assert code == 2
     assert said in errors
     code, _, errors = track("--output", tmp_path / "out")
     assert code == 2
-    assert "there is no SOURCE; give one, or --archive" in errors
+    assert "SOURCE is missing; give a recording, or --archive" in errors
     for option in ("--detections", "--report"):
         code, _, errors = track("--output", tmp_path / "out", option, "drive.mp4")
         assert code == 2
-        assert f"drive.mp4 was taken for {option}: SOURCE comes first" in errors
+        assert f"drive.mp4 was read as the value of {option}: put SOURCE first" in errors
 
 
 @pytest.mark.parametrize("option", ["--ray=local", "--jobs=2", "--dry-run"])
-def test_what_is_for_an_archive_is_refused_without_one(
+def test_options_of_archives_are_refused_without_one(
     track, moving_square_sequence, tmp_path, option
 ):
     code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", option)
     assert code == 2
-    assert f"{option.partition('=')[0]} is for an archive" in errors
+    assert f"{option.partition('=')[0]} applies to archives" in errors
 
 
-def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
+def test_circular_links_are_reported_and_do_not_stop_the_others(
     track, write_sequence, moving_square, tmp_path
 ):
     folder = tmp_path / "archive"
@@ -407,7 +400,7 @@ def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
     for name in ("loop.mp4", "round"):
         (folder / name).symlink_to(name)
     output = tmp_path / "out"
-    # Without a target file beside it, it is none.
+    # Without a target file beside it, it is not a recording.
     code, _, errors = track("--archive", folder, "--output", output, *QUICK)
     assert (code, errors) == (0, "")
     (folder / "loop.target.yaml").write_text("target_box: [20, 30, 24, 24]")
@@ -417,7 +410,7 @@ def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
         assert code == 1
         (line,) = errors.splitlines()
         assert line.startswith(f"track: error: there is no {folder / 'loop.mp4'}; accepted are")
-        assert "1 tracked, 0 done before, 1 failed" in said
+        assert "1 tracked, 0 up to date, 1 failed" in said
     code, _, errors = track("--archive", folder / "round", "--output", tmp_path / "b", *QUICK)
     assert code == 3
     assert errors.startswith(f"track: error: there is no archive {folder / 'round'}")
@@ -427,7 +420,7 @@ def test_links_that_lead_in_a_circle_are_told_and_stop_nothing(
     assert line.startswith("track: error: ")
 
 
-def test_a_target_that_is_a_link_to_nothing_is_told_and_stops_nothing(
+def test_a_target_that_is_a_circular_link_is_reported_and_does_not_stop_the_others(
     track, write_sequence, moving_square, tmp_path
 ):
     folder = tmp_path / "archive"
@@ -440,4 +433,4 @@ def test_a_target_that_is_a_link_to_nothing_is_told_and_stops_nothing(
     assert code == 1
     (line,) = errors.splitlines()
     assert f"target file {target} cannot be read (Too many levels" in line
-    assert "1 tracked, 0 done before, 1 failed" in said
+    assert "1 tracked, 0 up to date, 1 failed" in said

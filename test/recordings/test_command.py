@@ -1,4 +1,4 @@
-"""The command `track`: what it writes, and what it says when it cannot."""
+"""The command `track` on a single recording: its files, messages and exit codes."""
 
 import gc
 import os
@@ -98,22 +98,22 @@ def test_an_output_that_exists_is_left_alone(track, moving_square_sequence, tmp_
     (output / "boxes.csv").write_text("mine")
     code, said, errors = track(moving_square_sequence, "--output", output, *QUICK)
     assert (code, said) == (4, "")
-    assert "boxes.csv exists already and is left as it is; remove it" in one_sentence(errors)
+    assert "boxes.csv exists already and is not overwritten; remove it" in one_sentence(errors)
     assert (output / "boxes.csv").read_text() == "mine"
     code, _, errors = track(moving_square_sequence, "--output", output / "boxes.csv", *QUICK)
     assert code == 4
-    assert "is no folder" in one_sentence(errors)
+    assert "is not a folder" in one_sentence(errors)
 
 
-def test_a_video_is_refused_where_opencv_would_end_the_process(start_track, long_sequence):
+def test_a_video_is_refused_if_opencv_would_abort_the_process(start_track, long_sequence):
     folder = os.fsdecode(b"\xe4")
     process = start_track(long_sequence, "--output", folder, "--video", *QUICK)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert "has a name that OpenCV cannot write a video into" in one_sentence(errors)
+    assert "OpenCV cannot write a video into --output" in one_sentence(errors)
 
 
-def test_a_file_that_comes_meanwhile_is_left_alone_and_the_others_are_written(
+def test_a_file_that_appears_meanwhile_is_not_overwritten_and_the_others_are_written(
     start_track, long_sequence, tmp_path
 ):
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
@@ -136,15 +136,15 @@ def test_without_permission_nothing_is_tracked(
         with ordinary_user():
             code, said, errors = track(source, "--output", output, *QUICK)
         assert (code, said) == (5, "")
-        assert "may not be written by this user (Permission denied)" in one_sentence(errors)
+        assert "cannot be written (Permission denied); change the permi" in one_sentence(errors)
     assert list(locked.iterdir()) == []
 
 
-def test_an_output_that_cannot_be_is_told_in_one_sentence(
+def test_an_impossible_output_is_reported_in_one_sentence(
     track, ordinary_user, public_folder, moving_square, write_sequence
 ):
     source = write_sequence("square", moving_square.images, moving_square.boxes, public_folder)
-    # Once by who may read all modules that it takes.
+    # The first run imports all modules, which the ordinary user may not read.
     assert track(source, "--output", public_folder / "first", *QUICK)[0] == 0
     closed = public_folder / "closed"
     closed.mkdir(mode=0o700)
@@ -168,7 +168,7 @@ def test_a_source_that_cannot_be_read(track, tmp_path, content):
     assert "there is no " in one_sentence(errors)
 
 
-def test_a_source_that_breaks_off_keeps_what_came_before(
+def test_the_results_before_an_unreadable_frame_are_kept(
     track, rows, moving_square_sequence, tmp_path
 ):
     (moving_square_sequence / "img" / "0013.png").write_bytes(b"not a picture")
@@ -187,7 +187,7 @@ def test_a_source_that_breaks_off_keeps_what_came_before(
     [
         (["--box", "1,2,3"], "x,y,width,height in pixels"),
         (["--box", "1,2,0,4"], "width and height above 0"),
-        (["--box", "-1,2,9,9"], "begins with '-' comes behind '=', such as --box=-3,4,50,60"),
+        (["--box", "-1,2,9,9"], "begins with '-' after '=', such as --box=-3,4,50,60"),
         (["--box", "1,2,nan,4"], "width and height above 0"),
         ([*BOX, "--preset", "best"], "no preset 'best'; there are: default"),
         ([*BOX, "--parameter", "particles=none"], "particles"),
@@ -216,23 +216,21 @@ def test_options_for_another_kind_of_recording_are_refused(
     code, _, errors = track(path, "--output", output, *BOX, "--frame-rate", "50")
     assert code == 2
     assert one_sentence(errors).endswith(
-        f"--frame-rate is for a folder of images, and {path} tells its own, about 25 frames a "
-        "second; leave it out"
+        f"--frame-rate applies to folders of images, and {path} has its own frame rate, about 25 "
+        "Hz; leave it out"
     )
     code, _, errors = track(moving_square_sequence, "--output", output, "--bag-topic", "/eye")
     assert code == 2
-    assert "--bag-topic is for a bag, and" in one_sentence(errors)
+    assert "--bag-topic applies to bags, and" in one_sentence(errors)
     assert not output.exists()
-    # It is for those of an archive that do not tell.
+    # In an archive it applies to the folders of images.
     path.with_name("drive.target.yaml").write_text("target_box: [20, 30, 24, 24]")
     (tmp_path / "list.txt").write_text(f"{path}\n{moving_square_sequence}\n")
     asked = ("--frame-rate", "50", *QUICK)
     assert track("--archive", tmp_path / "list.txt", "--output", output, *asked)[0] == 0
 
 
-def test_the_columns_of_one_target_are_those_whatever_it_is_called(
-    track, moving_square_sequence, tmp_path
-):
+def test_a_single_target_with_a_label_has_no_label_column(track, moving_square_sequence, tmp_path):
     target = moving_square_sequence.with_name(f"{moving_square_sequence.name}.target.yaml")
     target.write_text("target_box: [20, 30, 24, 24]\nlabel: car")
     output = tmp_path / "out"
@@ -265,8 +263,9 @@ def test_a_run_that_is_refused_leaves_nothing_behind(track, moving_square_sequen
 def test_without_any_target_it_says_how_to_give_one(track, moving_square_sequence, tmp_path):
     code, _, errors = track(moving_square_sequence / "img", "--output", tmp_path / "out")
     assert code == 2
-    assert "give --box x,y,w,h for the first frame, or write img.target.yaml" in one_sentence(
-        errors
+    assert one_sentence(errors).endswith(
+        "; give --box X,Y,W,H for the first frame, draw it with --draw, or write img.target.yaml "
+        "beside it"
     )
 
 
@@ -282,10 +281,10 @@ def wait_for_rows(output, count):
 
 
 @pytest.mark.parametrize(
-    "asked", [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+    "stop", [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
 )
-def test_ctrl_c_leaves_whole_files(start_track, rows, long_sequence, tmp_path, asked):
-    number, code, word = asked
+def test_ctrl_c_leaves_complete_files(start_track, rows, long_sequence, tmp_path, stop):
+    number, code, word = stop
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import Reader
 
@@ -297,7 +296,7 @@ def test_ctrl_c_leaves_whole_files(start_track, rows, long_sequence, tmp_path, a
     assert (process.returncode, said) == (code, "")
     count = len(rows(output))
     assert 10 <= count < 1000
-    assert errors == f"track: error: {word} after {count} frames, which are kept\n"
+    assert errors == f"track: error: {word}; {count} frames saved\n"
     assert all(row["confidence"] for row in rows(output))
     assert cv2.VideoCapture(str(output / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == count
     with Reader(output / "topics.mcap") as reader:
@@ -307,7 +306,7 @@ def test_ctrl_c_leaves_whole_files(start_track, rows, long_sequence, tmp_path, a
     assert hidden(output) == []
 
 
-def test_killed_it_leaves_no_file_that_looks_whole(start_track, long_sequence, tmp_path):
+def test_a_killed_process_leaves_no_file_that_looks_complete(start_track, long_sequence, tmp_path):
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
     wait_for_rows(tmp_path / "out", 10)
     process.kill()
@@ -315,14 +314,14 @@ def test_killed_it_leaves_no_file_that_looks_whole(start_track, long_sequence, t
     assert [path for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")] == []
 
 
-def test_a_full_disk_keeps_what_there_was_room_for(start_track, rows, long_sequence, tmp_path):
+def test_a_full_disk_keeps_the_rows_before(start_track, rows, long_sequence, tmp_path):
     process = start_track(long_sequence, "--output", "out", *QUICK)
     wait_for_rows(tmp_path / "out", 0)
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (20_000, 20_000))
     said, errors = process.communicate(timeout=60)
     assert (process.returncode, said) == (6, "")
     line = one_sentence(errors)
-    assert "boxes.csv cannot be written any further (File too large); make room" in line
+    assert "boxes.csv cannot be written (File too large); free disk space" in line
     found = rows(tmp_path / "out")
     assert line.endswith(f"; {len(found)} frames were tracked")
     assert 19_000 < (tmp_path / "out" / "boxes.csv").stat().st_size <= 20_000
@@ -330,7 +329,7 @@ def test_a_full_disk_keeps_what_there_was_room_for(start_track, rows, long_seque
     assert hidden(tmp_path / "out") == []
 
 
-def test_a_full_disk_takes_the_video_and_leaves_the_boxes(
+def test_a_full_disk_discards_the_video_and_keeps_the_boxes(
     start_track, rows, long_sequence, tmp_path
 ):
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
@@ -338,7 +337,7 @@ def test_a_full_disk_takes_the_video_and_leaves_the_boxes(
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (150_000, 150_000))
     said, errors = process.communicate(timeout=60)
     assert (process.returncode, said) == (6, "")
-    assert "overlay.mp4 cannot be written any further" in one_sentence(errors)
+    assert "overlay.mp4 cannot be written (" in one_sentence(errors)
     assert len(rows(tmp_path / "out")) == 1000
     assert not (tmp_path / "out" / "overlay.mp4").exists()
 
@@ -350,8 +349,8 @@ def test_a_full_disk_ends_a_bag_in_one_sentence(start_track, rows, long_sequence
     said, errors = process.communicate(timeout=60)
     assert (process.returncode, said) == (6, "")
     line = one_sentence(errors)
-    assert "topics.mcap cannot be written any further" in line
-    # The rows of the frame that did not fit are whole.
+    assert "topics.mcap cannot be written (" in line
+    # boxes.csv may have one frame more, written before the bag failed.
     assert len(rows(tmp_path / "out")) - 1 <= int(line.split("; ")[-1].split()[0]) < 1000
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.csv"]
 
@@ -359,7 +358,7 @@ def test_a_full_disk_ends_a_bag_in_one_sentence(start_track, rows, long_sequence
 @pytest.mark.parametrize(
     ("number", "code"), [("ENOSPC", 6), ("EDQUOT", 6), ("EROFS", 5), ("EACCES", 5), ("EIO", 1)]
 )
-def test_each_way_of_not_being_written_has_its_code(tmp_path, number, code):
+def test_each_error_of_writing_has_its_exit_code(tmp_path, number, code):
     import errno
 
     error = OSError(getattr(errno, number), os.strerror(getattr(errno, number)))
@@ -369,11 +368,11 @@ def test_each_way_of_not_being_written_has_its_code(tmp_path, number, code):
 def test_help_lists_every_exit_code(track):
     code, said, _ = track("--help")
     assert code == 0
-    for number in (0, 1, 2, 3, 4, 5, 6, 7, 130, 143):
+    for number in (0, 1, 2, 3, 4, 5, 6, 7, 8, 130, 143):
         assert any(line.split()[:1] == [str(number)] for line in said.splitlines())
 
 
-def test_the_bag_is_logged_when_the_images_were(
+def test_the_bag_has_the_log_times_of_the_images(
     track, moving_square, make_stamped, write_bag, tmp_path
 ):
     from rosbags.rosbag2 import Reader
@@ -397,7 +396,7 @@ def test_the_bag_is_logged_when_the_images_were(
 
 
 @pytest.mark.parametrize("step", [0, -10_000_000])
-def test_frames_that_are_skipped_for_their_stamps_are_told_of_with_the_reason(
+def test_frames_skipped_for_their_stamps_are_reported_with_the_reason(
     track, make_stamped, write_bag, tmp_path, step
 ):
     rows = []
@@ -412,9 +411,10 @@ def test_frames_that_are_skipped_for_their_stamps_are_told_of_with_the_reason(
     code, said, errors = track(bag, "--output", tmp_path / "out", *BOX, *QUICK)
     assert code == 0
     assert "75% skipped" in said
-    reason = "before that of" if step else "that of"
+    reason = "is earlier than" if step else "equals"
     assert errors == (
-        f"track: frames were skipped, the first because its stamp is {reason} the frame before\n"
+        f"track: frames were skipped, the first because its stamp {reason} that of the previous "
+        "frame\n"
     )
 
 
@@ -453,7 +453,7 @@ sys.exit(main(sys.argv[1:]))
     }
 
 
-def test_the_second_ctrl_c_ends_it_at_once(start_track, long_sequence, tmp_path):
+def test_the_second_ctrl_c_discards_unfinished_files(start_track, long_sequence, tmp_path):
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video", "--report")
     output = tmp_path / "out"
     wait_for_rows(output, 30)
@@ -465,12 +465,12 @@ def test_the_second_ctrl_c_ends_it_at_once(start_track, long_sequence, tmp_path)
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert errors == "track: error: interrupted at once; what was not finished is gone\n"
+    assert errors == "track: error: interrupted; unfinished files were discarded\n"
     assert hidden(output) == []
     assert not (output / "report.html").exists()
 
 
-def test_a_video_that_is_cut_off_is_told_of(track, moving_square, tmp_path):
+def test_a_truncated_video_is_reported(track, moving_square, tmp_path):
     video = tmp_path / "whole.avi"
     height, width = moving_square.images[0].shape[:2]
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 25, (width, height))
@@ -486,6 +486,5 @@ def test_a_video_that_is_cut_off_is_told_of(track, moving_square, tmp_path):
     assert 0 < count < 20
     assert code == 0
     assert errors.splitlines()[-1] == (
-        f"track: {cut} announces 20 frames, but only {count} could be read: it is damaged or cut "
-        "off"
+        f"track: only {count} of 20 frames of {cut} could be read: it is damaged or truncated"
     )

@@ -386,7 +386,7 @@ def test_a_target_file_is_never_overwritten(start_draw, rows, images, tmp_path):
     assert command.draw(BOX)[0] == 200
     code, output, _ = command.end()
     assert code == 0
-    assert f"not saved, as {file} is there already" in output
+    assert f"not saved, because {file} exists already" in output
     assert file.read_text() == "target_box: [1, 2, 30, 40]"
     assert first_box(rows, tmp_path / "out") == (0, BOX)
 
@@ -406,7 +406,7 @@ def test_other_errors_are_reported_before_the_page(track, images, monkeypatch, t
     assert "none.csv" in errors
     code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
     assert code == 2
-    assert "--draw is for one recording; allowed: without --archive" in errors
+    assert "--draw applies to a single recording; leave it out" in errors
     monkeypatch.setitem(sys.modules, "aiohttp", None)
     code, _, errors = track(images, "--output", tmp_path / "c", "--draw")
     assert code == 2
@@ -426,7 +426,7 @@ def test_a_bag_without_a_decodable_image_is_an_error(track, make_stamped, write_
 def test_without_a_target_the_error_mentions_draw(track, images, tmp_path):
     code, _, errors = track(images, "--output", tmp_path / "out")
     assert code == 2
-    assert "or draw the target with --draw" in errors
+    assert "draw it with --draw" in errors
 
 
 def test_the_page_gets_max_targets(track, images, monkeypatch, tmp_path):

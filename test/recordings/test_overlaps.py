@@ -1,4 +1,4 @@
-"""Results of an archive never take the place of anything but results."""
+"""The results of an archive replace earlier results only, never recordings or other files."""
 
 import json
 import shutil
@@ -34,7 +34,7 @@ def refused(track, tmp_path):
         code, _, errors = track("--archive", archive, "--output", output, *QUICK, *further)
         assert code == 2
         (line,) = errors.splitlines()
-        assert line.startswith("track: error: the results of ")
+        assert line.startswith("track: error: the output ")
         assert line.endswith("; give an output apart from the recordings")
         assert content(tmp_path) == before
 
@@ -42,19 +42,19 @@ def refused(track, tmp_path):
 
 
 def content(folder):
-    """Path to bytes of all files below a folder, and None of what is no file."""
+    """Path to bytes of all files below a folder; None for folders and other entries."""
     return {
         path: path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))
     }
 
 
 @pytest.mark.parametrize("further", [(), ("--dry-run",)])
-def test_the_archive_is_no_output(rec, refused, further):
+def test_the_archive_is_not_allowed_as_output(rec, refused, further):
     refused(rec, rec, *further)
     refused(rec.parent / "rec" / ".." / "rec", rec, *further)
 
 
-def test_a_link_to_the_archive_is_no_output(rec, refused, tmp_path):
+def test_a_link_to_the_archive_is_not_allowed_as_output(rec, refused, tmp_path):
     (tmp_path / "link").symlink_to(rec)
     refused(rec, tmp_path / "link")
     refused(tmp_path / "link", rec)
@@ -70,13 +70,11 @@ def test_results_neither_replace_sequences_nor_lie_inside(
     walk = write_sequence("walk", moving_square.images[:2], moving_square.boxes[:2], folder)
     refused(folder, folder)
     refused(walk, walk / "out")
-    # That of the sequence would be the folder of the archive.
+    # The results of the sequence would replace the folder of the archive.
     refused(folder, tmp_path)
 
 
-def test_results_do_not_take_the_place_of_a_link_to_a_recording_or_of_a_target(
-    rec, refused, tmp_path
-):
+def test_results_do_not_replace_a_link_to_a_recording_or_a_target_file(rec, refused, tmp_path):
     links = tmp_path / "links"
     links.mkdir()
     (links / "b.avi").symlink_to(rec / "a.avi")
@@ -92,7 +90,7 @@ def test_results_do_not_take_the_place_of_a_link_to_a_recording_or_of_a_target(
     refused(listed, tmp_path / "out")
 
 
-def test_results_do_not_take_the_place_of_the_list(rec, refused, tmp_path):
+def test_results_do_not_replace_the_list(rec, refused, tmp_path):
     listed = tmp_path / "out" / "a.avi" / "some.txt"
     listed.parent.mkdir(parents=True)
     listed.write_text("../../rec/a.avi\n")
@@ -102,14 +100,14 @@ def test_results_do_not_take_the_place_of_the_list(rec, refused, tmp_path):
 def test_results_may_go_below_the_archive(write_sequence, moving_square, track, tmp_path):
     folder = tmp_path / "fleet"
     write_sequence("walk", moving_square.images[:3], moving_square.boxes[:3], folder)
-    for said_first in ("1 tracked, 0 done", "0 tracked, 1 done"):
+    for counts in ("1 tracked, 0 up to date", "0 tracked, 1 up to date"):
         code, said, _ = track("--archive", folder, "--output", folder / "out", *QUICK)
         assert code == 0
-        assert said_first in said
+        assert counts in said
     assert (folder / "out" / "walk" / "boxes.csv").is_file()
 
 
-def test_entries_that_lead_out_of_the_folder_of_a_list_keep_their_results_in_the_output(
+def test_entries_outside_the_folder_of_a_list_have_their_results_in_the_output(
     write_sequence, moving_square, track, tmp_path
 ):
     walk = write_sequence(
@@ -126,17 +124,17 @@ def test_entries_that_lead_out_of_the_folder_of_a_list_keep_their_results_in_the
     assert content(walk) == before
 
 
-def test_names_have_no_dots_that_lead_elsewhere(rec, tmp_path):
+def test_names_do_not_contain_parent_folders(rec, tmp_path):
     listed = tmp_path / "some.txt"
     listed.write_text("rec/../rec/a.avi\n")
     assert find_recordings(listed) == {"rec/a.avi": rec / "a.avi"}
     listed.write_text(f"../a.avi\n{tmp_path}/../a.avi\n")
-    with pytest.raises(RecordingError, match=r"would both be written as a\.avi"):
+    with pytest.raises(RecordingError, match=r"would share the results folder a\.avi"):
         find_recordings(listed)
     listed.write_text("/\n")
-    with pytest.raises(RecordingError, match="/ has no name that its results could go by"):
+    with pytest.raises(RecordingError, match="/ has no name for its results"):
         find_recordings(listed)
-    # What is above a link is not what its path looks like.
+    # The parent of a link depends on where it points.
     (tmp_path / "other" / "deep").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "other" / "deep")
     listed.write_text("link/../b.avi\n")
@@ -160,7 +158,7 @@ def test_a_list_may_begin_with_a_byte_order_mark_and_have_number_signs_in_paths(
 
 @pytest.fixture
 def folder_with(tmp_path):
-    """Begins a run in a folder in which something has the name of a recording."""
+    """Makes results in a folder where an entry has the name of a recording."""
 
     def make(write):
         output = tmp_path / "out"
@@ -179,15 +177,15 @@ def write_notes(place, done=None):
         (place / "done.json").write_text(done)
 
 
-def put(results, beforehand=False):
-    """Put boxes there, or only begin to."""
-    with results.locked() as place, place.workplace("a.avi") as workplace:
-        assert not beforehand
-        made = workplace / "results"
-        made.mkdir()
+def put(results, fails_before=False):
+    """Put boxes into place; `fails_before` means that the staging folder is refused."""
+    with results.locked() as locked, locked.staging_folder("a.avi") as staging:
+        assert not fails_before
+        staged = staging / "results"
+        staged.mkdir()
         for name, text in (("boxes.csv", "boxes"), ("done.json", DONE)):
-            (made / name).write_text(text)
-        place.put(made, "a.avi")
+            (staged / name).write_text(text)
+        locked.put(staged, "a.avi")
 
 
 @pytest.mark.parametrize(
@@ -200,21 +198,21 @@ def put(results, beforehand=False):
         lambda place: place.symlink_to("nowhere"),
     ],
 )
-def test_a_folder_of_something_else_is_left_as_it_is(folder_with, write):
+def test_a_folder_without_results_is_not_overwritten(folder_with, write):
     results = folder_with(write)
     before = content(results.path)
-    with pytest.raises(RecordingError, match="is not of a recording's results") as told:
-        put(results, beforehand=True)
-    assert told.value.exit_code == 4
-    with results.locked() as place:
+    with pytest.raises(RecordingError, match="holds no results") as raised:
+        put(results, fails_before=True)
+    assert raised.value.exit_code == 4
+    with results.locked() as locked:
         shutil.rmtree(results.path / "a.avi", ignore_errors=True)
         (results.path / "a.avi").unlink(missing_ok=True)
-        with place.workplace("a.avi") as workplace:
-            # It comes there while the recording is tracked.
+        with locked.staging_folder("a.avi") as staging:
+            # It appears while the recording is tracked.
             write(results.path / "a.avi")
-            (workplace / "results").mkdir()
-            with pytest.raises(RecordingError, match="is not of a recording's results"):
-                place.put(workplace / "results", "a.avi")
+            (staging / "results").mkdir()
+            with pytest.raises(RecordingError, match="holds no results"):
+                locked.put(staging / "results", "a.avi")
     (results.path / ".lock").unlink()
     assert content(results.path) == before
 
@@ -226,7 +224,7 @@ def test_a_folder_of_results_and_an_empty_one_are_replaced(folder_with, write):
     assert {path.name for path in (results.path / "a.avi").iterdir()} == {"boxes.csv", "done.json"}
 
 
-def test_a_recording_whose_place_is_taken_is_told_and_does_not_stop_the_others(
+def test_a_recording_whose_folder_exists_is_reported_and_does_not_stop_the_others(
     write_sequence, moving_square, track, tmp_path
 ):
     for name in ("one", "two"):
@@ -236,8 +234,8 @@ def test_a_recording_whose_place_is_taken_is_told_and_does_not_stop_the_others(
     write_notes(output / "one")
     code, said, errors = track("--archive", tmp_path / "rec", "--output", output, *QUICK)
     assert code == 1
-    assert f"track: error: {output / 'one'} exists already, is not of a recording's res" in errors
-    assert "1 tracked, 0 done before, 1 failed" in said
+    assert f"track: error: {output / 'one'} exists already, holds no results, and is" in errors
+    assert "1 tracked, 0 up to date, 1 failed" in said
     assert [path.name for path in (output / "one").iterdir()] == ["notes.txt"]
 
 
@@ -266,7 +264,7 @@ def memory(monkeypatch):
         ("memory://lists/chained.txt", "memory://fleet"),
     ],
 )
-def test_the_url_of_the_recordings_is_no_output(memory, refused, archive, output):
+def test_the_url_of_the_recordings_is_not_allowed_as_output(memory, refused, archive, output):
     memory.pipe_file("/lists/some.txt", b"../fleet/a.avi")
     memory.pipe_file("/lists/chained.txt", b"simplecache::memory://fleet/a.avi")
     before = {name: memory.cat_file(name) for name in memory.find("/")}
@@ -287,7 +285,7 @@ def test_a_list_in_a_store_is_read_as_one_in_a_folder(memory):
         "e.avi": "memory://x/../y/e.avi",
     }
     memory.pipe_file("/lists/some.txt", b"../fleet/a.avi\na.avi")
-    with pytest.raises(RecordingError, match=r"would both be written as a\.avi"):
+    with pytest.raises(RecordingError, match=r"would share the results folder a\.avi"):
         find_recordings("memory://lists/some.txt")
 
 
@@ -300,20 +298,20 @@ def test_a_list_in_a_store_is_read_as_one_in_a_folder(memory):
         {"a.avi/notes.txt": b"mine", "a.avi/old/done.json": DONE.encode()},
     ],
 )
-def test_objects_of_something_else_are_left_as_they_are(memory, objects, tmp_path):
+def test_objects_without_results_are_not_overwritten(memory, objects, tmp_path):
     results = ResultsStore("memory://boxes")
     for name, text in objects.items():
         memory.pipe_file(f"/boxes/{name}", text)
     for attempt in (lambda: put(results, True), lambda: results.put(tmp_path, "a.avi")):
-        with pytest.raises(RecordingError, match="is not of a recording's results") as told:
+        with pytest.raises(RecordingError, match="holds no results") as raised:
             attempt()
-        assert told.value.exit_code == 4
+        assert raised.value.exit_code == 4
     found = {name: memory.cat_file(name) for name in memory.find("/boxes")}
     found.pop("/boxes/.lock")
     assert found == {f"/boxes/{name}": text for name, text in objects.items()}
 
 
-def test_objects_of_results_are_replaced_also_where_they_are_unfinished(memory, monkeypatch):
+def test_results_in_a_store_are_replaced_even_if_unfinished(memory, monkeypatch):
     results = ResultsStore("memory://boxes")
     memory.pipe_file("/boxes/a.avi/done.json", DONE.encode())
     memory.pipe_file("/boxes/a.avi/report.html", b"page")

@@ -35,7 +35,7 @@ def tracked(track, rows, moving_square_sequence, tmp_path):
     return run
 
 
-def test_a_file_says_what_could_be_typed(tracked, own):
+def test_a_file_equals_typed_options(tracked, own):
     typed = tracked(
         *BOX,
         *("--preset", "li2007", "--seed", 3, "--parameter", "particles=20"),
@@ -45,13 +45,13 @@ def test_a_file_says_what_could_be_typed(tracked, own):
     assert tracked(*BOX, "--params-file", own, "--seed", 4) != typed
 
 
-def test_what_is_typed_comes_over_the_file(tracked, own):
+def test_typed_options_override_the_file(tracked, own):
     over = ("--parameter", "particles=30", "--parameter", "template.update_above=0.5")
     typed = ("--preset", "li2007", "--seed", 3, "--parameter", "cues=color_histogram,hog")
     assert tracked(*BOX, "--params-file", own, *over) == tracked(*BOX, *typed, *over)
 
 
-def test_a_file_for_another_name_is_taken_and_that_is_told(
+def test_a_file_for_another_node_is_used_with_a_warning(
     track, rows, moving_square_sequence, own, tmp_path
 ):
     other = tmp_path / "other.yaml"
@@ -66,7 +66,7 @@ def test_a_file_for_another_name_is_taken_and_that_is_told(
     assert f"{other} is for /front_tracker, and taken for the tracker here" in found[1][1]
 
 
-def test_a_preset_is_given_once(track, moving_square_sequence, own, tmp_path):
+def test_two_presets_are_refused(track, moving_square_sequence, own, tmp_path):
     arguments = (moving_square_sequence, "--output", tmp_path / "out", "--params-file", own)
     code, _, errors = track(*arguments, "--preset", "default")
     assert code == 2
@@ -75,10 +75,10 @@ def test_a_preset_is_given_once(track, moving_square_sequence, own, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_file_for_several_targets_tracks_one_as_one_of_several(tracked, own):
+def test_a_file_with_max_targets_tracks_a_single_target_as_one_of_several(tracked, own):
     own.write_text(OWN.replace("preset:", "max_targets: 5\n    preset:"))
     found = tracked(*BOX, "--params-file", own)
-    # Of several targets there is a label.
+    # The label is a column of several targets.
     assert found[0]["label"] == ""
     several = ("--preset", "li2007", "--seed", 3, "--parameter", "max_targets=5")
     cues = ("--parameter", "cues=color_histogram,hog", "--parameter", "particles=20")
@@ -87,7 +87,7 @@ def test_a_file_for_several_targets_tracks_one_as_one_of_several(tracked, own):
     assert tracked(*BOX, "--params-file", own, "--parameter", "max_targets=7") == found
 
 
-def test_a_wrong_value_that_is_typed_is_not_the_files(track, moving_square_sequence, own):
+def test_an_invalid_typed_value_does_not_name_the_file(track, moving_square_sequence, own):
     arguments = (moving_square_sequence, "--output", own.parent / "out", "--params-file", own)
     code, _, errors = track(*arguments, "--parameter", "particles=none")
     assert code == 2
@@ -104,7 +104,9 @@ def test_a_wrong_value_that_is_typed_is_not_the_files(track, moving_square_seque
         ('detector: {labels: ["a, b"]}', "allowed here: without commas"),
     ],
 )
-def test_a_wrong_value_is_told_by_its_name(track, moving_square_sequence, own, line, said):
+def test_an_invalid_value_is_reported_with_file_and_parameter(
+    track, moving_square_sequence, own, line, said
+):
     own.write_text(f"/**:\n  ros__parameters:\n    {line}\n")
     output = own.parent / "out"
     arguments = (moving_square_sequence, "--output", output, "--params-file", own)

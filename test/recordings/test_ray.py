@@ -1,4 +1,4 @@
-"""An archive on a Ray cluster: the same results, whatever is killed on the way."""
+"""An archive on a Ray cluster: the same results, even if processes are killed."""
 
 import contextlib
 import dataclasses
@@ -29,8 +29,8 @@ needs_ray = pytest.mark.skipif(
 
 @pytest.fixture
 def start_on_ray(start_track, archive, monkeypatch, tmp_path):
-    """Starts the archive on two workers of a cluster of its own."""
-    # Ray keeps there the token that its processes know each other by.
+    """Starts the archive on two workers of its own cluster."""
+    # Ray keeps its authentication token there.
     monkeypatch.setenv("HOME", str(tmp_path))
 
     def start(output):
@@ -41,7 +41,7 @@ def start_on_ray(start_track, archive, monkeypatch, tmp_path):
 
 
 @needs_ray
-def test_killed_workers_and_a_killed_driver_cost_only_what_was_under_way(
+def test_killed_workers_and_a_killed_driver_cost_only_the_recordings_in_progress(
     serial, start_on_ray, watch, tmp_path
 ):
     output = tmp_path / "out"
@@ -59,7 +59,7 @@ def test_killed_workers_and_a_killed_driver_cost_only_what_was_under_way(
     driver = start_on_ray(output)
     said, errors = driver.communicate(timeout=120)
     assert driver.returncode == 1
-    tracked, before = re.search(r"(\d+) tracked, (\d+) done before, 3 failed", said).groups()
+    tracked, before = re.search(r"(\d+) tracked, (\d+) up to date, 3 failed", said).groups()
     assert int(tracked) + int(before) == 10
     assert int(before) >= len(done) >= 5
     assert watch.boxes(output) == watch.boxes(serial[0])
@@ -74,7 +74,9 @@ def test_killed_workers_and_a_killed_driver_cost_only_what_was_under_way(
 
 
 @needs_ray
-def test_ctrl_c_ends_it_and_its_cluster_which_nobody_else_can_reach(start_on_ray, watch, tmp_path):
+def test_ctrl_c_ends_the_cluster_which_listens_on_the_loopback_interface_only(
+    start_on_ray, watch, tmp_path
+):
     output = tmp_path / "out"
     driver = start_on_ray(output)
     watch.wait_for_results(output, 1)
@@ -88,13 +90,13 @@ def test_ctrl_c_ends_it_and_its_cluster_which_nobody_else_can_reach(start_on_ray
     watch.assert_whole(output)
     assert not list(output.rglob(".archive_*"))
     assert driver.returncode == 130
-    assert "track: error: interrupted at once; what was not finished is gone\n" in errors
+    assert "track: error: interrupted; unfinished files were discarded\n" in errors
 
 
 def listening(pid):
     """The addresses at which a process listens."""
     links = set()
-    # A process may end meanwhile, and close what it had open.
+    # The process may have ended.
     with contextlib.suppress(OSError):
         links = {str(path.readlink()) for path in Path(f"/proc/{pid}/fd").iterdir()}
     for name, family, size in (("tcp", socket.AF_INET, 4), ("tcp6", socket.AF_INET6, 16)):
@@ -109,14 +111,14 @@ def listening(pid):
 
 @needs_ray
 @pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:1"])
-def test_without_a_cluster_it_says_how_to_have_one(start_track, archive, tmp_path, address):
+def test_without_a_cluster_it_says_how_to_start_one(start_track, archive, tmp_path, address):
     process = start_track(
         "--archive", archive, "--output", tmp_path / "out", "--ray", address, *QUICK
     )
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert f"there is no Ray cluster to be had at {address} (" in errors
-    assert errors.endswith("or let --ray local start one on this machine\n")
+    assert f"there is no Ray cluster at {address} (" in errors
+    assert errors.endswith("or use --ray local to start one on this machine\n")
 
 
 def test_without_ray_it_says_what_to_install(archive, track, monkeypatch, tmp_path):
@@ -127,8 +129,8 @@ def test_without_ray_it_says_what_to_install(archive, track, monkeypatch, tmp_pa
     assert "ray is not installed: pip install ray, or '.[ray]' in the sources" in errors
 
 
-class Losing:
-    """Does tasks in this process; says of some that their worker has ended.
+class LossyExecutor:
+    """Runs tasks in this process, and reports for some that their worker has ended.
 
     Attributes:
         rounds: Names of the tasks of each round.
@@ -149,53 +151,51 @@ class Losing:
 
 @pytest.fixture
 def tasks(archive, tmp_path):
-    """Three tasks in a folder where a run is at work."""
+    """Three tasks in a locked folder."""
     recordings = {f"drive_{n}": archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
     with ResultsFolder(tmp_path / "out").locked() as results:
         yield make_tasks(recordings, results, QUICK)
 
 
-def test_what_workers_lose_is_done_again_as_long_as_anything_gets_done(tasks):
-    # One is done in each round: the last one after more rounds than are granted without any.
+def test_lost_tasks_are_repeated_as_long_as_others_complete(tasks):
+    # The last task completes after more rounds than are allowed without a completed task.
     order = {task.name: 3 * number + 1 for number, task in enumerate(tasks)}
-    executor = Losing(lambda name, number: number < order[name])
+    executor = LossyExecutor(lambda name, number: number < order[name])
     found = {task.name: entry for task, entry in run_tasks(tasks, executor)}
     assert len(executor.rounds) == 7
     assert {entry.exit_code for entry in found.values()} == {0}
 
 
-def test_a_recording_that_ends_every_worker_is_told_and_does_not_stop_the_others(tasks):
-    executor = Losing(lambda name, number: name == "drive_1")
+def test_a_recording_that_ends_every_worker_is_reported_and_does_not_stop_the_others(tasks):
+    executor = LossyExecutor(lambda name, number: name == "drive_1")
     found = {task.name: entry for task, entry in run_tasks(tasks, executor)}
     assert [entry.exit_code for _, entry in sorted(found.items())] == [0, 1, 0]
-    assert found["drive_1"].error.endswith("drive_1: its worker was lost, again and again")
+    assert found["drive_1"].error.endswith("drive_1: its worker was lost, 4 times in a row")
     assert executor.rounds[1:] == [["drive_1"]] * 4
 
 
-def test_a_worker_with_another_version_does_nothing(tasks):
+def test_a_worker_with_another_version_refuses_tasks(tasks):
     others = [dataclasses.replace(task, version="0.0.1") for task in tasks]
-    found = dict(run_tasks(others, Losing(lambda name, number: False)))
+    found = dict(run_tasks(others, LossyExecutor(lambda name, number: False)))
     for task, entry in found.items():
         assert entry.exit_code == 1
-        assert "and not 0.0.1; install the same everywhere" in entry.error
+        assert ", not 0.0.1; install the same everywhere" in entry.error
         assert not (task.results.path / task.name).exists()
 
 
-def test_a_worker_that_sees_another_folder_or_is_of_another_run_does_not_write(tasks, tmp_path):
+def test_a_worker_with_an_unshared_folder_or_of_a_former_run_does_not_write(tasks, tmp_path):
     elsewhere = dataclasses.replace(tasks[0].results, path=tmp_path / "unshared")
     others = [dataclasses.replace(task, results=elsewhere) for task in tasks]
-    for _, entry in run_tasks(others, Losing(lambda name, number: False)):
-        assert "is another folder than that of the run; give one that all machines share" in (
-            entry.error
-        )
+    for _, entry in run_tasks(others, LossyExecutor(lambda name, number: False)):
+        assert "is not the folder of the run; give a folder that all machines share" in entry.error
     assert not (tmp_path / "unshared").exists()
     former = dataclasses.replace(tasks[0].results, run="former")
-    with pytest.raises(RecordingError, match="another run has taken over"):
+    with pytest.raises(RecordingError, match="another run is writing into"):
         former.put(tmp_path, "drive_0")
     assert not (tmp_path / "out" / "drive_0").exists()
 
 
-def test_memory_goes_by_the_size_of_the_images_and_what_is_written(tasks, archive):
+def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, archive):
     task = tasks[0]
     (archive / "day_0" / "drive_0.target.yaml").write_text(
         "target_box: [20, 30, 24, 24]\nimage_size: [640, 480]\n"
@@ -204,5 +204,5 @@ def test_memory_goes_by_the_size_of_the_images_and_what_is_written(tasks, archiv
     assert 200e6 < plain < 300e6
     full = dataclasses.replace(task, arguments=("--video", "--report"))
     assert required_memory(full) > 1.5 * plain
-    # Nothing runs in memory that is missing: one that does not tell has large images.
+    # Large images are assumed where the size is unknown.
     assert required_memory(tasks[1]) > 1.5 * plain

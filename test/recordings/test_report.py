@@ -1,4 +1,4 @@
-"""The report of a recording tells what an evaluation of it does."""
+"""The report of a recording has the scores of an evaluation."""
 
 import json
 import re
@@ -19,7 +19,7 @@ def figures(page):
     return {name: float(value) for name, value in found}
 
 
-def test_its_figures_are_those_of_the_evaluation(track, moving_square_sequence, tmp_path):
+def test_its_scores_equal_those_of_the_evaluation(track, moving_square_sequence, tmp_path):
     output = tmp_path / "out"
     assert track(moving_square_sequence, "--output", output, *QUICK, "--report")[0] == 0
     result = tmp_path / "r.json"
@@ -32,7 +32,7 @@ def test_its_figures_are_those_of_the_evaluation(track, moving_square_sequence, 
     assert 0 < expected["success_auc"] < 0.95
 
 
-def test_it_goes_where_it_is_told_to(track, moving_square_sequence, tmp_path):
+def test_it_is_written_to_the_given_folder(track, moving_square_sequence, tmp_path):
     arguments = (*QUICK, "--report", tmp_path / "elsewhere")
     assert track(moving_square_sequence, "--output", tmp_path / "out", *arguments)[0] == 0
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.csv"]
@@ -43,7 +43,7 @@ def test_it_goes_where_it_is_told_to(track, moving_square_sequence, tmp_path):
     assert not (tmp_path / "more").exists()
 
 
-def test_the_folder_of_the_user_is_a_place_for_it_too(
+def test_it_can_be_written_to_the_current_folder(
     track, moving_square_sequence, monkeypatch, tmp_path
 ):
     (tmp_path / "here").mkdir()
@@ -54,7 +54,7 @@ def test_the_folder_of_the_user_is_a_place_for_it_too(
     assert [path.name for path in (tmp_path / "here").iterdir()] == ["report.html"]
 
 
-def test_without_truth_it_tells_of_the_confidence(track, moving_square_sequence, tmp_path):
+def test_without_truth_it_shows_the_confidence(track, moving_square_sequence, tmp_path):
     box = ("--box", "20,30,24,24", "--report")
     source = moving_square_sequence / "img"
     assert track(source, "--output", tmp_path / "out", *QUICK, *box)[0] == 0
@@ -65,7 +65,7 @@ def test_without_truth_it_tells_of_the_confidence(track, moving_square_sequence,
     assert page.count("data:image/jpeg;base64,") >= 10
 
 
-def test_frames_before_the_target_and_after_its_loss_are_told(
+def test_frames_before_the_target_and_after_its_loss_are_shown(
     track, moving_square, write_sequence, tmp_path
 ):
     noise = np.random.default_rng(0).integers(0, 255, (30, 120, 160, 3), dtype=np.uint8)
@@ -80,7 +80,7 @@ def test_frames_before_the_target_and_after_its_loss_are_told(
     assert "<figcaption>frame 0, idle</figcaption>" in page
 
 
-def test_a_recording_that_breaks_off_has_a_report_up_to_there(
+def test_the_report_covers_the_frames_before_an_unreadable_one(
     track, moving_square_sequence, tmp_path
 ):
     (moving_square_sequence / "img" / "0013.png").write_bytes(b"not a picture")

@@ -1,4 +1,4 @@
-"""Several targets in one recording with the command `track`: the boxes, and what is refused."""
+"""Several targets in one recording with the command `track`, given or detected."""
 
 import sys
 
@@ -13,11 +13,6 @@ from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 COUNT = 16
 NAMES = ("x", "y", "width", "height")
-# As the repository of vision_msgs has them.
-
-
-def box_text(box):
-    return ",".join(map(str, box))
 
 
 def one_sentence(errors):
@@ -28,10 +23,10 @@ def one_sentence(errors):
 
 def test_several_boxes_have_a_row_each_to_the_bits_of_the_library(tracked, source, library):
     boxes = library.boxes[0]
-    given = [argument for box in boxes for argument in ("--box", box_text(box))]
+    given = [f"--box={','.join(map(str, box))}" for box in boxes]
     code, errors, found = tracked(source, "--seed", 5, *given)
     assert (code, errors) == (0, "")
-    found = library.as_told(found)
+    found = library.target_rows(found)
     assert found == library.track(boxes, seed=5)
     assert [row[2] for row in found] == [1, 2] * COUNT
     assert len({row[3] for row in found}) > COUNT
@@ -46,11 +41,10 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
         f"  - {{target_box: {list(boxes[2][0])}, stamp: {library.at(2)}, label: red}}\n"
     )
     output = tmp_path / "out"
-    # A parameter of several targets alone.
     few = ("--parameter", "max_targets=2", "--report", "--bag")
     code, said, _ = track(source, "--output", output, *QUICK, *few)
     assert code == 0
-    assert "(the best seen target: " in said
+    assert "(best target: " in said
     assert "), 2 targets, " in said
     found = rows(output)
     assert [(row["frame"], row["id"], row["state"]) for row in found[:2]] == [
@@ -78,10 +72,10 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
         ("targets: [{target_box: [1, 2, 30]}]", "'target_box' of target 1 is [1, 2, 30]"),
         (
             "targets: [{target_box: [1, 2, 30, 40]}, {target_box: [1, 2, 30, 40], age: 3}]",
-            "has age of target 2; allowed: frame, image_size",
+            "unknown key age of target 2; allowed: frame, image_size",
         ),
-        ("targets: []\ntarget_box: [1, 2, 30, 40]", "has target_box; allowed: image_size"),
-        ("recording: other\ntargets: [{target_box: [1, 2, 30, 40]}]", "the target of 'other'"),
+        ("targets: []\ntarget_box: [1, 2, 30, 40]", "unknown key target_box; allowed: image_s"),
+        ("recording: other\ntargets: [{target_box: [1, 2, 30, 40]}]", "is for 'other', not for"),
         (
             "targets: [{target_box: [1, 2, 30, 40]}, {target_box: [900, 2, 30, 40]}]",
             "target refused: the center of box (900, 2, 30, 40) is outside",
@@ -89,11 +83,11 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
         (
             "targets: [{target_box: [1, 2, 30, 40], frame: 7}, {target_box: [1, 2, 9, 9], "
             "frame: 900}]",
-            "img.target.yaml is of a frame number 900, which this recording does not have",
+            "img.target.yaml is for the frame with number 900, which this recording does not have",
         ),
     ],
 )
-def test_a_file_of_several_targets_that_is_wrong(track, source, tmp_path, text, said):
+def test_an_invalid_file_of_several_targets(track, source, tmp_path, text, said):
     source.with_name("img.target.yaml").write_text(text)
     code, _, errors = track(source, "--output", tmp_path / "out", *QUICK)
     assert code == WRONG_TARGET
@@ -105,15 +99,17 @@ def test_detections_of_a_file_start_and_correct_targets(
     tracked, source, library, write_detections, label
 ):
     file = write_detections((3, 7, 11), label=label)
-    # It has seen the frame 14, and found nothing.
+    # No detections in frame 14.
     file.write_text(file.read_text() + "15\n")
     code, errors, found = tracked(source, "--detections", file)
     assert (code, errors) == (0, "")
-    heard = {number: [(library.said(number), number)] for number in (3, 7, 11)}
+    arrivals = {number: [(library.detections(number), number)] for number in (3, 7, 11)}
     if "walker" not in label:
-        heard = {n: [(Detections(one.boxes, one.scores), n)] for n, [(one, _)] in heard.items()}
-    heard[14] = [(Detections([]), 14)]
-    assert library.as_told(found) == library.track((), heard)
+        arrivals = {
+            n: [(Detections(each.boxes, each.scores), n)] for n, [(each, _)] in arrivals.items()
+        }
+    arrivals[14] = [(Detections([]), 14)]
+    assert library.target_rows(found) == library.track((), arrivals)
     assert [(row["frame"], row["id"], row["state"]) for row in found[:3]] == [
         (str(number), "", "idle") for number in range(3)
     ]
@@ -135,11 +131,11 @@ def test_detections_of_a_file_start_and_correct_targets(
         ("1,-1,2,3,4,5,62.1", "the score is 62.1; allowed: 0 to 1"),
         ("1,-1,2,3,4,5,high", "the score is 'high'"),
         ("\x00\xff", "line 1: the frame is"),
-        ("1,-1,2,3,4,5,0.9,car, red", 'the label is car, red; allowed: "car, red", as it has'),
+        ("1,-1,2,3,4,5,0.9,car, red", 'the label is car, red; allowed: "car, red", in quotes'),
         ('1,-1,2,3,4,5,0.9,"car\n2,-1,2,3,4,5,0.9\n', "cannot be read (unexpected end of data)"),
     ],
 )
-def test_a_file_of_detections_that_is_wrong(track, source, tmp_path, text, said):
+def test_an_invalid_detection_file(track, source, tmp_path, text, said):
     file = tmp_path / "detections.csv"
     file.write_text(text)
     code, _, errors = track(source, "--output", tmp_path / "out", "--detections", file)
@@ -149,7 +145,7 @@ def test_a_file_of_detections_that_is_wrong(track, source, tmp_path, text, said)
     assert not (tmp_path / "out").exists()
 
 
-def test_files_of_detections_that_cannot_be_read(track, source, tmp_path):
+def test_detection_files_that_cannot_be_read(track, source, tmp_path):
     (tmp_path / "octets").write_bytes(b"\xff\xfe\x80")
     for name, said in (("none", "none cannot be read"), (".", "is a folder"), ("octets", "utf-8")):
         given = ("--detections", tmp_path / name)
@@ -158,7 +154,7 @@ def test_files_of_detections_that_cannot_be_read(track, source, tmp_path):
         assert said in one_sentence(errors)
 
 
-def test_detections_beyond_the_end_are_told_and_cost_nothing(
+def test_detections_after_the_last_frame_are_an_error_that_keeps_the_results(
     track, rows, source, write_detections, tmp_path
 ):
     file = write_detections((0, 4, 8))
@@ -167,14 +163,12 @@ def test_detections_beyond_the_end_are_told_and_cost_nothing(
     code, _, errors = track(source, "--output", tmp_path / "out", "--detections", file)
     assert code == WRONG_DETECTIONS
     line = one_sentence(errors)
-    assert "has detections of frame 17, and the recording has 16" in line
+    assert "has detections in frame 17, but the recording has 16 frames" in line
     assert line.endswith(f"; {COUNT} frames were tracked")
     assert rows(tmp_path / "out") == rows(tmp_path / "right")
 
 
-def test_every_output_tells_of_several_targets(
-    tracked, source, write_detections, typestore, tmp_path
-):
+def test_every_output_has_several_targets(tracked, source, write_detections, typestore, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow")
     from rosbags.rosbag2 import Reader
 
@@ -201,7 +195,7 @@ def test_every_output_tells_of_several_targets(
         assert sorted(reader.topics) == [f"/pf_tracker/{name}" for name in names]
         for connection, _, data in reader.messages():
             message = typestore.deserialize_cdr(data, connection.msgtype)
-            # Nobody has selected one of them.
+            # No target is selected.
             assert connection.topic != "/pf_tracker/box"
             if connection.topic == "/pf_tracker/status":
                 node, *targets = message.status
@@ -212,12 +206,12 @@ def test_every_output_tells_of_several_targets(
                 number = numbers[stamp.sec * 10**9 + stamp.nanosec]
                 ids[number] = [one.id for one in message.markers if one.ns == "boxes"]
     assert sorted(ids) == list(range(COUNT))
-    for number, told in ids.items():
-        own = [int(row["id"]) for row in found if row["frame"] == str(number) and row["x"]]
-        assert told == own
+    for number, published in ids.items():
+        rows = [row for row in found if row["frame"] == str(number)]
+        assert published == [int(row["id"]) for row in rows if row["x"]]
 
 
-def test_a_label_stays_in_its_row_and_cell(tracked, source, write_detections, tmp_path):
+def test_a_label_stays_in_its_cell(tracked, source, write_detections, tmp_path):
     file = write_detections((0,), count=1, label=',"car, ""red""\r\nor\tnot\x7f"')
     code, _, found = tracked(source, "--detections", file)
     assert code == 0
@@ -225,7 +219,7 @@ def test_a_label_stays_in_its_row_and_cell(tracked, source, write_detections, tm
     assert len((tmp_path / "out" / "boxes.csv").read_text().splitlines()) == 1 + COUNT
 
 
-def test_a_video_without_any_picture_says_why_there_is_none(
+def test_a_video_without_images_says_why_it_was_not_written(
     track, rows, make_stamped, write_bag, tmp_path
 ):
     message = make_stamped(
@@ -236,13 +230,13 @@ def test_a_video_without_any_picture_says_why_there_is_none(
     output = tmp_path / "out"
     code, _, errors = track(bag, "--output", output, "--detector", "motion", "--video", *QUICK)
     assert code == 3
-    assert "there is no overlay.mp4, as no frame has an image: " in one_sentence(errors)
+    assert "overlay.mp4 was not written, because no frame has an image: " in one_sentence(errors)
     assert "64FC1" in errors
     assert [path.name for path in output.iterdir()] == ["boxes.csv"]
     assert [row["state"] for row in rows(output)] == ["skipped"]
 
 
-def test_nothing_found_at_all_is_a_result(track, rows, source, tmp_path):
+def test_a_recording_without_targets_has_results(track, rows, source, tmp_path):
     file = tmp_path / "none.csv"
     file.write_text("5\n")
     output = tmp_path / "out"
@@ -254,57 +248,57 @@ def test_nothing_found_at_all_is_a_result(track, rows, source, tmp_path):
     assert "<dt>targets</dt><dd>0</dd>" in (output / "report.html").read_text()
 
 
-def test_what_a_built_in_detector_finds_does_not_hang_on_the_machine(
+def test_the_detections_of_a_built_in_detector_do_not_depend_on_the_machine(
     tracked, source, monkeypatch, walkers, library
 ):
-    class Eyes:
+    class Detector:
         """Finds the walkers, and fails once."""
 
         def __init__(self):
-            self.seen = []
+            self.frames = []
 
         def detect(self, image, interval=0.04):
             (number,) = (n for n, one in enumerate(walkers[0]) if np.array_equal(one, image))
-            self.seen.append(number)
+            self.frames.append(number)
             if number == 8:
                 raise RuntimeError("blind")
-            return library.said(number)
+            return library.detections(number)
 
-    eyes = Eyes()
-    monkeypatch.setitem(DETECTORS._makers, "motion", lambda: eyes)
+    detector = Detector()
+    monkeypatch.setitem(DETECTORS._makers, "motion", lambda: detector)
     code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "7")
     assert code == 0
-    # Every fourth frame of 25 a second is due, and its answer is heard before the next.
-    assert eyes.seen == [0, 4, 8, 12]
-    heard = {number + 1: [(library.said(number), number)] for number in (0, 4, 12)}
-    assert library.as_told(found) == library.track((), heard)
+    # Every fourth frame of 25 per second is due, and its detections arrive before the next one.
+    assert detector.frames == [0, 4, 8, 12]
+    arrivals = {number + 1: [(library.detections(number), number)] for number in (0, 4, 12)}
+    assert library.target_rows(found) == library.track((), arrivals)
     (line,) = errors.splitlines()
     assert line == (
-        "track: of 1 warning on detections and targets the first is: frame 9: the detector "
-        "'motion' failed in frame 8: blind (frames count from 0)"
+        "track: 1 warning on detections and targets, first: frame 9: the detector 'motion' failed "
+        "in frame 8: blind (frames counted from 0)"
     )
 
 
-def test_without_detections_beside_it_says_where_they_would_be(track, source, tmp_path):
+def test_a_missing_detection_file_is_named(track, source, tmp_path):
     code, _, errors = track(source, "--output", tmp_path / "out", "--detections")
     assert code == WRONG_DETECTIONS
     assert one_sentence(errors).endswith(
-        f"no detections for {source}: write img.detections.csv beside it, or give --detections FILE"
+        f"no detections for {source}; write img.detections.csv beside it, or give --detections FILE"
     )
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
     ("name", "finds"),
-    [("motion", "moves before a camera that stands still"), ("people", "at least 100 px high")],
+    [("motion", "moving objects in front of a static camera"), ("people", "at least 100 px high")],
 )
-def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source, name, finds):
+def test_a_built_in_detector_without_detections_is_reported(tracked, source, name, finds):
     code, errors, found = tracked(source, "--detector", name, "--detector-rate", "5")
     assert code == 0
     (line,) = errors.splitlines()
-    assert line.startswith(f"track: the detector '{name}' found nothing in 4 frames that it was ")
+    assert line.startswith(f"track: the detector '{name}' found nothing in 4 frames; it finds ")
     assert finds in line
-    assert "--detector-rate shows it more frames" in line
+    assert "raise --detector-rate to process more frames" in line
     assert [(row["id"], row["state"]) for row in found] == [("", "idle")] * COUNT
 
 
@@ -319,7 +313,7 @@ def test_a_built_in_detector_that_finds_nothing_says_so(tracked, source, name, f
         (["--detector", "motion", "--parameter", "targets.least=1"], "targets.least"),
         (
             ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "max_targets=1"],
-            "2 targets are given, and 'max_targets' is 1; allowed: no more",
+            "there are 2 targets, but 'max_targets' is 1; raise it, or give fewer targets",
         ),
     ],
 )

@@ -1,4 +1,4 @@
-"""Detections of a bag's topic with the command `track`: when they are heard, what is refused."""
+"""Detections of a bag's topic with the command `track`."""
 
 import pytest
 
@@ -14,29 +14,29 @@ def one_sentence(errors):
 
 
 @pytest.mark.parametrize("little_endian", [True, False])
-def test_detections_of_a_bag_count_by_their_stamps_when_they_were_heard(
+def test_detections_of_a_bag_are_applied_at_their_stamps_when_they_arrive(
     tracked, write_walkers, detections_message, library, little_endian
 ):
     boxes = library.boxes
-    # Of frame 0 as that came, of frame 4 two frames late, of frame 9 together with frame 10.
-    heard = ((0, 0), (4, 6), (9, 10))
+    # (frame of the detections, frame of their arrival): at once, two frames late, one frame late.
+    frames = ((0, 0), (4, 6), (9, 10))
     bag = write_walkers(
         [
             (
-                library.at(told) + 1000,
-                detections_message(library.at(seen), boxes[seen], little_endian=little_endian),
+                library.at(arrival) + 1000,
+                detections_message(library.at(frame), boxes[frame], little_endian=little_endian),
             )
-            for seen, told in heard
+            for frame, arrival in frames
         ]
     )
     code, errors, found = tracked(bag, "--detections-topic", "/found", "--seed", 2)
     assert (code, errors) == (0, "")
-    expected = {told: [(library.said(seen), seen)] for seen, told in heard}
-    assert library.as_told(found) == library.track((), expected, seed=2)
+    expected = {arrival: [(library.detections(frame), frame)] for frame, arrival in frames}
+    assert library.target_rows(found) == library.track((), expected, seed=2)
     assert len(found) == 2 * COUNT
 
 
-def test_a_detector_of_another_clock_is_told_of_and_left_out(
+def test_detections_of_another_clock_are_rejected_with_a_warning(
     tracked, write_walkers, detections_message, library
 ):
     boxes = library.boxes
@@ -50,26 +50,26 @@ def test_a_detector_of_another_clock_is_told_of_and_left_out(
     code, errors, found = tracked(bag, "--detections-topic", "/found")
     assert code == 0
     (line,) = errors.splitlines()
-    assert "of 2 warnings" in line
-    assert line.endswith(" (frames count from 0)")
+    assert "track: 2 warnings on" in line
+    assert line.endswith(" (frames counted from 0)")
     assert "frame 5: detections refused: its stamp is 3600 s after" in line
     assert len(found) == 2 * COUNT
 
 
-def test_topics_that_are_no_detections(track, write_walkers, detections_message, source, library):
+def test_topics_without_detections(track, write_walkers, detections_message, source, library):
     octets = detections_message(library.at(0), [(1.0, 2.0, 30.0, 40.0)])
     bag = write_walkers([(library.at(0), octets), (library.at(8), octets[:-30])])
     output = bag.parent / "out"
     code, _, errors = track(bag, "--output", output, "--detections-topic", "/none")
     assert code == WRONG_DETECTIONS
-    assert "has no topic /none of type vision_msgs/msg/Detection2DArray; there are: /found" in (
+    assert "has no topic /none of type vision_msgs/msg/Detection2DArray; available: /found" in (
         one_sentence(errors)
     )
     code, _, errors = track(bag, "--output", output, "--detections-topic", "/eye")
     assert code == WRONG_DETECTIONS
     code, _, errors = track(source, "--output", output, "--detections-topic", "/eye")
     assert code == 2
-    assert "is for a bag" in one_sentence(errors)
+    assert "applies to bags" in one_sentence(errors)
     assert not output.exists()
     code, _, errors = track(bag, "--output", output, "--detections-topic", "/found")
     assert code == 3

@@ -1,4 +1,4 @@
-"""The target of a recording: the box given, the file beside it, its truth."""
+"""The target of a recording: the given box, its target file, its ground truth."""
 
 import errno
 import math
@@ -37,7 +37,7 @@ def test_the_file_stands_beside_the_recording(tmp_path):
     assert target_file(folder) == tmp_path / "run.1.target.yaml"
 
 
-def test_a_box_goes_before_the_file_and_the_file_before_the_truth(
+def test_a_box_precedes_the_target_file_which_precedes_the_truth(
     moving_square_sequence, write_target
 ):
     recording = open_recording(moving_square_sequence)
@@ -84,55 +84,57 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("recording: other.mcap\ntarget_box: [1, 2, 3, 4]", "is the target of 'other.mcap'"),
+        ("recording: other.mcap\ntarget_box: [1, 2, 3, 4]", "is for 'other.mcap', not for 'mov"),
         (
             "image_size: [640, 480]\ntarget_box: [1, 2, 3, 4]",
-            "is of images of 640 x 480 px, and these have 160 x 120 px: it belongs to another",
+            "is for images of 640 x 480 px, but these have 160 x 120 px: it belongs to another",
         ),
         (
             "target_box: [20, 30, 24, 24]\nstamp: 1000000007",
-            "is of a frame stamped 1000000007 ns, which this recording does not have",
+            "is for the frame with stamp 1000000007 ns, which this recording does not have",
         ),
         (
             "target_box: [20, 30, 24, 24]\nstamp: 1700000000000000000",
-            "is of a frame stamped 1700000000000000000 ns, which this recording does not have",
+            "is for the frame with stamp 1700000000000000000 ns, which this recording does not",
         ),
         (
             "target_box: [20, 30, 24, 24]\nframe: 3\nstamp: 1000000000",
-            "is of a frame number 3, stamped 1000000000 ns, which this recording does not have",
+            "is for the frame with number 3 and stamp 1000000000 ns, which this recording does",
         ),
-        ("target_box: [20, 30, 24, 24]\nframe: 400", "is of a frame number 400, which this"),
+        ("target_box: [20, 30, 24, 24]\nframe: 400", "is for the frame with number 400, which"),
         ("label: car", "'target_box' is None; allowed: four numbers"),
         ("target_box: [1, 2, 3]", "allowed: four numbers"),
         ("target_box: [1, 2, .nan, 3]", "allowed: four numbers"),
         ("target_box: [1, 2, 3, 0]", "allowed: a width and height above 0"),
         ("target_box: [1, 2, 3, 4]\nstamp: soon", "'stamp' is 'soon'"),
         ("target_box: [1, 2, 3, 4]\nframe: -1", "'frame' is -1"),
-        ("target_box: [1, 2, 3, 4]\nage: 3", "has age; allowed: frame, image_size, label"),
-        ("- 1", "it is [1]; allowed: a mapping"),
+        ("target_box: [1, 2, 3, 4]\nage: 3", "unknown key age; allowed: frame, image_size"),
+        ("- 1", "the document is [1]; allowed: a mapping"),
         ("target_box: [", "cannot be read as YAML"),
         ("target_box: [900, 2, 3, 4]", "target refused"),
         (f"target_box: [{10**400}, 2, 3, 4]", "allowed: four numbers"),
-        (f"target_box: [1, 2, 3, 4]\nimage_size: [{10**400}, 4]", "allowed: two numbers"),
+        (f"target_box: [1, 2, 3, 4]\nimage_size: [{10**400}, 4]", "allowed: two whole numbers"),
         (
             "target_box: [1, 2, 3, 4]\nimage_size: [320.7, 240]",
-            "'image_size' is [320.7, 240]; allowed: two numbers, width and height, both whole",
+            "'image_size' is [320.7, 240]; allowed: two whole numbers, width and height",
         ),
-        ("target_box: [1, 2, 3, 4]\nlabel: [a, b]", "'label' is ['a', 'b']; allowed: one text"),
-        ("target_box: [1, 2, 3, 4]\nlabel: no", "'label' is False; allowed: one text"),
+        ("target_box: [1, 2, 3, 4]\nlabel: [a, b]", "'label' is ['a', 'b']; allowed: a text"),
+        ("target_box: [1, 2, 3, 4]\nlabel: no", "'label' is False; allowed: a text"),
         ("target_box: [1.0e+308, 2, 1.0e+308, 4]", "expected four finite numbers"),
         ("target_box: [&a [1, 2], *a, *a]", "aliases, such as *name, are not allowed"),
         (f"target_box: [{', '.join(['[x]'] * 500)}]", "['x'], ['x...; allowed: four numbers"),
         ("[" * 3000 + "]" * 3000, "cannot be read as YAML (maximum recursion depth exceeded"),
         (
             'target_box: [1, 2, 3, 4]\nlabel: "\\ud800"',
-            r"'label' is '\ud800'; allowed: a text of Unicode",
+            r"'label' is '\ud800'; allowed: Unicode text",
         ),
         ("label: !!bool perhaps", "cannot be read as YAML"),
         ("label: !!timestamp soon", "cannot be read as YAML"),
     ],
 )
-def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_path, text, said):
+def test_a_target_file_that_is_invalid_or_belongs_to_another_recording(
+    track, write_target, tmp_path, text, said
+):
     path = write_target(text)
     code, _, errors = track(path.with_name("moving_square"), "--output", tmp_path / "out", *QUICK)
     (line,) = errors.splitlines()
@@ -143,7 +145,9 @@ def test_a_file_that_is_wrong_or_of_another_recording(track, write_target, tmp_p
     assert not (tmp_path / "out").exists()
 
 
-def test_a_file_that_is_a_link_to_nothing_cannot_be_read(track, moving_square_sequence, tmp_path):
+def test_a_target_file_that_is_a_broken_link_cannot_be_read(
+    track, moving_square_sequence, tmp_path
+):
     path = target_file(moving_square_sequence)
     for leads_to, reason in ((path.name, "Too many levels"), ("nowhere", "No such file")):
         path.symlink_to(leads_to)
@@ -159,7 +163,7 @@ def test_a_label_that_is_left_empty_is_none(moving_square_sequence, write_target
     assert choose_target(open_recording(moving_square_sequence), None).label == ""
 
 
-def test_boxes_are_those_that_a_message_can_tell(moving_square_sequence):
+def test_boxes_have_the_precision_of_a_message(moving_square_sequence):
     recording = open_recording(moving_square_sequence)
     frame = next(recording.frames())
     box = choose_target(recording, (20.1, 30.3, 24.7, 23.9)).box_in(frame)
@@ -224,12 +228,12 @@ def test_a_target_file_that_cannot_be_written_leaves_nothing_behind(tmp_path, dr
 def test_a_truth_without_any_box_is_no_target(write_sequence, moving_square):
     source = write_sequence("empty", moving_square.images[:2], np.full((2, 4), np.nan))
     recording = open_recording(source)
-    with pytest.raises(RecordingError, match="there is no true box in any frame"):
-        raise choose_target(recording, None).missed()
+    with pytest.raises(RecordingError, match="the ground truth has no box in any frame"):
+        raise choose_target(recording, None).not_found_error()
 
 
-def test_a_video_of_a_size_that_changes_is_one_size(tmp_path, track, make_stamped, write_bag,
-                                                    moving_square):  # fmt: skip
+def test_a_video_keeps_its_size_if_the_images_change(tmp_path, track, make_stamped, write_bag,
+                                                     moving_square):  # fmt: skip
     messages = []
     for index, image in enumerate(moving_square.images):
         stamp = (index + 1) * 40_000_000

@@ -169,7 +169,7 @@ class PlayedRecording:
                         waiting.remove(target)
                 if not waiting:
                     return found
-        raise waiting[0].missed()
+        raise waiting[0].not_found_error()
 
     def _check_target_file(self) -> None:
         self._has_target = lexists(self._target_file)

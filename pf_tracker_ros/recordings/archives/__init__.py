@@ -1,1 +1,1 @@
-"""Archives: many recordings, each once, over processes of this machine or a Ray cluster."""
+"""Archives: many recordings, tracked in parallel processes or on a Ray cluster."""

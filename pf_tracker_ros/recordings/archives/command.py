@@ -1,4 +1,12 @@
-"""The command `track --archive`."""
+"""The command `track --archive`.
+
+1. Find the recordings, and check that the results do not overlap them.
+2. Skip the recordings whose results are up to date.
+3. Track the others in parallel; each writes its results atomically.
+4. Write the manifest `archive.json`, the report if requested, and print a table.
+
+A dry run estimates the time from the first frames of the first recordings.
+"""
 
 from __future__ import annotations
 
@@ -44,43 +52,46 @@ from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
 from pf_tracker_ros.recordings.plan import SIDECAR, make_plan, open_from_options
 from pf_tracker_ros.recordings.sidecar_files import DETECTIONS_SUFFIX
 
-# What a dry run tracks to tell how long the rest would take.
+# A dry run tracks about this many recordings, and this many frames of each.
 _SAMPLED_RECORDINGS = 3
 _SAMPLED_FRAMES = 60
 
 
 def run_archive(options: argparse.Namespace) -> int:
-    """Track every recording of an archive that is not done, and print a table of all.
+    """Track every recording of an archive without up-to-date results, and print a table of all.
 
     Returns:
         Exit code: 1 if a recording failed.
 
     Raises:
-        RecordingError: The request cannot be carried out.
+        RecordingError: The request is invalid.
         FootageError: The archive cannot be read.
     """
     for option, name in (("source", "SOURCE"), ("box", "--box"), ("draw", "--draw")):
         if getattr(options, option) not in (None, False):
-            raise RecordingError(f"{name} is for one recording; allowed: without --archive")
+            raise RecordingError(f"{name} applies to a single recording; leave it out")
     if options.detections is not None and options.detections is not SIDECAR:
         raise RecordingError(
-            f"a file of detections is for one recording; allowed here: {DETECTIONS} alone, which "
-            f"takes drive{DETECTIONS_SUFFIX} beside drive.mcap"
+            f"{DETECTIONS} FILE applies to a single recording; allowed with --archive: {DETECTIONS}"
+            f" alone, which reads drive{DETECTIONS_SUFFIX} beside drive.mcap"
         )
     if options.report is not None and options.report is not SIDECAR:
-        raise RecordingError("--report has no folder here; allowed: beside each boxes.csv")
+        raise RecordingError(
+            "--report DIR applies to a single recording; allowed with --archive: --report alone, "
+            "which writes beside each boxes.csv"
+        )
     results = results_at(options.output)
     recordings = find_recordings(options.archive, filter_from_options(options))
     check_no_overlap(recordings, options.archive, options.output)
     with make_executor(options.ray, options.jobs, required_memory) as executor:
         if options.dry_run:
             _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)
-            _print_left_out(options, recordings)
+            _print_excluded(options, recordings)
             return DONE
-        with results.locked() as place:
-            tasks = make_tasks(recordings, place, _arguments(options))
-            exit_code = _run(tasks, place, executor, options)
-    _print_left_out(options, recordings)
+        with results.locked() as locked:
+            tasks = make_tasks(recordings, locked, _arguments(options))
+            exit_code = _run(tasks, locked, executor, options)
+    _print_excluded(options, recordings)
     return exit_code
 
 
@@ -90,42 +101,40 @@ def _run(
     executor: Executor,
     options: argparse.Namespace,
 ) -> int:
-    found = done_entries(tasks, results)
-    waiting = [task for task in tasks if task.name not in found]
-    archive = _last(options.archive)
+    entries = done_entries(tasks, results)
+    pending = [task for task in tasks if task.name not in entries]
+    archive = _base_name(options.archive)
     try:
         with (
-            progress_bar(len(waiting), "recordings", archive) as on_progress,
-            closing(run_tasks(waiting, executor)) as done,
+            progress_bar(len(pending), "recordings", archive) as on_progress,
+            closing(run_tasks(pending, executor)) as finished,
         ):
-            for task, entry in done:
-                found[task.name] = entry
+            for task, entry in finished:
+                entries[task.name] = entry
                 if entry.error:
                     print(f"track: error: {entry.error}", file=sys.stderr)
                 for warning in entry.warnings:
                     print(f"track: {entry.name}: {warning}", file=sys.stderr)
                 on_progress(archive, 1)
     finally:
-        # One may be done of which its worker could not tell any more.
-        found = {
-            **done_entries([task for task in tasks if task.name not in found], results),
-            **found,
-        }
-        known = [found[task.name] for task in tasks if task.name in found]
+        # A worker may have ended after its results were in place, but before it returned.
+        missing = [task for task in tasks if task.name not in entries]
+        entries = {**done_entries(missing, results), **entries}
+        known = [entries[task.name] for task in tasks if task.name in entries]
         write_manifest(results, known)
     if options.report is not None:
         _write_report(known, options, results)
-    _print_table(known, len(waiting), results)
+    _print_table(known, len(pending), results)
     return FAILED if any(entry.error for entry in known) else DONE
 
 
-def _last(place: Path | str) -> str:
+def _base_name(path_or_url: PathOrUrl) -> str:
     """The last part of a path or URL."""
-    return PurePosixPath(str(place)).name
+    return PurePosixPath(str(path_or_url)).name
 
 
 def _arguments(options: argparse.Namespace) -> list[str]:
-    """The arguments of `track` that are the same for every recording."""
+    """The arguments of `track` that all recordings share."""
     arguments = [f"--preset={options.preset}", f"--seed={options.seed}"]
     arguments += [f"--parameter={each}" for each in options.parameter]
     arguments += [f"--frame-rate={options.frame_rate or DEFAULT_FRAME_RATE}"]
@@ -145,22 +154,22 @@ def _arguments(options: argparse.Namespace) -> list[str]:
 
 
 def _write_report(
-    found: Sequence[ArchiveEntry], options: argparse.Namespace, results: Results
+    entries: Sequence[ArchiveEntry], options: argparse.Namespace, results: Results
 ) -> None:
-    frames = sum(entry.frames for entry in found)
-    failed = sum(bool(entry.error) for entry in found)
+    frames = sum(entry.frames for entry in entries)
+    failed = sum(bool(entry.error) for entry in entries)
     page = fill(
         "archive.html.jinja",
-        title=f"{_last(options.archive)}, tracked",
+        title=f"{_base_name(options.archive)}, tracked",
         facts={
             "archive": str(options.archive),
             "preset": options.preset,
             "parameters": ", ".join(options.parameter) or "those of the preset",
-            "recordings": f"{len(found)}, of which {failed} failed",
+            "recordings": f"{len(entries)}, of which {failed} failed",
             "frames": str(frames),
         },
-        states=_told_states(found),
-        # What needs to be looked at comes first.
+        states=_state_columns(entries),
+        # Errors first, then warnings.
         rows=[
             {
                 "name": entry.name,
@@ -170,24 +179,24 @@ def _write_report(
                 "error": entry.error,
                 "warnings": entry.warnings,
             }
-            for entry in sorted(found, key=lambda entry: (not entry.error, not entry.warnings))
+            for entry in sorted(entries, key=lambda entry: (not entry.error, not entry.warnings))
         ],
     )
     results.put_text(page, REPORT_FILE)
 
 
-def _told_states(entries: Sequence[ArchiveEntry]) -> tuple[str, ...]:
+def _state_columns(entries: Sequence[ArchiveEntry]) -> tuple[str, ...]:
     return state_columns({state for entry in entries for state in entry.states})
 
 
-def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results) -> None:
+def _print_table(entries: Sequence[ArchiveEntry], pending_count: int, results: Results) -> None:
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     table = Table()
     table.add_column("recording", overflow="fold")
-    states = _told_states(entries)
+    states = _state_columns(entries)
     for heading in ("frames", *states):
         table.add_column(heading, justify="right")
     table.add_column("")
@@ -197,131 +206,135 @@ def _print_table(entries: Sequence[ArchiveEntry], tracked: int, results: Results
             for state in states
         ]
         frames = str(entry.frames) if entry.frames else ""
-        # Names go in as Text: square brackets in a plain string are markup to Rich. What is wrong
-        # has been told, and would leave the names no room.
-        verdict = "failed" if entry.error else "warning" if entry.warnings else ""
-        table.add_row(Text(entry.name), frames, *shares, verdict)
+        # Text, because Rich reads square brackets in a plain string as markup. Messages were
+        # printed before and would take the space of the names.
+        outcome = "failed" if entry.error else "warning" if entry.warnings else ""
+        table.add_row(Text(entry.name), frames, *shares, outcome)
     Console().print(table)
     if idle := [entry.name for entry in entries if _is_idle(entry)]:
         print(
-            f"track: in {len(idle)} of {counted(len(entries), 'recording')} there was no target in "
-            f"any frame, such as in {idle[0]}",
+            f"track: {len(idle)} of {counted(len(entries), 'recording')} had no target in any "
+            f"frame, such as {idle[0]}",
             file=sys.stderr,
         )
     failed = sum(bool(entry.error) for entry in entries)
     print(
-        f"{counted(len(entries), 'recording')}: {tracked - failed} tracked, "
-        f"{len(entries) - tracked} done before, {failed} failed; results in {results.name}"
+        f"{counted(len(entries), 'recording')}: {pending_count - failed} tracked, "
+        f"{len(entries) - pending_count} up to date, {failed} failed; results in {results.name}"
     )
 
 
 def _is_idle(entry: ArchiveEntry) -> bool:
-    """Whether a recording was tracked to its end without any target."""
+    """Whether a recording was tracked to its end without a target."""
     return not entry.error and entry.states.keys() <= {"idle", "skipped"}
 
 
 def _print_plan(
     tasks: Sequence[ArchiveTask], executor: Executor, options: argparse.Namespace
 ) -> None:
-    """What would be done, and how long it would take, from a sample."""
-    plan = _Plan(options)
+    """Print what would be tracked, and an estimate of the time from a sample."""
+    estimate = _TimeEstimate(options)
     failing = 0
     done = done_entries(tasks, tasks[0].results)
-    waiting = [task for task in tasks if task.name not in done]
-    for task in waiting:
+    pending = [task for task in tasks if task.name not in done]
+    for task in pending:
         try:
-            count = plan.look_into(task.source)
+            count = estimate.add(task.source)
         except (FootageError, RecordingError) as error:
             print(f"would fail: {error}")
             failing += 1
         else:
             frames = "an unknown number of frames" if count is None else counted(count, "frame")
             print(f"would track: {task.source} ({frames})")
-    text = f"{len(waiting)} of {counted(len(tasks), 'recording')}, "
-    text += counted(sum(plan.known), "frame")
-    if plan.unknown:
-        text += f" and those of {plan.unknown} that do not tell"
-    if seconds := plan.seconds_a_frame:
+    text = f"{len(pending)} of {counted(len(tasks), 'recording')}, "
+    text += counted(sum(estimate.frame_counts), "frame")
+    if estimate.unknown_count:
+        text += f" and an unknown number in {estimate.unknown_count} of them"
+    if seconds := estimate.seconds_per_frame:
         workers = executor.workers
-        left = timedelta(seconds=round(plan.frames * seconds / workers))
+        duration = timedelta(seconds=round(estimate.frames * seconds / workers))
         cores = f"{counted(workers, 'core')}, at {1 / seconds:.0f} frames/s"
-        text += f"; about {left} on {cores}{' each' if workers > 1 else ''}"
+        text += f"; about {duration} on {cores}{' each' if workers > 1 else ''}"
     print(f"{text}; {failing} cannot be tracked" if failing else text)
 
 
-def _print_left_out(options: argparse.Namespace, recordings: Mapping[str, PathOrUrl]) -> None:
-    """Tell of what is left out of a folder: what has no target, or cannot have detections."""
-    why, cure = " without a target", "--detections, --detections-topic or --detector finds targets"
+def _print_excluded(options: argparse.Namespace, recordings: Mapping[str, PathOrUrl]) -> None:
+    """Report recordings in the folder that are excluded, for want of a target or a topic."""
+    reason = " without a target"
+    advice = "detect targets with --detections, --detections-topic or --detector"
     if options.detections_topic:
-        why, cure = "", f"{options.detections_topic} is looked for in bags"
+        reason, advice = "", "only bags have topics"
     elif filter_from_options(options) is not None:
         return
     if is_url(options.archive):
         return
-    # What two rules together would refuse is no reason to fail here.
+    # The wider filter may find two recordings of one name. Not an error here.
     with contextlib.suppress(FootageError, RecordingError):
         others = find_recordings(options.archive, any_footage()).keys() - recordings.keys()
         if others:
-            verb = "is" if len(others) == 1 else "are"
-            print(
-                f"{counted(len(others), 'recording')}{why} {verb} left out, such as "
-                f"{min(others)}: {cure}"
-            )
+            count = counted(len(others), "recording")
+            print(f"excluded: {count}{reason}, such as {min(others)}; {advice}")
 
 
-class _Plan:
-    """Looks into recordings, and tracks in the first ones."""
+class _TimeEstimate:
+    """Counts the frames of recordings, and measures the tracking time on the first ones."""
 
     def __init__(self, options: argparse.Namespace) -> None:
         self._options = options
-        self.known: list[int] = []
-        self.unknown = 0
-        self._sampled, self._tracking = 0, 0.0
-        self._copied, self._copying = 0, 0.0
+        self.frame_counts: list[int] = []
+        self.unknown_count = 0
+        self._tracked_frames, self._tracking_seconds = 0, 0.0
+        self._downloaded_frames, self._download_seconds = 0, 0.0
 
     @property
     def frames(self) -> float:
-        """Number of all frames; those that do not tell are taken to be as long as the others."""
-        mean = sum(self.known) / len(self.known) if self.known else 0.0
-        return sum(self.known) + self.unknown * mean
+        """Estimated number of all frames; unknown recordings count as the mean of the others."""
+        known = self.frame_counts
+        mean = sum(known) / len(known) if known else 0.0
+        return sum(known) + self.unknown_count * mean
 
     @property
-    def seconds_a_frame(self) -> float:
-        """What a frame takes, its share in the copying of a recording from elsewhere included."""
-        copying = self._copying / self._copied if self._copied else 0.0
-        return self._tracking / self._sampled + copying if self._sampled else 0.0
+    def seconds_per_frame(self) -> float:
+        """Time to download and track a frame; 0 if nothing was tracked."""
+        if not self._tracked_frames:
+            return 0.0
+        downloaded = self._downloaded_frames
+        download = self._download_seconds / downloaded if downloaded else 0.0
+        return self._tracking_seconds / self._tracked_frames + download
 
-    def look_into(self, source: PathOrUrl) -> int | None:
-        """The number of frames of a recording, None where it does not tell.
+    def add(self, source: PathOrUrl) -> int | None:
+        """Add a recording; return its number of frames, None if unknown.
 
         Raises:
             FootageError: It cannot be read.
             RecordingError: It has no target.
         """
-        is_sampled = self._sampled < _SAMPLED_RECORDINGS * _SAMPLED_FRAMES
+        is_sampled = self._tracked_frames < _SAMPLED_RECORDINGS * _SAMPLED_FRAMES
         if is_url(source) and not is_sampled:
-            # To tell it would have to be copied.
-            self.unknown += 1
+            # To count the frames, it would have to be downloaded.
+            self.unknown_count += 1
             return None
-        began = time.monotonic()
+        started_at = time.monotonic()
         with local_copy(source) as path, errors_name_source(source, path):
-            copying = time.monotonic() - began
-            count = self._look_into_copy(path, _SAMPLED_FRAMES if is_sampled else 0)
+            download_seconds = time.monotonic() - started_at
+            count = self._track_sample(path, _SAMPLED_FRAMES if is_sampled else 0)
         if count is None:
-            self.unknown += 1
+            self.unknown_count += 1
         else:
-            self.known.append(count)
+            self.frame_counts.append(count)
             if is_url(source):
-                self._copied, self._copying = self._copied + count, self._copying + copying
+                self._downloaded_frames += count
+                self._download_seconds += download_seconds
         return count
 
-    def _look_into_copy(self, path: Path, sample: int) -> int | None:
+    def _track_sample(self, path: Path, frames: int) -> int | None:
+        """Track the first frames of a recording; return its number of frames, None if unknown."""
         options = self._options
         recording = open_from_options(path, options)
         with closing(make_plan(recording, options, is_archived=True)) as plan:
-            if sample:
-                began = time.monotonic()
+            if frames:
+                started_at = time.monotonic()
                 with closing(plan.track()) as tracked:
-                    self._sampled += sum(1 for _ in islice(tracked, sample))
-                self._tracking += time.monotonic() - began
+                    self._tracked_frames += sum(1 for _ in islice(tracked, frames))
+                self._tracking_seconds += time.monotonic() - started_at
         return recording.frame_count

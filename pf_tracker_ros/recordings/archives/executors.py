@@ -1,4 +1,4 @@
-"""Who does the tasks of an archive: processes of this machine, or the workers of a Ray cluster."""
+"""Executors run the tasks of an archive: processes on this machine, or a Ray cluster."""
 
 from __future__ import annotations
 
@@ -14,39 +14,39 @@ if TYPE_CHECKING:
     from pf_tracker_ros.recordings.archives.ray_cluster import RayCluster
 
 Executor: TypeAlias = "ProcessPool | RayCluster"
-"""Does tasks in parallel."""
+"""Runs tasks in parallel."""
 
 
 @dataclass(frozen=True)
 class ProcessPool:
-    """ProcessPool of this machine.
+    """Processes on this machine.
 
     Attributes:
-        count: How many.
+        count: Number of processes.
     """
 
     count: int
 
     @property
     def workers(self) -> int:
-        """How many tasks are done at once, each on a core of its own."""
+        """Number of parallel tasks, each on its own core."""
         return min(self.count, os.cpu_count() or self.count)
 
     def run(
         self, work: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Result | WorkerEnded], None, None]:
-        """Do tasks; see `run_parallel`."""
+        """Run tasks; see `run_parallel`."""
         return run_parallel(work, tasks, self.count)
 
 
 def make_executor(
     ray_address: str | None, jobs: int | None, memory_of: Callable[[Any], int]
 ) -> AbstractContextManager[Executor]:
-    """Who does the tasks.
+    """Make an executor.
 
     Args:
-        ray_address: Of a Ray cluster, `local` for one on this machine; None for processes.
-        jobs: How many tasks at once; None for one process, or as many as the cluster has room for.
+        ray_address: Of a Ray cluster, `local` to start one on this machine; None for processes.
+        jobs: Number of parallel tasks; None for one process, or one task per core of the cluster.
         memory_of: Bytes that a task needs.
 
     Raises:

@@ -1,4 +1,4 @@
-"""How much memory the tracking of a recording takes, for who places it on a machine."""
+"""The memory that a task needs, for placement on the machines of a cluster."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets
 
-# Bytes, as measured with images of 0.3 to 8 megapixels: of a worker, and of a pixel of its images.
+# Bytes of a worker and of a pixel of its images, measured with images of 0.3 to 8 megapixels.
 _WORKER, _PIXEL = 250 * 10**6, 30
-# What the other outputs take besides: their libraries, pictures that wait, what is known of frames.
+# Further outputs: their libraries, queued images and frame summaries.
 _OUTPUTS, _OUTPUT_PIXEL = 70 * 10**6, 50
 _REPORT = 250 * 10**6
-# What detections take besides: frames kept for late ones, and SciPy.
+# Detections: the frame buffer for late ones, and SciPy.
 _DETECTIONS = 120 * 10**6
-# Of what does not tell: more than most have, as nothing runs in what is missing.
-_IMAGE_SIZE = (3840, 2160)
+# Assumed if unknown; rather too large, because a task fails with too little memory.
+_DEFAULT_IMAGE_SIZE = (3840, 2160)
 
 
 def required_memory(task: ArchiveTask) -> int:
-    """Bytes that a worker needs for a task, by the size of images that its target file tells.
+    """Bytes that a worker needs for a task, from the image size in its target file.
 
-    The recording itself is not opened: one that is broken is a worker's trouble.
+    The recording itself is not opened, so a broken one fails in its worker.
     """
     targets = _targets(task)
-    width, height = (targets[0].image_size if targets else None) or _IMAGE_SIZE
+    width, height = (targets[0].image_size if targets else None) or _DEFAULT_IMAGE_SIZE
     needed = _WORKER + _PIXEL * width * height
     if any(each.startswith("--detect") for each in task.arguments):
         needed += _DETECTIONS
@@ -37,7 +37,7 @@ def required_memory(task: ArchiveTask) -> int:
 
 
 def _targets(task: ArchiveTask) -> tuple[Target, ...]:
-    """The targets of a task's target file, none where there is no such file to read."""
+    """The targets in a task's target file; empty if it cannot be read."""
     if is_url(task.source):
         return ()
     source = Path(task.source)

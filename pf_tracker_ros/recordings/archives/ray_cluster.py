@@ -1,4 +1,4 @@
-"""A Ray cluster as an executor: a task for each recording, placed by cores and memory."""
+"""A Ray cluster as an executor: a Ray task for each recording, placed by cores and memory."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from pf_tracker_ros.signals import handled_signals
 
 LOCAL = "local"
 _LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
-_SECONDS_TO_ANSWER = 10.0
-# What waits tells a cluster that grows by itself how many machines are wanted.
-_SUBMITTED_AT_ONCE = 1000
-# Tasks and answers are small, and go past Ray's store of objects. Its least size, bytes.
+_CONNECT_TIMEOUT = 10.0
+# Submitted tasks let an autoscaling cluster decide how many machines to start.
+_MAX_SUBMITTED = 1000
+# The smallest size of Ray's object store, bytes. Tasks and results are small and bypass it.
 _OBJECT_STORE = 80 * 2**20
 
 
 class RayCluster:
-    """Does tasks on a Ray cluster, one that is running or one of its own on this machine.
+    """Runs tasks on a Ray cluster: a running one, or one that it starts on this machine.
 
-    Nothing is told to Ray's makers, and a cluster of its own listens on the loopback interface
-    alone, without the dashboard.
+    Ray's usage reports are off. A started cluster listens on the loopback interface only, without
+    the dashboard.
 
     Args:
-        address: `auto` or HOST:PORT of a cluster that is running; `local` starts one.
-        jobs: How many tasks at once; None for as many as there are cores for.
+        address: `auto` or HOST:PORT of a running cluster; `local` starts one.
+        jobs: Number of parallel tasks; None for one per core.
         memory_of: Bytes that a task needs.
 
     Raises:
@@ -44,14 +44,14 @@ class RayCluster:
         self._jobs = jobs
         self._memory_of = memory_of
         self._is_connected = False
-        self._ray = _import_ray(stays_here=address == LOCAL or _host(address) in _LOOPBACK)
+        self._ray = _import_ray(is_local=address == LOCAL or _host(address) in _LOOPBACK)
 
     @property
     def workers(self) -> int:
-        """How many tasks are done at once, each on a core of its own.
+        """Number of parallel tasks, each on its own core.
 
         Raises:
-            RecordingError: There is no such cluster.
+            RecordingError: There is no cluster at the address.
         """
         if self._address == LOCAL:
             cores = os.cpu_count() or 1
@@ -62,71 +62,72 @@ class RayCluster:
     def run(
         self, work: Callable[[Task], Result], tasks: Sequence[Task]
     ) -> Generator[tuple[int, Result | WorkerEnded], None, None]:
-        """Do tasks as `spread` does.
+        """Run tasks; see `run_parallel`.
 
         Raises:
-            RecordingError: There is no such cluster, or not any more.
+            RecordingError: There is no cluster at the address, or it has ended.
         """
         if not tasks:
             return
         ray = self._connected()
-        # Whether a task is done again is for the caller to say.
+        # The caller repeats tasks.
         remote = ray.remote(num_cpus=1, max_retries=0)(work)
         waiting = iter(enumerate(tasks))
-        under_way: dict[Any, int] = {}
-        most = self._jobs or _SUBMITTED_AT_ONCE
+        submitted: dict[Any, int] = {}
+        limit = self._jobs or _MAX_SUBMITTED
         try:
             while True:
-                for number, task in islice(waiting, most - len(under_way)):
-                    placed = remote.options(memory=self._memory_for(task))
-                    under_way[placed.remote(task)] = number
-                if not under_way:
+                for number, task in islice(waiting, limit - len(submitted)):
+                    with_memory = remote.options(memory=self._memory_for(task))
+                    submitted[with_memory.remote(task)] = number
+                if not submitted:
                     return
-                for answered in ray.wait(list(under_way))[0]:
-                    number = under_way.pop(answered)
-                    yield number, self._answer(answered)
+                for reference in ray.wait(list(submitted))[0]:
+                    number = submitted.pop(reference)
+                    yield number, self._result(reference)
         finally:
-            if under_way:
-                # Their workers end with the connection. To cancel a task that answers at the same
-                # moment makes Ray end this process.
+            if submitted:
+                # Their workers end with the connection. Cancelling a task at the moment of its
+                # completion would make Ray abort this process.
                 self.close()
 
-    def _answer(self, answered: Any) -> Any:
+    def _result(self, reference: Any) -> Any:
         ray = self._connected()
         try:
-            return ray.get(answered)
+            return ray.get(reference)
         except ray.exceptions.LocalRayletDiedError as error:
             raise RecordingError(
-                "Ray has ended on this machine; start it again, and call this again, which goes on "
-                "with what is not done",
+                "Ray has ended on this machine; restart it and run the same command again, which "
+                "skips the finished recordings",
                 FAILED,
             ) from error
         except ray.exceptions.RayError as error:
-            return WorkerEnded(_how(ray, error))
+            return WorkerEnded(_reason(ray, error))
 
     def _memory_for(self, task: Any) -> int:
-        """Bytes to reserve: what no machine has would be waited for without an end."""
+        """Bytes to reserve; at most what a machine has, as Ray would wait for more forever."""
         machines = [node["Resources"] for node in self._connected().nodes() if node["Alive"]]
-        rooms = [int(each.get("memory", 0)) for each in machines if each.get("CPU", 0) >= 1]
+        memory = [int(each.get("memory", 0)) for each in machines if each.get("CPU", 0) >= 1]
         needed = self._memory_of(task)
-        return min(needed, max(rooms)) if rooms else needed
+        return min(needed, max(memory)) if memory else needed
 
     def _connected(self) -> ModuleType:
+        """The module of Ray, with a connection."""
         if not self._is_connected:
             _connect(self._ray, self._address, self._jobs)
             self._is_connected = True
         return self._ray
 
     def close(self) -> None:
-        """End the connection, and a cluster of its own, with all tasks that are under way."""
+        """Close the connection, end a started cluster, and stop the running tasks."""
         if self._is_connected:
             self._is_connected = False
             self._ray.shutdown()
 
 
-def _how(ray: ModuleType, error: Exception) -> str:
+def _reason(ray: ModuleType, error: Exception) -> str:
     if isinstance(error, ray.exceptions.OutOfMemoryError):
-        return "its worker was ended for want of memory"
+        return "its worker ran out of memory"
     if isinstance(error, ray.exceptions.NodeDiedError):
         return "its machine was lost"
     if isinstance(error, ray.exceptions.WorkerCrashedError):
@@ -142,12 +143,11 @@ def _host(address: str) -> str:
     return host if colon and port.isdecimal() else ""
 
 
-def _import_ray(*, stays_here: bool) -> ModuleType:
-    # All of these are read when Ray is imported.
+def _import_ray(*, is_local: bool) -> ModuleType:
+    # Ray reads these on import.
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    if stays_here:
-        # The name is of other systems; what it says is that there are no other machines, with which
-        # all that Ray listens on is bound to the loopback interface.
+    if is_local:
+        # Despite its name, 0 restricts Ray to this machine and the loopback interface.
         os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
         os.environ.setdefault("RAY_AUTH_MODE", "token")
     try:
@@ -170,20 +170,20 @@ def _connect(ray: ModuleType, address: str, jobs: int | None) -> None:
         }
     try:
         if host := _host(address):
-            # Ray would try for minutes.
+            # Ray itself would retry for minutes.
             port = int(address.rpartition(":")[2])
-            socket.create_connection((host, port), _SECONDS_TO_ANSWER).close()
-        # Ray would leave its own in place of what this program does on signals.
+            socket.create_connection((host, port), _CONNECT_TIMEOUT).close()
+        # Ray would replace the signal handlers.
         own = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
         with handled_signals(own):
             ray.init(
                 address=address, log_to_driver=False, logging_level=logging.CRITICAL, **options
             )
-    # Ray has no error of its own for it.
+    # Ray has no specific exception for this.
     except Exception as error:
         lines = str(error).strip().splitlines() or [type(error).__name__]
         raise RecordingError(
-            f"there is no Ray cluster to be had at {address} ({lines[0].rstrip('.')}); start one "
-            "with ray start --head, or let --ray local start one on this machine",
+            f"there is no Ray cluster at {address} ({lines[0].rstrip('.')}); start one with ray "
+            "start --head, or use --ray local to start one on this machine",
             REFUSED,
         ) from error

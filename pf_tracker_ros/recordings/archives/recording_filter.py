@@ -1,4 +1,4 @@
-"""Which recordings of an archive detections are looked for in: these need no target."""
+"""The rules by which entries of a folder without a target are recordings, if a detector is used."""
 
 from __future__ import annotations
 
@@ -21,14 +21,13 @@ from pf_tracker_ros.recordings.sidecar_files import (
 
 @dataclass(frozen=True)
 class RecordingFilter:
-    """Which recordings of an archive detections are looked for in.
+    """Accepts entries of a folder as recordings without a target.
 
     Attributes:
-        description: What they are, for messages.
-        matches: Whether something is one, by its name and those beside it.
-        accepts_image_folders: Whether a folder of images is one too.
-        accepts_targeted: Whether there may be any in each recording with a target too; else those
-            that are none themselves are left out.
+        description: The accepted kinds, for messages.
+        matches: Whether an entry is accepted.
+        accepts_image_folders: Whether a folder of images is accepted too.
+        accepts_targeted: Whether recordings with a target are accepted too, of any kind.
     """
 
     description: str
@@ -37,7 +36,7 @@ class RecordingFilter:
     accepts_targeted: bool = True
 
     def is_image_folder(self, folder: Path) -> bool:
-        """Whether a folder in which no recording is found is one itself.
+        """Whether a folder without recordings is accepted as a folder of images.
 
         Raises:
             FootageError: It cannot be listed.
@@ -49,15 +48,15 @@ class RecordingFilter:
 
 
 def filter_from_options(options: argparse.Namespace) -> RecordingFilter | None:
-    """Those for the options of `track`; None where nothing is detected."""
+    """The filter for the options of `track`; None without a detector."""
     if options.detections_topic:
         return RecordingFilter("bags", _is_bag, accepts_image_folders=False, accepts_targeted=False)
     if options.detector:
         return any_footage()
     if options.detections:
-        beside = f"drive{DETECTIONS_SUFFIX} for drive.mcap"
+        example = f"drive{DETECTIONS_SUFFIX} for drive.mcap"
         return RecordingFilter(
-            f"bags, videos and folders of images, with detections beside them, such as {beside}",
+            f"bags, videos and folders of images, from the file beside each, such as {example}",
             _is_footage_or_detected,
             accepts_image_folders=True,
         )
@@ -65,7 +64,7 @@ def filter_from_options(options: argparse.Namespace) -> RecordingFilter | None:
 
 
 def any_footage() -> RecordingFilter:
-    """Every bag, video and folder of images."""
+    """A filter that accepts every bag, video and folder of images."""
     return RecordingFilter(
         "bags, videos and folders of images", _is_footage, accepts_image_folders=True
     )
@@ -88,5 +87,5 @@ def _is_footage_or_detected(path: Path) -> bool:
 
 
 def _is_output(path: Path, name: str) -> bool:
-    """Whether this is what `track` itself has written there under a name."""
+    """Whether `track` has written this file, by its name and the boxes.csv beside it."""
     return path.name == name and exists(path.with_name(BOXES))

@@ -1,8 +1,10 @@
-"""Where the results of an archive go: whole or not at all, whatever is killed on the way.
+"""Storage of the results of an archive. The results of a recording appear atomically.
 
-In a folder each recording's files come into place together, by the renaming of a folder. In an
-object store each is put there, which is atomic by itself, and `done.json` last: what lacks it is
-not done. Only results are replaced, and nothing else that stands in their place.
+- In a folder, all files of a recording are written to a hidden folder, which is then renamed.
+- In an object store, each object is written atomically, and `done.json` last. Results without it
+  are incomplete.
+
+A killed process leaves no incomplete results. Only results are replaced, never other files.
 """
 
 from __future__ import annotations
@@ -31,29 +33,30 @@ from pf_tracker_ros.recordings.errors import FAILED, OUTPUT_EXISTS, RecordingErr
 
 DONE_FILE = "done.json"
 LOCK = ".lock"
-# Hidden, so that nobody takes what is in it for results. A run removes those that a killed one has
-# left; `track` on a single recording, which may be at work below, calls its own otherwise.
-_WORKPLACE = ".archive_"
-# In a store it stands beside what may be replaced although `done.json` is missing.
+# Hidden staging folders. A run removes those of a killed run, but not those of `track` on a single
+# recording, which have another prefix.
+_STAGING_PREFIX = ".archive_"
+# Marks objects in a store that may be replaced although `done.json` is missing.
 _UNFINISHED = ".track_unfinished"
-# An object comes there whole or not at all; of other stores that fsspec knows not all promise it.
+# Stores that write objects atomically. Not all of fsspec's others do.
 _OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss")
 
 
-def results_at(place: PathOrUrl) -> Results:
-    """The results at a folder or the URL of an object store.
+def results_at(path_or_url: PathOrUrl) -> Results:
+    """The results in a folder or at the URL of an object store.
 
     Raises:
-        RecordingError: Results cannot go there.
+        RecordingError: The store is not supported.
     """
-    if not is_url(place):
-        return ResultsFolder(Path(place).absolute())
-    scheme = str(place).partition("://")[0].lower()
+    if not is_url(path_or_url):
+        return ResultsFolder(Path(path_or_url).absolute())
+    scheme = str(path_or_url).partition("://")[0].lower()
     if scheme not in _OBJECT_STORES:
         raise RecordingError(
-            f"results cannot go to {scheme}://; allowed: a folder, {', '.join(_OBJECT_STORES)}"
+            f"results cannot be written to {scheme}://; allowed: a folder, "
+            f"{', '.join(f'{each}://' for each in _OBJECT_STORES)}"
         )
-    return ResultsStore(str(place))
+    return ResultsStore(str(path_or_url))
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,7 @@ class ResultsFolder:
 
     Attributes:
         path: Of the folder, absolute.
-        run: Stands for the run that is at work there, and in its lock file; empty before it is.
+        run: Random id of the run that holds the lock, also in the lock file; empty before.
     """
 
     path: Path
@@ -70,18 +73,18 @@ class ResultsFolder:
 
     @property
     def name(self) -> str:
-        """As it is told."""
+        """For messages."""
         return str(self.path)
 
     @contextmanager
     def locked(self) -> Iterator[ResultsFolder]:
-        """Keep other runs out, and leave nothing there that is under way.
+        """Lock the folder against other runs, and remove incomplete results.
 
         Yields:
-            What is to be used meanwhile, by workers too.
+            The results to use while locked, in workers too.
 
         Raises:
-            RecordingError: Another run is at work there, or nothing can be written there.
+            RecordingError: Another run holds the lock, or the folder cannot be written.
         """
         run = secrets.token_hex(8)
         try:
@@ -91,7 +94,7 @@ class ResultsFolder:
             raise unwritable(self.path, error) from error
         with lock:
             try:
-                # The system gives it up with the process, however that ends.
+                # The system releases it when the process ends, however that happens.
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 raise RecordingError(
@@ -111,7 +114,7 @@ class ResultsFolder:
                 self._clean_up()
 
     def read(self, names: Sequence[str]) -> dict[str, str]:
-        """Name to text of those files, relative, that are there and can be read."""
+        """Relative name to text, of the files that can be read."""
         found = {}
         for name in names:
             try:
@@ -122,48 +125,48 @@ class ResultsFolder:
 
     @contextmanager
     def staging_folder(self, recording: str) -> Iterator[Path]:
-        """A folder to make the files of a recording in; what is left in it is removed.
+        """A temporary folder to write the files of a recording in.
 
         Raises:
-            RecordingError: It cannot be made, or in the recording's place is what are no results.
+            RecordingError: It cannot be created, or other files are in the recording's folder.
         """
         self._check_run()
-        self._check_place(recording)
+        self._check_replaceable(recording)
         folder = self.path / recording
         with ExitStack() as stack:
             try:
                 folder.parent.mkdir(parents=True, exist_ok=True)
-                made = stack.enter_context(hidden_folder(folder.parent, _WORKPLACE))
+                staging = stack.enter_context(hidden_folder(folder.parent, _STAGING_PREFIX))
             except OSError as error:
                 raise unwritable(folder, error) from error
-            yield made
+            yield staging
 
-    def put(self, made: Path, recording: str) -> None:
-        """Put a folder that was made in a workplace in the place of the recording's.
+    def put(self, staged: Path, recording: str) -> None:
+        """Replace the results of a recording by a folder in its staging folder.
 
         Raises:
-            RecordingError: It cannot be put there, or in its place is what are no results.
+            RecordingError: It cannot be moved, or other files are in the recording's folder.
         """
         folder = self.path / recording
-        # Workers may outlive their driver for a moment, until after the next one has begun.
+        # A worker may outlive its driver, and meet the next run.
         self._check_run()
-        self._check_place(recording)
+        self._check_replaceable(recording)
         try:
             if os.path.lexists(folder):
-                folder.replace(made.with_name(f"{made.name}_before"))
-            made.replace(folder)
+                folder.replace(staged.with_name(f"{staged.name}_before"))
+            staged.replace(folder)
         except OSError as error:
             raise unwritable(folder, error) from error
 
     def put_text(self, text: str, name: str) -> None:
-        """Put one file in place, whole.
+        """Write a text file atomically.
 
         Raises:
             RecordingError: It cannot be written.
         """
         path = self.path / name
         try:
-            with atomic_write(path, prefix=_WORKPLACE) as draft:
+            with atomic_write(path, prefix=_STAGING_PREFIX) as draft:
                 draft.write_text(text, encoding="utf-8", errors="replace")
         except OSError as error:
             raise unwritable(path, error) from error
@@ -172,61 +175,61 @@ class ResultsFolder:
         found = self.read([LOCK]).get(LOCK)
         if found is None:
             raise RecordingError(
-                f"{self.path} of {platform.node()} is another folder than that of the run; give "
-                "one that all machines share, or an object store",
+                f"{self.path} on {platform.node()} is not the folder of the run; give a folder "
+                "that all machines share, or an object store",
                 FAILED,
             )
         if found != self.run:
-            raise RecordingError(f"another run has taken over {self.path}", FAILED)
+            raise RecordingError(f"another run is writing into {self.path} now", FAILED)
 
-    def _check_place(self, recording: str) -> None:
+    def _check_replaceable(self, recording: str) -> None:
         """Refuse to replace anything but results and empty folders."""
         folder, done = self.path / recording, f"{recording}/{DONE_FILE}"
-        if not os.path.lexists(folder) or _is_of_results(self.read([done]).get(done, "")):
+        if not os.path.lexists(folder) or _is_done_json(self.read([done]).get(done, "")):
             return
         try:
-            is_free = folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir())
+            is_empty = folder.is_dir() and not folder.is_symlink() and not any(folder.iterdir())
         except OSError as error:
             raise unwritable(folder, error) from error
-        if not is_free:
-            raise _taken(str(folder))
+        if not is_empty:
+            raise _not_results_error(str(folder))
 
     def _clean_up(self) -> None:
-        for path in self.path.rglob(f"{_WORKPLACE}*"):
+        for path in self.path.rglob(f"{_STAGING_PREFIX}*"):
             shutil.rmtree(path, ignore_errors=True)
 
 
 @dataclass(frozen=True)
 class ResultsStore:
-    """Results in an object store. It has no locks: two runs at once do the same work twice.
+    """Results in an object store. Without locks: two runs at once do the same work twice.
 
     Attributes:
-        url: Of what stands for a folder there.
+        url: Of the folder.
     """
 
     url: str
 
     @property
     def name(self) -> str:
-        """As it is told."""
+        """For messages."""
         return self.url
 
     @contextmanager
     def locked(self) -> Iterator[ResultsStore]:
-        """Find out whether anything can be written there; see `ResultsFolder.locked`."""
+        """Check write access; see `ResultsFolder.locked`."""
         self.put_text("", LOCK)
         yield self
 
     def read(self, names: Sequence[str]) -> dict[str, str]:
-        """Name to text of the objects that are there; see `ResultsFolder.read`.
+        """Read objects; see `ResultsFolder.read`.
 
         Raises:
-            FootageError: Nothing can be read there.
+            FootageError: The store cannot be read.
         """
         found = {}
         with translate_read_errors(self.url):
             store, root = open_store(self.url)
-            # Of all its methods to read several this one takes names as they are, without patterns.
+            # The only method that reads several objects without expanding patterns in names.
             contents = store.cat_ranges([f"{root}/{name}" for name in names], None, None)
             for name, content in zip(names, contents, strict=True):
                 if isinstance(content, bytes):
@@ -237,16 +240,16 @@ class ResultsStore:
 
     @contextmanager
     def staging_folder(self, recording: str) -> Iterator[Path]:
-        """A folder on this machine; see `ResultsFolder.staging_folder`."""
-        self._replaceable(recording)
+        """A temporary folder on this machine; see `ResultsFolder.staging_folder`."""
+        self._replaceable_objects(recording)
         with scratch_folder() as folder:
             yield folder
 
-    def put(self, made: Path, recording: str) -> None:
-        """Put the objects there one by one, `done.json` last; see `ResultsFolder.put`."""
-        before = self._replaceable(recording)
+    def put(self, staged: Path, recording: str) -> None:
+        """Write the objects one by one, `done.json` last; see `ResultsFolder.put`."""
+        before = self._replaceable_objects(recording)
         files = sorted(
-            (path for path in made.rglob("*") if path.is_file()),
+            (path for path in staged.rglob("*") if path.is_file()),
             key=lambda path: path.name == DONE_FILE,
         )
         with translate_write_errors(f"{self.url}/{recording}"):
@@ -254,45 +257,45 @@ class ResultsStore:
             folder = f"{root}/{recording}"
             unfinished = f"{folder}/{_UNFINISHED}"
             store.pipe_file(unfinished, b"")
-            # First that of an earlier run goes which says that all is there.
+            # The former `done.json` is removed first.
             for name in sorted(before, key=lambda name: not name.endswith(f"/{DONE_FILE}")):
                 if not name.endswith(f"/{_UNFINISHED}"):
                     store.rm_file(name)
             for file in files:
-                store.put_file(str(file), f"{folder}/{file.relative_to(made).as_posix()}")
+                store.put_file(str(file), f"{folder}/{file.relative_to(staged).as_posix()}")
             store.rm_file(unfinished)
 
     def put_text(self, text: str, name: str) -> None:
-        """Put an object there; see `ResultsFolder.put_text`."""
+        """Write an object; see `ResultsFolder.put_text`."""
         with translate_write_errors(f"{self.url}/{name}"):
             store, root = open_store(self.url)
             store.pipe_file(f"{root}/{name}", text.encode("utf-8", "replace"))
 
-    def _replaceable(self, recording: str) -> list[str]:
-        """The objects in the place of a recording's results; refuses them if they are no results.
+    def _replaceable_objects(self, recording: str) -> list[str]:
+        """The objects in the folder of a recording's results.
 
         Raises:
-            RecordingError: They are no results, or cannot be looked at.
+            RecordingError: They are not results, or cannot be read.
         """
-        place = f"{self.url}/{recording}"
-        with translate_write_errors(place):
+        url = f"{self.url}/{recording}"
+        with translate_write_errors(url):
             store, root = open_store(self.url)
             folder = f"{root}/{recording}"
             names: list[str] = store.find(folder)
             if not names or f"{folder}/{_UNFINISHED}" in names:
                 return names
             done = f"{folder}/{DONE_FILE}"
-            if done in names and _is_of_results(store.cat_file(done).decode("utf-8", "replace")):
+            if done in names and _is_done_json(store.cat_file(done).decode("utf-8", "replace")):
                 return names
-        raise _taken(place)
+        raise _not_results_error(url)
 
 
 Results = ResultsFolder | ResultsStore
-"""Where results go. Workers, on other machines too, are given copies of it."""
+"""Storage of results. Workers, on other machines too, receive copies."""
 
 
-def _is_of_results(text: str) -> bool:
-    """Whether this is in the `done.json` of results, of whichever run and version."""
+def _is_done_json(text: str) -> bool:
+    """Whether this is the text of a `done.json`, of any run and version."""
     try:
         document = json.loads(text)
     except (ValueError, RecursionError):
@@ -300,9 +303,9 @@ def _is_of_results(text: str) -> bool:
     return isinstance(document, dict) and {"name", "source", "key"} <= document.keys()
 
 
-def _taken(place: str) -> RecordingError:
+def _not_results_error(path_or_url: str) -> RecordingError:
     return RecordingError(
-        f"{place} exists already, is not of a recording's results, and is left as it is; move it, "
-        "or give another output",
+        f"{path_or_url} exists already, holds no results, and is not overwritten; move it, or give "
+        "another output",
         OUTPUT_EXISTS,
     )

@@ -1,4 +1,4 @@
-"""Scratch folders: those that a killed process leaves behind go with the next one."""
+"""Scratch folders in the temporary folder. Each new one removes those of killed processes."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _PREFIX = "pf_tracker_ros_"
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """A folder below the system's temporary one (`TMPDIR`), gone afterwards.
+    """Yield a folder in the system's temporary folder (`TMPDIR`), and remove it afterwards.
 
-    Those of processes that have ended without removing theirs are removed first.
+    Folders of killed processes are removed first.
 
     Raises:
-        RecordingError: It cannot be made.
+        RecordingError: It cannot be created.
     """
     _remove_abandoned()
     try:
@@ -37,10 +37,10 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def _locked_folder() -> tuple[Path, int]:
-    """A new folder, and the lock on it that ends with this process, however that ends."""
+    """A new folder and its lock, which the system releases when this process ends."""
     while True:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
-        # Before it has its lock, another process may take it for an abandoned one and remove it.
+        # Another process may remove it as abandoned before it is locked.
         with suppress(FileNotFoundError):
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
             with suppress(BlockingIOError):
@@ -52,7 +52,7 @@ def _locked_folder() -> tuple[Path, int]:
 
 def _remove_abandoned() -> None:
     for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
-        # Those of other users stay, and those that are in use are locked.
+        # Folders of other users and locked folders stay.
         with suppress(OSError):
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
             try:

@@ -1,4 +1,13 @@
-"""The recordings of an archive: which there are, what they are made of, a copy to read."""
+"""The recordings of an archive: how they are found, named, fingerprinted and downloaded.
+
+In a folder, a recording is
+- a sequence folder, which has a ground truth file, or
+- an entry with a target file beside it, or
+- an entry that a `RecordingFilter` accepts without a target, because a detector finds targets.
+Folders that are no recordings are searched in turn. A list names its recordings itself. The name
+of a recording, which is also the folder of its results, is its path relative to the archive, or
+its last part if it lies elsewhere.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +30,7 @@ from pf_tracker_ros.recordings.archives.stores import (
     parse_path_or_url,
     translate_read_errors,
 )
-from pf_tracker_ros.recordings.errors import DISK_IS_FULL, RecordingError, unwritable
+from pf_tracker_ros.recordings.errors import DISK_FULL_ERRNOS, RecordingError, unwritable
 from pf_tracker_ros.recordings.sidecar_files import (
     DETECTIONS_SUFFIX,
     SIDECAR_SUFFIXES,
@@ -36,89 +45,88 @@ from pf_tracker_ros.yaml_files import YamlError, read_yaml
 PathOrUrl = Path | str
 """A path, or a URL."""
 
-# A path may have the sign in it.
-_REMARK = re.compile(r"(^|\s)#.*")
+# A path may contain the sign, but not after white space.
+_COMMENT = re.compile(r"(^|\s)#.*")
 
 
 def find_recordings(
     archive: PathOrUrl, without_target: RecordingFilter | None = None
 ) -> dict[str, PathOrUrl]:
-    """The recordings of an archive: those with a target file, and sequence folders.
+    """Find the recordings of an archive.
 
     Args:
-        archive: A folder, or the URL of one, that is searched with all below it; or a text file
-            that lists one recording a line, a URL or relative to the file, empty lines and
-            what follows a `#` that begins a line or comes after white space left out.
-        without_target: Which others in a folder are recordings too, without a target; None for none.
+        archive: Folder or its URL, searched recursively; or text file with a recording per line, a
+            URL or a path relative to the file. Empty lines are skipped. A comment begins with `#`
+            at the start of a line or after white space.
+        without_target: Accepts entries of a folder without a target; None accepts none.
 
     Returns:
-        Name, unique among them and without `..`, to absolute path or URL; sorted by name for a
-        folder, else as listed.
+        Unique name without `..`, to absolute path or URL; sorted by name for a folder, else in the
+        order of the list.
 
     Raises:
-        RecordingError: Two recordings share a name, one has no name, or there is none.
+        RecordingError: Two recordings share a name, one has no name, or there are none.
         FootageError: There is no such archive, or it cannot be read.
     """
     if is_url(archive):
-        base, places = _in_store(str(archive), without_target)
+        base, sources = _in_store(str(archive), without_target)
     else:
-        base, places = _in_folder(Path(archive), without_target)
+        base, sources = _in_folder(Path(archive), without_target)
     found: dict[str, PathOrUrl] = {}
-    for place in places:
-        name = _name(place, base)
+    for source in sources:
+        name = _name(source, base)
         if name in ("", ".."):
-            raise RecordingError(
-                f"{place} has no name that its results could go by; list what is below it"
-            )
+            raise RecordingError(f"{source} has no name for its results; list its entries instead")
         if name in found:
             raise RecordingError(
-                f"{found[name]} and {place} would both be written as {name}; name one otherwise"
+                f"{found[name]} and {source} would share the results folder {name}; rename or "
+                "remove one"
             )
-        found[name] = place
-    _check_names(found)
+        found[name] = source
+    _check_nesting(found)
     if not found:
-        others = "; without targets, --detections, --detections-topic or --detector finds them"
+        others = ", or a detector: --detections, --detections-topic or --detector"
         if without_target:
-            others = f"; detections are looked for in {without_target.description}"
+            others = f"; detections are applied to {without_target.description}"
         raise RecordingError(
-            f"no recording in {archive}; each needs its target beside it, such as drive"
+            f"no recording in {archive}; each needs a target file beside it, such as drive"
             f"{TARGET_SUFFIX} for drive.mcap, or a ground truth in its folder{others}"
         )
     return found
 
 
 def fingerprint(source: PathOrUrl, *, with_detections: bool = False) -> list[list[Any]]:
-    """What a recording and its target file are made of: changes where one of their files does.
+    """A value that changes with any file of a recording or its target file.
 
     Args:
         source: Absolute path, or URL.
-        with_detections: Whether the detections beside it count as well.
+        with_detections: Whether to include the detection file.
 
     Returns:
-        Name, size and time of each file; of those with a URL name and what the store has for that.
+        Name, size and modification time of each file; for a URL, name and the store's key.
     """
     if is_url(source):
-        return _state_in_store(str(source), with_detections)
+        return _fingerprint_in_store(str(source), with_detections)
     path = Path(source)
     files = [path, target_file(path), *([detections_file(path)] if with_detections else [])]
     if is_folder(path):
         files += sorted(each for each in path.rglob("*") if each.is_file())
-    state = []
+    states = []
     for file in files:
         with contextlib.suppress(OSError):
             status = file.stat()
             size = status.st_size if file.is_file() else 0
-            state.append([str(file), size, status.st_mtime_ns])
-    return state
+            states.append([str(file), size, status.st_mtime_ns])
+    return states
 
 
 @contextmanager
 def local_copy(source: PathOrUrl) -> Iterator[Path]:
-    """A recording as a path: itself, or for a URL a copy with what is beside it, gone afterwards.
+    """Yield a recording's path; for a URL, that of a temporary copy with its sidecar files.
 
     Raises:
         FootageError: It cannot be read.
-        RecordingError: There is no room for the copy.
+        RecordingError: The disk is full.
     """
     if not is_url(source):
         yield Path(source)
@@ -129,7 +137,7 @@ def local_copy(source: PathOrUrl) -> Iterator[Path]:
 
 @contextmanager
 def errors_name_source(source: PathOrUrl, copy: Path) -> Iterator[None]:
-    """Tell of a recording where it is, and not where its copy was.
+    """Let errors in the block name the URL of a recording instead of its temporary copy.
 
     Raises:
         FootageError, RecordingError: As in the block.
@@ -142,7 +150,7 @@ def errors_name_source(source: PathOrUrl, copy: Path) -> Iterator[None]:
 
 
 def name_source_in(error: FootageError | RecordingError, source: PathOrUrl, copy: Path) -> None:
-    """Let an error tell of a recording where it is, and not where its copy was."""
+    """Let an error name the URL of a recording instead of its temporary copy."""
     if is_url(source):
         error.args = (str(error).replace(str(copy.parent), str(source).rpartition("/")[0]),)
 
@@ -152,7 +160,7 @@ def _in_folder(
 ) -> tuple[PathOrUrl, list[PathOrUrl]]:
     """The folder that names are relative to, and the recordings."""
     if not exists(archive):
-        raise FootageError(f"there is no archive {archive}; give a folder, or a file with a list")
+        raise FootageError(f"there is no archive {archive}; give a folder, or a text file")
     if archive.is_dir():
         return resolved(archive), sorted(set(_below(archive, without_target)))
     try:
@@ -160,8 +168,8 @@ def _in_folder(
     except (OSError, ValueError) as error:
         raise FootageError(f"the list {archive} cannot be read ({error})") from error
     if "\0" in text:
-        raise FootageError(f"the list {archive} has characters of code 0; allowed: UTF-8 text")
-    # One that is not there is told of with the others that fail.
+        raise FootageError(f"the list {archive} contains null characters; allowed: UTF-8 text")
+    # A listed recording that does not exist fails later, without stopping the others.
     base = resolved(archive.parent)
     return base, list(_listed(text, base))
 
@@ -178,18 +186,16 @@ def _in_store(
         names = store.find(root)
         if not names:
             raise FootageError(f"there is no archive {archive}, or it is empty")
-        # The rules for folders see one with the same names.
-        with scratch_folder() as likeness:
+        # The rules for folders are applied to a local folder with the same names.
+        with scratch_folder() as mirror:
             for name in names:
                 relative = PurePosixPath(name.removeprefix(root).lstrip("/"))
                 if ".." in relative.parts or not relative.name:
                     continue
-                copy = likeness / relative
+                copy = mirror / relative
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 copy.write_bytes(store.cat_file(name) if name.endswith(TARGET_SUFFIX) else b"")
-            found = sorted(
-                path.relative_to(likeness) for path in set(_below(likeness, without_target))
-            )
+            found = sorted(path.relative_to(mirror) for path in set(_below(mirror, without_target)))
     return archive, [f"{archive}/{path}" if path.parts else archive for path in found]
 
 
@@ -209,7 +215,7 @@ def _below(folder: Path, without_target: RecordingFilter | None) -> list[Path]:
             try:
                 found += _below(path, without_target)
             except FootageError:
-                # Told of with the recordings that fail.
+                # Listed as a recording, which then fails with the reason.
                 found.append(resolved(path))
     if not found and without_target is not None and without_target.is_image_folder(folder):
         return [resolved(folder)]
@@ -217,87 +223,88 @@ def _below(folder: Path, without_target: RecordingFilter | None) -> list[Path]:
 
 
 def _is_targeted(path: Path) -> bool:
-    """Whether there is a target file beside it, and not for another file of that name."""
+    """Whether a target file stands beside an entry and is meant for it."""
     if path.name.endswith(TARGET_SUFFIX) or not lexists(target_file(path)):
         return False
-    if named := _named_in(target_file(path)):
-        return resolved(path).name == named
-    # Of a video there may be more, such as the subtitles of a drone's camera.
+    if recording := _recording_in(target_file(path)):
+        return resolved(path).name == recording
+    # Other files may share the stem of a video, such as the subtitles of a drone's camera.
     return path.is_dir() or is_bag(path) or has_video_suffix(path) or has_unique_stem(path)
 
 
-def _named_in(path: Path) -> str | None:
+def _recording_in(path: Path) -> str | None:
+    """The recording that a target file names, if any."""
     try:
         document = read_yaml(path, "target file")
     except YamlError:
-        # Told of when it is tracked.
+        # The error is reported when the recording is tracked.
         return None
-    named = document.get("recording") if isinstance(document, dict) else None
-    return named if isinstance(named, str) else None
+    recording = document.get("recording") if isinstance(document, dict) else None
+    return recording if isinstance(recording, str) else None
 
 
 def _listed(text: str, base: PathOrUrl) -> Iterator[PathOrUrl]:
-    """The recordings of a list, whose entries are relative to a folder or the URL of one."""
+    """The recordings of a list, relative to a folder or its URL."""
     for line in text.splitlines():
-        entry = _REMARK.sub("", line).strip()
+        entry = _COMMENT.sub("", line).strip()
         if not entry:
             continue
-        place = parse_path_or_url(entry)
+        source = parse_path_or_url(entry)
         if is_url(base) and not is_url(entry):
             url = f"{base}/{entry}".rstrip("/")
-            yield _normal(url) if ".." in url.split("/") else url
-        elif isinstance(place, Path):
-            # A home that nobody has is told of with what is missing otherwise.
+            yield _normalized(url) if ".." in url.split("/") else url
+        elif isinstance(source, Path):
+            # The home of an unknown user fails later, as a missing path.
             with contextlib.suppress(RuntimeError):
-                place = place.expanduser()
-            path = (base / place).absolute()
-            # What is above a link is not what its path looks like.
+                source = source.expanduser()
+            path = (base / source).absolute()
+            # The parent of a link depends on where it points.
             yield resolved(path) if ".." in path.parts else path
         else:
-            yield place
+            yield source
 
 
-def _name(place: PathOrUrl, base: PathOrUrl) -> str:
-    """The folder of a recording's results: its place below the archive, else its last part."""
-    whole, above = _normal(place), f"{_normal(base)}/"
-    inside = whole.removeprefix(above) if whole.startswith(above) else ""
-    return inside or PurePosixPath(whole).name
+def _name(source: PathOrUrl, base: PathOrUrl) -> str:
+    """The name of a recording: its path relative to the archive, else its last part."""
+    path, parent = _normalized(source), f"{_normalized(base)}/"
+    relative = path.removeprefix(parent) if path.startswith(parent) else ""
+    return relative or PurePosixPath(path).name
 
 
-def _normal(place: PathOrUrl) -> str:
-    """A path or URL without `..` and empty parts inside."""
-    scheme, separator, path = str(place).rpartition("://")
+def _normalized(path_or_url: PathOrUrl) -> str:
+    """A path or URL without `..` and empty parts."""
+    scheme, separator, path = str(path_or_url).rpartition("://")
     return f"{scheme}{separator}{posixpath.normpath(path)}"
 
 
-def _check_names(found: dict[str, PathOrUrl]) -> None:
-    """Refuse a recording whose results would lie among those of another one."""
-    for name, place in found.items():
+def _check_nesting(found: dict[str, PathOrUrl]) -> None:
+    """Reject a recording whose results would lie in the folder of another one."""
+    for name, source in found.items():
         for parent in PurePosixPath(name).parents:
             if str(parent) in found:
                 raise RecordingError(
-                    f"{place} is inside of {found[str(parent)]}, which is a recording itself; "
-                    "list one of them"
+                    f"{source} is inside {found[str(parent)]}, which is a recording itself; list "
+                    "one of them"
                 )
 
 
-def _state_in_store(url: str, with_detections: bool) -> list[list[Any]]:
-    endings = (TARGET_SUFFIX, *([DETECTIONS_SUFFIX] if with_detections else []))
+def _fingerprint_in_store(url: str, with_detections: bool) -> list[list[Any]]:
+    suffixes = (TARGET_SUFFIX, *([DETECTIONS_SUFFIX] if with_detections else []))
     try:
         with translate_read_errors(url):
             store, path = open_store(url)
-            names = [*store.find(path), *_beside(store, path, endings)]
+            names = [*store.find(path), *_sidecar_paths(store, path, suffixes)]
             return [[name, store.ukey(name)] for name in names if store.exists(name)]
     except (FootageError, RecordingError):
-        # Told of when it is tracked.
+        # The error is reported when the recording is tracked.
         return []
 
 
-def _beside(store: Any, path: str, endings: Sequence[str] = SIDECAR_SUFFIXES) -> list[str]:
-    """Where files of a recording stand, whether there are such or not."""
+def _sidecar_paths(store: Any, path: str, suffixes: Sequence[str] = SIDECAR_SUFFIXES) -> list[str]:
+    """Paths of the sidecar files of a recording, whether they exist or not."""
     parent, _, name = path.rpartition("/")
     stem = name if store.isdir(path) else PurePosixPath(name).stem
-    return [f"{parent}/{stem}{ending}" for ending in endings]
+    return [f"{parent}/{stem}{suffix}" for suffix in suffixes]
 
 
 def _download(url: str, folder: Path) -> Path:
@@ -306,14 +313,14 @@ def _download(url: str, folder: Path) -> Path:
         names = store.find(path)
         if not names:
             raise FileNotFoundError(url)
-        parent, _, last = path.rpartition("/")
-        for name in [*names, *filter(store.exists, _beside(store, path))]:
+        parent, _, base_name = path.rpartition("/")
+        for name in [*names, *filter(store.exists, _sidecar_paths(store, path))]:
             copy = folder / name.removeprefix(f"{parent}/")
             try:
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 store.get_file(name, str(copy))
             except OSError as error:
-                if error.errno in DISK_IS_FULL:
+                if error.errno in DISK_FULL_ERRNOS:
                     raise unwritable(copy, error) from error
                 raise
-        return folder / last
+        return folder / base_name

@@ -1,4 +1,4 @@
-"""Object stores and other places that have a URL, through fsspec."""
+"""Object stores and other locations with a URL, through fsspec."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from pf_tracker_ros.recordings.errors import FAILED, NO_PERMISSION, REFUSED, Rec
 
 
 def parse_path_or_url(text: str) -> Path | str:
-    """A path, or the URL of a place that is not of the file system, without a slash at its end."""
+    """Parse a path or URL. A `file://` URL becomes a path, and others lose a slash at the end."""
     if not is_url(text):
         return Path(text)
     try:
         parts = urlsplit(text)
     except ValueError:
-        # Such as of an address without its bracket, which is told of where it is opened.
+        # Invalid, such as an IPv6 address without its bracket. Opening it reports the error.
         return text.rstrip("/")
     if parts.scheme in ("file", "local"):
         return Path(unquote(parts.netloc + parts.path))
     return text.rstrip("/")
 
 
-def is_url(place: Path | str) -> bool:
-    """Whether a place is not of the file system."""
-    return isinstance(place, str) and "://" in place
+def is_url(path_or_url: Path | str) -> bool:
+    """Whether this is a URL, not a path in the file system."""
+    return isinstance(path_or_url, str) and "://" in path_or_url
 
 
 def open_store(url: str) -> tuple[Any, str]:
     """The fsspec file system of a URL, and the path in it.
 
     Raises:
-        RecordingError: There is no such kind of URL, or a package is missing for it.
+        RecordingError: The protocol is unknown, or its package is missing.
     """
     try:
         import fsspec
@@ -47,19 +47,19 @@ def open_store(url: str) -> tuple[Any, str]:
         store, path = fsspec.core.url_to_fs(url)
     except (ImportError, ValueError, OSError) as error:
         raise RecordingError(f"{url} cannot be opened ({reason_of(error)})", REFUSED) from error
-    # What another process has put there since is to be seen.
+    # Another process may have written since.
     store.invalidate_cache()
     return store, str(path).rstrip("/")
 
 
 def reason_of(error: BaseException) -> str:
-    """An error of a library as part of a sentence."""
+    """The message of a library's error, as part of a sentence."""
     return " ".join(str(error).split()).rstrip(".") or type(error).__name__
 
 
 @contextmanager
 def translate_read_errors(url: str) -> Iterator[None]:
-    """Tell what a store says while something is read there.
+    """Translate the errors of a store during reading.
 
     Raises:
         FootageError: It cannot be read.
@@ -70,14 +70,14 @@ def translate_read_errors(url: str) -> Iterator[None]:
         raise
     except FileNotFoundError as error:
         raise FootageError(f"there is no {url}") from error
-    # Each kind of store has exceptions of its own.
+    # Each store has its own exceptions.
     except Exception as error:
         raise FootageError(f"{url} cannot be read ({reason_of(error)})") from error
 
 
 @contextmanager
 def translate_write_errors(url: str) -> Iterator[None]:
-    """Tell what a store says while something is written there.
+    """Translate the errors of a store during writing.
 
     Raises:
         RecordingError: It cannot be written.
@@ -88,8 +88,8 @@ def translate_write_errors(url: str) -> Iterator[None]:
         raise
     except PermissionError as error:
         raise RecordingError(
-            f"{url} may not be written with these credentials ({reason_of(error)}); change them, "
-            "or choose another place",
+            f"{url} cannot be written with these credentials ({reason_of(error)}); change them, or "
+            "choose another output",
             NO_PERMISSION,
         ) from error
     except Exception as error:

@@ -1,8 +1,11 @@
-"""Many recordings, in parallel, such that what is done is not done again.
+"""Tracks many recordings in parallel, and skips those whose results are up to date.
 
-What there is of each recording comes into place whole, with a `done.json` that says of which
-inputs, version and parameters it is. So an end at any time, of a worker or of all of them, costs
-only what was under way.
+1. Each task has a key, a hash of the inputs, the version and the arguments.
+2. A worker tracks its recording into a staging folder, writes the key to `done.json`, and moves
+   the results into place.
+3. The next run skips the tasks whose `done.json` has their key.
+
+So a killed worker or driver costs only the recordings in progress.
 """
 
 from __future__ import annotations
@@ -39,9 +42,10 @@ from pf_tracker_ros.recordings.errors import (
 _STATES = ("tracking", "occluded", "lost", "idle", "skipped")
 MANIFEST = "archive.json"
 DETECTIONS = "--detections"
-"""Argument for the detections beside each recording."""
-# If all workers end and nothing gets done, it is for their recordings' sake, such as for memory.
-_FRUITLESS_ROUNDS = 4
+"""Argument that reads the detections beside each recording."""
+# After so many rounds in which every worker ended unexpectedly, the recordings are the cause, such
+# as by their memory.
+_MAX_FAILED_ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -51,10 +55,10 @@ class ArchiveTask:
     Attributes:
         name: Of its folder, relative to the results.
         source: The recording: an absolute path, or a URL.
-        results: Where its files go.
-        arguments: Of `track`, but for source and output.
-        version: Of this package, the same for who does it.
-        key: Stands for the inputs, the version and the parameters.
+        results: Storage of its files.
+        arguments: Of `track`, without source and output.
+        version: Of this package; a worker must have the same.
+        key: Hash of the inputs, the version and the arguments.
     """
 
     name: str
@@ -67,17 +71,17 @@ class ArchiveTask:
 
 @dataclass(frozen=True)
 class ArchiveEntry:
-    """What came of a recording.
+    """The outcome of a task, as in `done.json` and `archive.json`.
 
     Attributes:
         name: Of its folder.
         source: The recording.
         key: As for `ArchiveTask`.
-        exit_code: Of `track`; 0 if it was tracked to its end.
+        exit_code: Of `track`; 0 if the recording was tracked to its end.
         error: Why it was not, or empty.
         frames: Number of frames.
         states: State to number of frames.
-        warnings: What there is to say of it beside that, a sentence each.
+        warnings: Of `track`, a sentence each.
     """
 
     name: str
@@ -93,12 +97,12 @@ class ArchiveEntry:
 def make_tasks(
     recordings: Mapping[str, PathOrUrl], results: Results, arguments: Sequence[str]
 ) -> list[ArchiveTask]:
-    """What there is to do for recordings, done or not.
+    """Make a task for each recording.
 
     Args:
         recordings: As `find_recordings` returns them.
-        results: Where the results go.
-        arguments: Of `track`, but for source and output.
+        results: Storage of the results.
+        arguments: Of `track`, without source and output.
     """
     return [
         ArchiveTask(name, source, results, tuple(arguments), __version__, _key(source, arguments))
@@ -107,7 +111,7 @@ def make_tasks(
 
 
 def done_entries(tasks: Sequence[ArchiveTask], results: Results) -> dict[str, ArchiveEntry]:
-    """Name to what is there of those tasks that are done, of the same inputs and so on.
+    """Name to entry of the tasks whose results are up to date.
 
     Raises:
         FootageError: The results cannot be read.
@@ -127,44 +131,46 @@ def done_entries(tasks: Sequence[ArchiveTask], results: Results) -> dict[str, Ar
 def run_tasks(
     tasks: Sequence[ArchiveTask], executor: Executor
 ) -> Generator[tuple[ArchiveTask, ArchiveEntry], None, None]:
-    """Do tasks; those whose workers end unexpectedly are done again, as long as anything gets done.
+    """Run tasks in rounds; a task whose worker ended unexpectedly is repeated in the next round.
+
+    Tasks that are left fail after several rounds without a completed task.
 
     Args:
-        tasks: What is to be done.
-        executor: Who does it.
+        tasks: To run.
+        executor: Runs them.
 
     Yields:
-        A task and what came of it, in the order in which they are done.
+        A task and its entry, in the order of completion.
 
     Raises:
-        RecordingError: There is nobody to do it.
+        RecordingError: The executor has no workers.
     """
-    waiting, fruitless = list(tasks), 0
-    while waiting:
+    pending, failed_rounds = list(tasks), 0
+    while pending:
         ended: list[tuple[ArchiveTask, WorkerEnded]] = []
-        with closing(executor.run(do_task, waiting)) as answers:
-            for number, answer in answers:
-                if isinstance(answer, WorkerEnded):
-                    ended.append((waiting[number], answer))
+        with closing(executor.run(do_task, pending)) as outcomes:
+            for number, outcome in outcomes:
+                if isinstance(outcome, WorkerEnded):
+                    ended.append((pending[number], outcome))
                 else:
-                    yield waiting[number], answer
-        fruitless = fruitless + 1 if len(ended) == len(waiting) else 0
-        if fruitless == _FRUITLESS_ROUNDS:
-            for task, answer in ended:
-                how = f"{answer.reason}, again and again"
-                yield task, _failed(task, FAILED, f"{task.source}: {how}")
+                    yield pending[number], outcome
+        failed_rounds = failed_rounds + 1 if len(ended) == len(pending) else 0
+        if failed_rounds == _MAX_FAILED_ROUNDS:
+            for task, outcome in ended:
+                reason = f"{outcome.reason}, {_MAX_FAILED_ROUNDS} times in a row"
+                yield task, _failed(task, FAILED, f"{task.source}: {reason}")
             return
-        waiting = [task for task, _ in ended]
+        pending = [task for task, _ in ended]
 
 
 def do_task(task: ArchiveTask) -> ArchiveEntry | WorkerEnded:
-    """Track a recording into its place among the results, whole or not at all."""
+    """Track a recording and put its results into place atomically."""
     if task.version != __version__:
-        what = f"{platform.node()} has version {__version__} of this package"
-        return _failed(task, FAILED, f"{what}, and not {task.version}; install the same everywhere")
+        node = f"{platform.node()} has version {__version__} of this package"
+        return _failed(task, FAILED, f"{node}, not {task.version}; install the same everywhere")
     try:
-        with local_copy(task.source) as source, task.results.staging_folder(task.name) as workplace:
-            return _tracked(task, source, workplace / "results")
+        with local_copy(task.source) as source, task.results.staging_folder(task.name) as staging:
+            return _track(task, source, staging / "results")
     except FootageError as error:
         return _failed(task, UNREADABLE_SOURCE, str(error))
     except RecordingError as error:
@@ -172,7 +178,7 @@ def do_task(task: ArchiveTask) -> ArchiveEntry | WorkerEnded:
 
 
 def write_manifest(results: Results, entries: Sequence[ArchiveEntry]) -> None:
-    """Write what is known of all recordings, whole or not at all.
+    """Write the entries of all recordings to `archive.json` atomically.
 
     Raises:
         RecordingError: It cannot be written.
@@ -181,41 +187,41 @@ def write_manifest(results: Results, entries: Sequence[ArchiveEntry]) -> None:
     results.put_text(json.dumps(document, indent=1) + "\n", MANIFEST)
 
 
-def _tracked(task: ArchiveTask, source: Path, made: Path) -> ArchiveEntry | WorkerEnded:
+def _track(task: ArchiveTask, source: Path, folder: Path) -> ArchiveEntry | WorkerEnded:
     from pf_tracker_ros.recordings.__main__ import main
 
-    said = io.StringIO()
-    arguments = [str(source), "--output", str(made), *task.arguments]
-    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
-        code = main(arguments, source_name=str(task.source))
-    if code in (INTERRUPTED, TERMINATED):
-        return WorkerEnded("its worker was asked to end")
-    if code != DONE:
-        return _failed(task, code, _sentence(said.getvalue()))
+    messages = io.StringIO()
+    arguments = [str(source), "--output", str(folder), *task.arguments]
+    with contextlib.redirect_stderr(messages), contextlib.redirect_stdout(io.StringIO()):
+        exit_code = main(arguments, source_name=str(task.source))
+    if exit_code in (INTERRUPTED, TERMINATED):
+        return WorkerEnded("its worker was stopped")
+    if exit_code != DONE:
+        return _failed(task, exit_code, _error(messages.getvalue()))
     try:
-        entry = _entry(task, made, _warnings(said.getvalue()))
-        (made / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
-        # Only whole ones let their folder be replaced.
-        flush_to_disk(made / DONE_FILE)
+        entry = _entry(task, folder, _warnings(messages.getvalue()))
+        (folder / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
+        # A folder with an incomplete file could not be replaced.
+        flush_to_disk(folder / DONE_FILE)
     except OSError as error:
-        raise unwritable(made, error) from error
-    task.results.put(made, task.name)
+        raise unwritable(folder, error) from error
+    task.results.put(folder, task.name)
     return entry
 
 
 def _key(source: PathOrUrl, arguments: Sequence[str]) -> str:
-    """Stands for the inputs, as their names, sizes and times tell them, version and parameters."""
-    state = fingerprint(source, with_detections=DETECTIONS in arguments)
-    text = json.dumps([__version__, list(arguments), state])
+    """Hash of the inputs (by the names, sizes and times of the files), version and arguments."""
+    inputs = fingerprint(source, with_detections=DETECTIONS in arguments)
+    text = json.dumps([__version__, list(arguments), inputs])
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def _entry(task: ArchiveTask, made: Path, warnings: Sequence[str]) -> ArchiveEntry:
+def _entry(task: ArchiveTask, folder: Path, warnings: Sequence[str]) -> ArchiveEntry:
     by_frame: dict[str, set[str]] = defaultdict(set)
-    with (made / "boxes.csv").open(newline="", encoding="utf-8") as file:
+    with (folder / "boxes.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             by_frame[row["frame"]].add(row["state"])
-    # A frame is as the target in it that is seen best.
+    # The state of a frame is that of its best target.
     states = Counter(min(found, key=_STATES.index) for found in by_frame.values())
     return ArchiveEntry(
         task.name, str(task.source), task.key, DONE, "", states.total(), dict(states), warnings
@@ -226,12 +232,11 @@ def _failed(task: ArchiveTask, exit_code: int, error: str) -> ArchiveEntry:
     return ArchiveEntry(task.name, str(task.source), task.key, exit_code, error, 0, {})
 
 
-def _warnings(said: str) -> list[str]:
-    """What `track` had to say of a recording that it has tracked."""
+def _warnings(messages: str) -> list[str]:
     prefix = "track: "
-    return [line.removeprefix(prefix) for line in said.splitlines() if line.startswith(prefix)]
+    return [line.removeprefix(prefix) for line in messages.splitlines() if line.startswith(prefix)]
 
 
-def _sentence(said: str) -> str:
-    lines = said.strip().splitlines()
-    return lines[-1].removeprefix("track: error: ") if lines else "it failed without a word"
+def _error(messages: str) -> str:
+    lines = messages.strip().splitlines()
+    return lines[-1].removeprefix("track: error: ") if lines else "it failed without a message"

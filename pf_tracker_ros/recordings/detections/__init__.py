@@ -1,1 +1,1 @@
-"""What a detector says of the frames of a recording: from a file, from a bag, or from one here."""
+"""Detections for the frames of a recording: from a file, a bag or a built-in detector."""

@@ -1,4 +1,4 @@
-"""Detections of a built-in detector, which here has all the time that it takes."""
+"""Detections of a built-in detector; the tracker waits for each output."""
 
 from __future__ import annotations
 
@@ -13,67 +13,66 @@ from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectorThread
 from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome
 
 _FINDS = {
-    "people": "people who are at least 100 px high",
+    "people": "people at least 100 px high",
     "motion": (
-        "what moves before a camera that stands still, once the first "
-        f"{UPDATE_EVERY} frames that it is shown have taught it the background"
+        "moving objects in front of a static camera, after it has learned the background from its "
+        f"first {UPDATE_EVERY} frames"
     ),
 }
 
 
 class BuiltInDetector(DetectionSource):
-    """Shows a detector frames as the node does, and waits for each answer; see `DetectionSource`.
+    """Runs a detector on the same frames as the node; see `DetectionSource`.
 
-    What it finds in a frame is heard before the next one, so that it depends on no clock.
+    The detections of a frame arrive before the next frame, so they do not depend on the clock.
 
     Args:
         name: A key of `DETECTORS`.
-        rate: Most frames that it looks at in a second of the recording.
+        rate: Largest number of processed frames per second of the recording.
 
     Raises:
-        RecordingError: There is no such detector here.
+        RecordingError: The detector is not available.
     """
 
     def __init__(self, name: str, rate: float) -> None:
         self._name = name
-        self._shown = self._last_shown = self._found = 0
+        self._frame_count = self._last_frame = self._detection_count = 0
         try:
-            self._thread = DetectorThread(
-                DETECTORS.make(name, DETECTORS.parameters_of(name)()), rate
-            )
+            detector = DETECTORS.make(name, DETECTORS.parameters_of(name)())
+            self._thread = DetectorThread(detector, rate)
         except ValueError as error:
             raise RecordingError(str(error)) from error
 
     @property
     def warning(self) -> str:
-        """That it found nothing at all, or empty."""
-        if self._found:
+        """That there were no detections, or empty."""
+        if self._detection_count:
             return ""
         finds = f"; it finds {_FINDS[self._name]}" if self._name in _FINDS else ""
         return (
-            f"the detector '{self._name}' found nothing in {counted(self._shown, 'frame')} that it "
-            f"was shown{finds}; --detector-rate shows it more frames"
+            f"the detector '{self._name}' found nothing in {counted(self._frame_count, 'frame')}"
+            f"{finds}; raise --detector-rate to process more frames"
         )
 
-    def before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
+    def detections_before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
         try:
-            found = self._thread.take(wait=True)
+            result = self._thread.take(wait=True)
         except Exception as error:
-            # Whatever the detector raised: the frame at hand has no part in it.
+            # The detector may raise anything, on an earlier frame than this one.
             yield DetectorOutput(
                 None,
-                error=f"the detector '{self._name}' failed in frame {self._last_shown}: {error}",
+                error=f"the detector '{self._name}' failed in frame {self._last_frame}: {error}",
             )
         else:
-            if found is not None:
-                self._found += len(found.detections)
-                yield DetectorOutput(found.detections, found.stamp)
+            if result is not None:
+                self._detection_count += len(result.detections)
+                yield DetectorOutput(result.detections, result.stamp)
 
-    def after(self, frame: RecordedFrame, outcome: Outcome) -> None:  # noqa: D102
+    def on_frame(self, frame: RecordedFrame, outcome: Outcome) -> None:  # noqa: D102
         if frame.image is None or outcome.frame in DROPPED_ARRIVALS:
             return
         if self._thread.offer(frame.image, frame.stamp):
-            self._shown, self._last_shown = self._shown + 1, frame.index
+            self._frame_count, self._last_frame = self._frame_count + 1, frame.index
 
     def close(self) -> None:  # noqa: D102
         self._thread.close()

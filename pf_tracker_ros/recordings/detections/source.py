@@ -1,4 +1,4 @@
-"""How the tracker of a recording hears of detections."""
+"""The interface of detection sources: what a detector has reported between two frames."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from pf_tracker_ros.targets.session import Outcome
 
 
 class DetectorOutput(NamedTuple):
-    """What a detector said, heard as the node does.
+    """One output of a detector, as the node would receive it.
 
     Attributes:
-        detections: Of a frame; None where what it said cannot be taken.
-        stamp: Of that frame, nanoseconds; 0 for the next one.
-        error: Why it cannot be taken, or empty.
+        detections: Of one frame; None on an error.
+        stamp: Of this frame, nanoseconds; 0 means the next frame.
+        error: Why there are no detections, or empty.
     """
 
     detections: Detections | None
@@ -25,30 +25,30 @@ class DetectorOutput(NamedTuple):
 
 
 class DetectionSource:
-    """Hears what a detector says, once through a recording; this one hears nothing."""
+    """Source of detections for one pass through a recording; the base class has none."""
 
     @property
     def warning(self) -> str:
-        """What there is to tell of the detector at the end, or empty."""
+        """Warning at the end of the recording, or empty."""
         return ""
 
     def detections_before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:
-        """What was said since the frame before this one.
+        """Yield the outputs since the previous frame.
 
         Raises:
-            FootageError: The recording cannot be read any further.
+            FootageError: The recording can be read only in part.
         """
         return iter(())
 
     def on_frame(self, frame: RecordedFrame, outcome: Outcome) -> None:
-        """Take what became of a frame."""
+        """Receive a tracked frame."""
 
     def finish(self, frame_count: int) -> None:
-        """Take that a recording has ended, with so many frames; what was said later is not heard.
+        """Check the detections after the last frame. Later detections are dropped.
 
         Raises:
-            RecordingError: What was said is of another recording.
+            RecordingError: The detections belong to another recording.
         """
 
     def close(self) -> None:
-        """Let go of what it takes."""
+        """Release its resources."""

@@ -1,4 +1,4 @@
-"""Detections from a topic of the bag that is tracked in."""
+"""Detections from a topic of the tracked bag."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from pf_tracker_ros.targets.detections import check_message_size, detections_fro
 
 
 class DetectionTopic(DetectionSource):
-    """Hears the messages of a topic as they were recorded, between the images; see `DetectionSource`.
+    """Detections of a topic, in the recorded order of messages and images; see `DetectionSource`.
 
     Args:
-        path: The bag.
-        topic: Of the type vision_msgs/Detection2DArray.
+        path: Of the bag.
+        topic: Of type vision_msgs/Detection2DArray.
 
     Raises:
-        RecordingError: There is no such topic, or it is no bag.
+        RecordingError: There is no such topic, or the recording is not a bag.
         FootageError: The bag cannot be read.
     """
 
     def __init__(self, path: Path, topic: str) -> None:
         if not is_bag(path):
             raise RecordingError(
-                f"--detections-topic is for a bag, and {path} is none; allowed here: --detections "
-                "or --detector NAME",
+                f"--detections-topic applies to bags, and {path} is not a bag; allowed here: "
+                "--detections or --detector NAME",
                 REFUSED,
             )
-        there = topics_of_type(path, DETECTIONS_TYPE)
-        if topic not in there:
+        topics = topics_of_type(path, DETECTIONS_TYPE)
+        if topic not in topics:
             raise RecordingError(
-                f"bag {path} has no topic {topic} of type {DETECTIONS_TYPE}; there are: "
-                f"{', '.join(there) or 'none'}",
+                f"bag {path} has no topic {topic} of type {DETECTIONS_TYPE}; available: "
+                f"{', '.join(topics) or 'none'}",
                 WRONG_DETECTIONS,
             )
         self._name = f"bag {path}, topic {topic}"
@@ -46,16 +46,16 @@ class DetectionTopic(DetectionSource):
         self._next = next(self._messages, None)
         self._count = 0
 
-    def before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
+    def detections_before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
         while self._next is not None and self._next[0] <= frame.log_time:
-            yield self._answer(self._next[1])
+            yield self._convert(self._next[1])
             self._count += 1
             self._next = next(self._messages, None)
 
     def close(self) -> None:  # noqa: D102
         self._messages.close()
 
-    def _answer(self, octets: bytes) -> DetectorOutput:
+    def _convert(self, octets: bytes) -> DetectorOutput:
         try:
             check_message_size(octets)
         except ValueError as error:

@@ -426,7 +426,7 @@ def test_a_saved_target_can_be_loaded_at_once(player, moving_square):
         ({"target_box": [1, 2, 3]}, "'target_box' is [1, 2, 3]"),
         ({"target_box": [1, 2, 3, 4], "stamp": 77}, "it belongs to another recording"),
         ({"target_box": [1, 2, 3, 4], "image_size": [640, 480]}, "these have 160 x 120 px"),
-        ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is the target of 'other.mcap'"),
+        ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is for 'other.mcap', not for"),
     ],
 )
 def test_an_invalid_or_foreign_target_file_is_refused(player, saved, values, reason):
