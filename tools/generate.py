@@ -85,7 +85,7 @@ def _parameter_tables() -> str:
         "node, and in the library with `set_parameters`; those marked *learns again* make it learn "
         "every target again where it was last seen.",
         f"{_listed(choosers)} choose what the tracker is made of. A parameter of a part is there "
-        "all the time, and counts while the part is chosen, as its description says.",
+        "all the time, and is used only if the part is selected, as its description says.",
         "With `max_targets` above 1 the presets have the same values but for "
         f"{_different_for_several()}.",
         _table(_TRACKER, presets, "learns again"),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.atomic_files import hidden_folder
 from pf_tracker_ros.footage.base import Footage, FootageError
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
-from pf_tracker_ros.stamps import parts
+from pf_tracker_ros.stamps import split_stamp
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
@@ -128,7 +128,7 @@ class BagWriter:
 
     def header(self, stamp: int, frame_id: str = "camera") -> Any:
         """A header with a stamp in nanoseconds."""
-        seconds, nanoseconds = parts(stamp)
+        seconds, nanoseconds = split_stamp(stamp)
         time = self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
         return self.new("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 

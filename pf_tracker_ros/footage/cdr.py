@@ -13,7 +13,7 @@ from typing import Any
 
 from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.stamps import join
+from pf_tracker_ros.stamps import join_stamp
 
 # Plain CDR of version 1 and 2 (OMG DDS-XTYPES 1.3, table 60): big endian, little endian.
 _STAMP_LAYOUTS = {
@@ -53,7 +53,7 @@ def header_stamp(message: bytes) -> int:
             "order"
         )
     seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
-    return join(seconds, nanoseconds)
+    return join_stamp(seconds, nanoseconds)
 
 
 def deserialize_image(message: bytes) -> Any:

@@ -196,8 +196,8 @@ print(json.dumps([
     assert unlike == (
         "the motion model 'unlike_others' of parts-of-mine "
         "(parts_of_mine.unlike_others:UnlikeOthers) cannot be used: TypeError: its parameter "
-        "'position_noise' is declared otherwise than that of 'affine'; declare it alike, or give "
-        "it a name of its own"
+        "'position_noise' is declared differently than that of 'affine'; declare it alike, or "
+        "rename it"
     )
     taken = "the cue 'hog' of parts-of-mine (parts_of_mine.brightness:Brightness) cannot be used: "
     taken += "there is a cue of that name already"

@@ -271,7 +271,7 @@ def test_what_a_built_in_detector_finds_does_not_hang_on_the_machine(
             return library.said(number)
 
     eyes = Eyes()
-    monkeypatch.setitem(DETECTORS._makers, "motion", lambda: eyes)
+    monkeypatch.setitem(DETECTORS._factories, "motion", lambda: eyes)
     code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "7")
     assert code == 0
     # Every fourth frame of 25 a second is due, and its answer is heard before the next.

@@ -302,4 +302,4 @@ def test_what_is_listed_is_described(graph, client):
             assert descriptor.description.startswith(known[descriptor.name].description)
             assert not descriptor.read_only
     (hog,) = (one for one in described if one.name == "hog.keep")
-    assert hog.description.endswith(" Counts while 'cues' holds 'hog'.")
+    assert hog.description.endswith(" Used only if 'cues' contains 'hog'.")
