@@ -222,7 +222,7 @@ print(json.dumps([
     assert twice == (
         "the cue 'brightness' of another (json:loads) and parts-of-mine "
         "(parts_of_mine.brightness:Brightness) cannot be used: ImportError: only one package may "
-        "bring it; uninstall the others"
+        "provide it; uninstall the others"
     )
     assert nameless == (
         "the cue 'nameless' of another (json:loads) cannot be used: ImportError: it is not "

@@ -127,4 +127,4 @@ def test_a_message_that_cannot_be_read_ends_the_replay_with_the_reason(
     assert node.exit_code == 1
     assert tracker.seen("image") == [row[3] for row in rows[:2]]
     log = capfd.readouterr().err
-    assert f"bag {path}, frame 2: a message of 30 bytes is cut off, or of another type" in log
+    assert f"bag {path}, frame 2: a message of 30 bytes is truncated, or not of its topic" in log
