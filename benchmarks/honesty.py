@@ -1,12 +1,15 @@
-r"""Does a preset say "tracking" when it is not? Footage that misleads it, made of sequences.
+r"""False tracking: does a preset report "tracking" without the target?
 
-GainOverTime that changes in the middle; a cut to another scene, in which the target is not; and a target
-that leaves for five seconds, over moving backgrounds, alone and from beside another of the same.
+The footage is made of sequences:
+
+1. the illumination changes in the middle;
+2. a cut to another scene without the target;
+3. the target leaves for five seconds, over moving backgrounds, alone and next to a distractor.
 
     python benchmarks/honesty.py SEQUENCE_DIR... --preset default --seeds 1
 
-Of the sequences with colors every third one is a scene to cut to, at most 8, and of the others at
-most 12 are targets. It writes honesty.md and honesty.csv (a line a run).
+Of the color sequences every third one is a scene to cut to, at most 8; at most 12 of the others are
+targets. It writes honesty.md and honesty.csv (a line for each run).
 """
 
 from __future__ import annotations

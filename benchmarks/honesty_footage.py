@@ -1,4 +1,4 @@
-"""Footage that misleads a tracker: light that changes, another scene, a target that goes away."""
+"""Footage for false tracking: changing illumination, another scene, a target that leaves."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""The experiment of Zhang, Hu, Shi 2015: an outline against a color histogram in infrared footage.
+"""The experiment of Zhang, Hu, Shi 2015: HOG against a color histogram in infrared footage.
 
-`zhang2015` and `li2007` with color alone track the same targets: generated infrared scenes, with
-and without a flip of polarity, and any recorded sequences that are named. The paper's figures: the
-share of frames that overlap the true box by more than 60 % of its area, and the frame from which on
-the target is lost for good (its overlap stays at 0 until the end). A box that is too large covers
-the target all the same, so the success AUC stands beside them.
+`zhang2015`, and `li2007` with color alone, track the same targets: generated infrared scenes, with
+and without a flip of polarity, and recorded sequences. The paper's figures are the share of frames
+that overlap the true box by more than 60 % of its area, and the frame after which the overlap stays
+0. As the first favors boxes that are too large, the success AUC is reported as well.
 
     python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3 --output benchmarks/results/infrared.md
 """

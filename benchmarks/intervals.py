@@ -1,4 +1,4 @@
-"""Confidence intervals of what a benchmark counts and averages over its seeds."""
+"""Confidence intervals of counts, and of means over the seeds."""
 
 from __future__ import annotations
 

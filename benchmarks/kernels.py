@@ -1,19 +1,19 @@
-"""What a frame costs, and of what: each stage of the library alone, and how its cost grows.
+"""Cost of a frame: each stage of the library, and its growth.
 
-CPU time of one thread, medians; what is compared takes turns in one process, so that a busy machine
-slows both. The figures to quote are the ratios.
+CPU time of one thread, medians. Compared functions alternate in one process, so that other load
+slows both. Quote the ratios.
 
     python benchmarks/kernels.py --output benchmarks/results/kernels.md --plot docs/growth.png
 
-`--only` measures a part of it:
+`--only` selects a part:
 
-- loop: an update of `li2007` against what tutorials do, `cv2.calcHist` and `cv2.compareHist` and a
-  gradient orientation vector for one particle after the other.
+- loop: an update of `li2007` against a loop over particles as in tutorials, with `cv2.calcHist`,
+  `cv2.compareHist` and a gradient orientation vector.
 - stages: every map, every cue's scoring and every preset's update, by size of the image (320x240 to
   1920x1080), side of the box (20 to 200 px), number of particles (30 to 10,000) and kind of image;
-  each beside a floor: the same pixels read once by OpenCV, or a number gathered for each particle.
-- python: which share of an update of `default` is Python's overhead.
-- bars: the ratios that must hold.
+  with a lower bound: one pass of OpenCV over the same pixels, or one number read per particle.
+- python: share of Python's overhead in an update of `default`.
+- bars: the ratios that have a limit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Figures beside the bars that they must hold."""
+"""Measured figures with limits."""
 
 from __future__ import annotations
 

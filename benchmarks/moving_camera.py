@@ -1,4 +1,4 @@
-"""Footage of a still camera as one that moves would see it: a part of each image."""
+"""Footage of a moving camera: a moving part of each image of a still camera."""
 
 from __future__ import annotations
 

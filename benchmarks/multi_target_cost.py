@@ -1,17 +1,15 @@
-"""CPU time of a frame with eight targets, beside one target and OpenCV's CSRT.
+"""CPU time of a frame with eight targets, compared with one target and OpenCV's CSRT.
 
-Eight people walk left and right in front of a street, each in a place of its own, so that none is
-hidden (what is hidden costs next to nothing). Everything has one thread. Each way is measured in a
-process of its own, and all take turns, round after round, so that a busy machine slows all of
-them; told are the medians over the rounds of the median frame and of the mean, the least median,
-and the 99th percentile, which are frames with a detector's answer where there is one. CSRT follows
-one of the people.
+Eight people walk left and right in front of a street without occlusion, as occluded targets cost
+next to nothing. Everything has one thread. Each setting has its own process, and all alternate, so
+that other load slows all of them. The figures are medians over the rounds of the median, the mean
+and the 99th percentile, and the lowest median. The 99th percentile is that of frames with
+detections, if any. CSRT tracks one of the people.
 
     python benchmarks/multi_target_cost.py --rounds 6 --size 1920x1080
 
-In a larger image the people are as large, and where they are at 640x480.
-
-CSRT needs `opencv-contrib-python-headless`; without it that row is left out.
+In a larger image the people have the size and place of 640x480. CSRT needs
+`opencv-contrib-python-headless`.
 """
 
 from __future__ import annotations

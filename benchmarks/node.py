@@ -1,23 +1,23 @@
-"""The tracker node beside a bare subscriber: latency, losses, CPU, start, memory, overload.
+"""The tracker node compared with a bare subscriber: latency, losses, CPU, start, memory, overload.
 
-Camera, tracker and bare subscriber are processes of their own, on the loopback. The bare subscriber
-answers each image with a polygon at once, so its figures are what ROS takes for frames of this
-size; the rest is the tracker. The two take turns in one run, so that a busy machine slows both.
+Camera, tracker and bare subscriber are separate processes on the loopback. The bare subscriber
+publishes a polygon for each image at once, so its figures are ROS' share. Both alternate in one
+run, so that other load slows both.
 
     python benchmarks/node.py --output benchmarks/results/node.md
 
-`--only` measures a part of it:
+`--only` selects a part:
 
-- latency: from publishing a frame to its box, frames without a box, those answered after the next
-  one was due, the tracker's own time as its status tells it, and the share of one core; by size of
-  the image, rate and quality of service: a best-effort camera, a reliable one, and a reliable one
-  with Fast DDS' profile for large images on both sides.
-- cost: CPU time a frame of the tracker's process, and what it adds to `Tracker.update` in a process
-  of its own and the bare subscriber.
-- start: seconds from starting a process to its first answer to a camera that runs.
-- overload: the age of the frames that are answered while a camera sends more than can be tracked.
-- memory: what the tracker's process holds after 500 frames and at the end.
-- side_by_side: 1, 2, 4 and 8 trackers, each with images of its own.
+- latency: time from publishing a frame to its box, frames without a box, frames answered after the
+  next one was due, processing time in the status, and share of one core; by size of the image, rate
+  and QoS: a best-effort camera, a reliable one, and a reliable one with the Fast DDS profile for
+  large images on both sides.
+- cost: CPU time per frame of the tracker's process, and its excess over `Tracker.update` in a
+  separate process plus the bare subscriber.
+- start: seconds from the start of a process to its first answer to a running camera.
+- overload: age of the answered frames while a camera sends more than can be tracked.
+- memory: memory of the tracker's process after 500 frames and at the end.
+- side_by_side: 1, 2, 4 and 8 trackers, each with its own images.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What several trackers, or several settings of one, did on the same sequences."""
+"""Results of several trackers, or settings of one, on the same sequences."""
 
 from __future__ import annotations
 

@@ -1,14 +1,12 @@
-"""One pedestrian of several: followed alone, and together with all others of the same footage.
+"""One pedestrian of several: tracked alone, and together with all others of the same footage.
 
-A window is a sequence with the true boxes of one target, cut from footage of which a folder of the
-MOT challenge has everybody (see `targets.py`). Three ways to follow the target are compared by the
-area under its success curve:
+A window is a sequence with the true boxes of one target, cut from footage whose folder of the MOT
+challenge has the boxes of all (see `targets.py`). Three settings are compared by success AUC:
 
 - alone: one `Tracker`, started on the true box;
-- with all: a `MultiTracker`, started on the true box of everybody who is in the first frame; who
-  enters later is not followed;
-- with a detector: the same, and a detector sees every 12th frame after the first, which also starts
-  those who enter.
+- with all: a `MultiTracker`, started on the true boxes of the first frame only;
+- with a detector: the same, with detections every 12th frame after the first, which also start new
+  targets.
 
     python benchmarks/pedestrians.py --window MOT_DIR SEQUENCE --window MOT_DIR SEQUENCE ...
 

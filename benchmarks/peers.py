@@ -1,9 +1,8 @@
-"""Every preset beside other people's trackers, on sequences with ground truth, in one run.
+"""The presets compared with trackers of other libraries on sequences with ground truth.
 
-Success AUC, precision at 20 px and CPU time of a frame, on one thread, as `evaluate` has them, and
-the time's ratio to that of OpenCV's CSRT. For each sequence the trackers run one after the other,
-so what else the machine does falls on all of them alike. Peers that are not installed are left out;
-`make bench` has an environment with all of them.
+Success AUC, precision at 20 px and CPU time of a frame on one thread, as in `evaluate`, and the
+time relative to OpenCV's CSRT. The trackers alternate by sequence, so that other load slows all of
+them. Libraries that are not installed are omitted; `make bench` installs all of them.
 
     make bench SEQUENCES="SEQUENCE_DIR ..." BENCH_ARGS="--seeds 3 --nanotrack BACKBONE HEAD"
     python benchmarks/peers.py SEQUENCE_DIR... --output benchmarks/results --seeds 3

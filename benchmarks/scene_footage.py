@@ -1,4 +1,4 @@
-"""Generated scenes as footage that trackers can be evaluated on."""
+"""Generated scenes as footage for evaluations."""
 
 from __future__ import annotations
 

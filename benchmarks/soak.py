@@ -1,10 +1,9 @@
-"""A long life of the tracker node, with a fault in one of ten frames.
+"""Soak test of the tracker node, with a fault before one of ten frames.
 
-The tracker is a process of its own. It gets small frames one after the other, each after the status
-of the last; before one in ten comes a fault: an image that is not one, stamps that repeat or jump,
-a target or parameters that cannot be. What must hold: the process lives, every message is answered,
-each good frame after a fault is tracked, nothing unexpected is logged, and memory does not grow by
-more than 5 % after the first twentieth.
+The tracker runs in its own process. It receives small frames, each after the status of the last.
+Faults are malformed images, repeated or jumping stamps, and invalid targets or parameters. Pass
+criteria: the process runs to the end, every message is answered, each good frame after a fault is
+tracked, nothing unexpected is logged, and memory grows by at most 5 % after the first twentieth.
 
     python benchmarks/soak.py --frames 100000 --output benchmarks/results/soak.md
 """

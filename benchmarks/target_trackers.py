@@ -1,4 +1,4 @@
-"""Trackers of several targets behind one interface, for the comparison in `targets.py`."""
+"""Multi-target trackers behind one interface, for the comparison in `targets.py`."""
 
 from __future__ import annotations
 

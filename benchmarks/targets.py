@@ -1,18 +1,17 @@
-"""MultiTargets targets and a slow detector: `MultiTracker` beside trackers that never look at the image.
+"""Several targets and a slow detector: `MultiTracker` compared with trackers by detections alone.
 
-A detector sees every k-th frame, boxes are wanted for all. A folder of a sequence holds `gt.txt`
-and `det.txt` as the MOT challenge has them, and `seqinfo.ini` (frameRate); the frames are a video
-of another place, or a folder of images. Metrics of `trackeval` over all frames: HOTA, IDF1, MOTA,
-identity switches; beside them the share of boxes that overlap another one by more than .5, and the
-CPU time of a frame on one thread, and of a target more. Each interval is run from several first
-frames, and averaged.
+The detector runs on every k-th frame; boxes are required in all. A sequence folder has `gt.txt` and
+`det.txt` of the MOT challenge, and `seqinfo.ini` (frameRate); its frames are a video or a folder of
+images elsewhere. Figures: HOTA, IDF1, MOTA and identity switches of `trackeval` over all frames,
+the share of boxes that overlap another one by more than .5, and the CPU time on one thread, per
+frame and per additional target. Each interval is averaged over several first frames.
 
     python benchmarks/targets.py --sequence MOT_DIR FRAMES --output benchmarks/results
 
-It writes targets.json, targets.md and targets.png; what an earlier run has left in targets.json is
-kept beside the new outcomes, so that trackers can be run one after another. Peers that are not
-installed are left out. `trackers` from 2.6 on and `norfair` ask for different versions of Rich:
-give each an environment of its own, with `trackeval` in it.
+It writes targets.json, targets.md and targets.png. Outcomes of earlier runs in targets.json are
+kept, so that trackers can be run separately. Libraries that are not installed are omitted.
+`trackers` from 2.6 on and `norfair` require different versions of Rich: give each its own
+environment with `trackeval`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the umbrella experiment consists of: its settings, and what one of them did on one scene."""
+"""Settings of the umbrella experiment, and the run of a setting on a scene."""
 
 from __future__ import annotations
 

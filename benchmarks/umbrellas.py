@@ -1,15 +1,15 @@
 """The umbrella experiment of Li, Zhang, Li 2007 (sequence 2), over many generated scenes.
 
-Two umbrellas of like color and unlike texture pass each other behind trees. The paper's three
+Two umbrellas of similar color and different texture pass each other behind trees. The paper's three
 settings of `li2007` run on the same scenes: color alone with 60 particles, color and texture
 (alpha = 0.6) with 30 and with 60. The paper's finding: color alone ends on the wrong umbrella;
-color and texture stay on the target, with 30 particles in jerks, with 60 steadily.
+color and texture stay on the target, with jitter for 30 particles and steadily for 60.
 
     python benchmarks/umbrellas.py --seeds 30
 
-Written into the output folder: `umbrellas.md` (the table), `umbrellas.csv` (every run),
-`umbrellas.png` (shares, errors over time, jitter) and `umbrellas_frames.png` (one scene with the
-estimates and particles drawn in, as in the paper's Fig. 3).
+It writes `umbrellas.md` (the table), `umbrellas.csv` (every run), `umbrellas.png` (shares, errors
+over time, jitter) and `umbrellas_frames.png` (a scene with estimates and particles, as in the
+paper's Fig. 3).
 """
 
 from __future__ import annotations

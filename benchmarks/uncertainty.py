@@ -1,11 +1,11 @@
-r"""Does a preset know when it is wrong? Its confidence, states and covariance against the truth.
+r"""Calibration of a preset: confidence, states and covariance compared with ground truth.
 
-A frame counts as right where the box overlaps the true one by more than a half.
+A frame is right if its overlap is above one half.
 
     python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
 
-With two or more `--group`s it also tells the area under the ROC curve in each group of sequences,
-of the confidence as it is, and fitted to the other groups.
+With two or more `--group`s it also reports the area under the ROC curve in each group, of the
+preset's confidence and of one fitted to the other groups.
 
 It writes uncertainty.md, uncertainty.csv (a line for each range of confidence) and uncertainty.png.
 """

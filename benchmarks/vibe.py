@@ -2,11 +2,11 @@
 
     python benchmarks/vibe.py SEQUENCE... --output benchmarks/results/vibe.md
 
-The boxes of a sequence name one target and are no silhouettes, so the figures have bounds of their
-own: a person fills about half of a box, which bounds the recall, and whoever else moves counts
-against the precision of the whole frame. The precision nearby only looks at the box and half its
-size around it. Detected is a frame in which at least a fifth of the box is foreground. The first
-frames, in which the model still remembers where things stood when it began, are left out.
+A sequence has the box of one target, not its silhouette, which bounds the figures: a person fills
+about half of a box, which limits the recall, and other moving objects reduce the precision of the
+whole frame. The precision nearby is that in the box and half its size around it. A frame is
+detected if at least a fifth of the box is foreground. The first frames, which still contain the
+initial background, are skipped.
 """
 
 from __future__ import annotations
