@@ -273,7 +273,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print a table.
 
     Args:
-        arguments: Command line without the program's name; None takes the process'.
+        arguments: Command line without program name; None for the process'.
     """
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn")

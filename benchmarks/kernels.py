@@ -25,7 +25,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -46,7 +46,7 @@ AXIS_NAMES = {"size": "image", "side": "box, px", "particles": "N", "kind": "kin
 
 
 def loop_tables(given: argparse.Namespace) -> list[Table]:
-    """`li2007` beside the loop over particles, which takes too long for more of them."""
+    """`li2007` compared with the loop over particles, where that is not too slow."""
     rows = [
         measure_li2007(
             particles,
@@ -88,7 +88,7 @@ def _loop_cells(row: Row, least: Row) -> list[str]:
 
 
 def stage_tables(given: argparse.Namespace) -> list[Table]:
-    """What each stage takes, and how that grows."""
+    """Cost of each stage, and its growth."""
     costs = measure_stages(given.turns)
     usual = Setting()
     rows = []
@@ -141,7 +141,7 @@ def python_tables(given: argparse.Namespace) -> list[Table]:
 
 
 def limit_tables(given: argparse.Namespace) -> list[Table]:
-    """The ratios that must hold."""
+    """The ratios with limits."""
     return [limits_table(measure_limits(given.turns))]
 
 
@@ -154,14 +154,14 @@ PARTS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the tables and, if asked to, save them.
+    """Measure, print the tables and optionally save them.
 
     Args:
-        arguments: Command line without the program's name; None takes the process'.
+        arguments: Command line without program name; None for the process'.
     """
     parser = options_of.parts_parser(__doc__, PARTS)
-    parser.add_argument("--turns", type=at_least(1), default=10, help="of what is compared [10]")
-    parser.add_argument("--plot", type=Path, help="image file for how the stages grow")
+    parser.add_argument("--turns", type=at_least(1), default=10, help="of each comparison [10]")
+    parser.add_argument("--plot", type=Path, help="image file for the growth of the stages")
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     tables = []

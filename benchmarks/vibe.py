@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -45,13 +45,13 @@ HEADINGS = (
 )
 LEAST_SHARE = 0.2
 
-# Makes the model from the first image.
+# Factory of the model from the first image.
 BeginModel = Callable[[NDArray[Any]], BackgroundModel]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The model on one sequence.
+    """Result of the model on a sequence.
 
     Attributes:
         name: Of the sequence.
@@ -91,12 +91,12 @@ def count_inside(mask: NDArray[np.uint8], box: NDArray[np.float64]) -> tuple[int
 
 
 def measure(footage: Footage, begin: BeginModel, skip: int) -> Outcome:
-    """Run a model over a sequence and judge all frames with a target but the first `skip`.
+    """Evaluate a model on all frames of a sequence with a target but the first `skip`.
 
     Args:
         footage: The sequence.
-        begin: Makes the model.
-        skip: How many frames are not judged.
+        begin: Factory of the model.
+        skip: Number of first frames not to evaluate.
     """
     boxes = footage.ground_truth
     assert boxes is not None
@@ -127,12 +127,12 @@ def measure(footage: Footage, begin: BeginModel, skip: int) -> Outcome:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the table and, if asked to, save it."""
+    """Measure, print the table and optionally save it."""
     parser = options_of.parser(__doc__)
     parser.add_argument("sequences", nargs="+", type=Path, metavar="SEQUENCE")
     parser.add_argument("--reduction", type=int, default=2, choices=range(1, 17), metavar="1..16")
-    parser.add_argument("--gray", action="store_true", help="model brightness, not colors")
-    parser.add_argument("--skip", type=int, default=50, help="first frames not judged [50]")
+    parser.add_argument("--gray", action="store_true", help="model gray levels instead of colors")
+    parser.add_argument("--skip", type=int, default=50, help="first frames to skip [50]")
     parser.add_argument("--output", type=Path, help="Markdown file for the table")
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)

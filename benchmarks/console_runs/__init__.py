@@ -1,1 +1,1 @@
-"""Who looks at the console's page, and how."""
+"""Runs of the console with clients of its page."""

@@ -1,4 +1,4 @@
-"""What the camera of the console's benchmark sees."""
+"""Images of the camera in the console's benchmark."""
 
 from __future__ import annotations
 

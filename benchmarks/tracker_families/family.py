@@ -1,4 +1,4 @@
-"""What all families share: the rules for the box, and how parts of images are taken and matched."""
+"""Base class of the families: limits of the box, cropping and template matching."""
 
 from __future__ import annotations
 
