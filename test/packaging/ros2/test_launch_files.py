@@ -52,14 +52,14 @@ def words(call):
 def declared(tree):
     """Names of the arguments that a launch file declares."""
     names = {call.args[0].value for call in calls(tree) if called(call) in DECLARING}
-    return names.union(*(words(call) for call in calls(tree) if called(call) == "shared"))
+    return names.union(*(words(call) for call in calls(tree) if called(call) == "shared_arguments"))
 
 
 def reached(tree):
     """A launch file, and all functions and methods of what is shared that it comes to call."""
     sharing = ast.walk(parsed(SHARING))
     shared = {node.name: node for node in sharing if isinstance(node, ast.FunctionDef)}
-    found, names = [tree], {*DECLARING, "shared"}
+    found, names = [tree], {*DECLARING, "shared_arguments"}
     for node in found:
         for name in {called(call) for call in calls(node)} & shared.keys() - names:
             names.add(name)
@@ -116,7 +116,7 @@ def test_what_is_shared_is_read_where_it_is_called():
 
 def test_each_shared_argument_is_described_and_declared_by_several_files():
     named = [
-        [name for call in calls(parsed(path)) if called(call) == "shared" for name in words(call)]
+        [name for call in calls(parsed(path)) if called(call) == "shared_arguments" for name in words(call)]
         for path in LAUNCH_FILES
     ]
     described = constants(parsed(SHARING))["_SHARED"]
