@@ -110,7 +110,7 @@ def test_a_lag_is_reported_and_not_caught_up():
         lambda playback: playback.wait_until_processed(7, 1000.0),
         lambda playback: playback.wait_for(lambda: False, 1000.0),
     ],
-    ids=["due", "answer", "condition"],
+    ids=["due", "status", "condition"],
 )
 @pytest.mark.parametrize("paused", [True, False])
 def test_stopping_ends_every_wait(wait, paused):
@@ -176,7 +176,7 @@ def test_steps_are_due_at_once_during_a_pause():
         lambda playback: playback.wait_until_processed(7, 1000.0),
         lambda playback: playback.wait_at_end(),
     ],
-    ids=["due", "answer", "end"],
+    ids=["due", "status", "end"],
 )
 @pytest.mark.parametrize("paused", [True, False])
 def test_seeking_ends_every_wait_once_and_steps(wait, paused):

@@ -18,7 +18,7 @@ def test_lockstep_waits_for_the_tracker_after_each_frame(pictures, stand_in, rep
     tracker.spin_until(lambda: tracker.count_publishers("/image") == 1)
     assert tracker.events == []
     tracker.listen()
-    tracker.spin_until(lambda: len(tracker.seen("answer")) == 6)
+    tracker.spin_until(lambda: len(tracker.seen("status")) == 6)
     kinds = [kind for kind, _ in tracker.events]
     assert kinds == ["target", *["image", "status"] * 6]
     assert tracker.stamps() == pictures.stamps
@@ -48,7 +48,7 @@ def test_a_loop_repeats_with_the_target_until_switched_off(pictures, stand_in, r
     passes = len(tracker.seen("target"))
     assert passes >= 3
     assert tracker.stamps() == pictures.stamps * passes
-    kinds = [kind for kind, _ in tracker.events if kind != "answer"]
+    kinds = [kind for kind, _ in tracker.events if kind != "status"]
     assert kinds == ["target", *["image"] * 6] * passes
 
 
@@ -152,7 +152,7 @@ def test_steps_publish_single_frames_during_a_pause(pictures, stand_in, replay):
 
     for count in (1, 2, 3):
         assert step().success
-        tracker.spin_until(lambda count=count: len(tracker.seen("answer")) == count)
+        tracker.spin_until(lambda count=count: len(tracker.seen("status")) == count)
     assert tracker.stamps() == pictures.stamps[:3]
     going_on = tracker.resume()
     tracker.spin_until(going_on.done)
@@ -167,7 +167,7 @@ def test_a_paused_replay_reports_a_missing_subscriber(pictures, stand_in, replay
     tracker.listen()
     node = replay(source=pictures.folder, start_paused=True, lockstep=True)
     tracker.resume()
-    tracker.spin_until(lambda: tracker.seen("answer"))
+    tracker.spin_until(lambda: tracker.seen("status"))
     tracker.pause()
     tracker.spin_until(lambda: node.wait_reason == "")
     (images,) = [s for s in tracker.subscriptions if s.topic_name == "/image"]
@@ -193,13 +193,13 @@ def test_it_waits_at_the_end_with_stay_at_end(pictures, stand_in, replay):
     tracker = stand_in()
     tracker.listen()
     node = replay(source=pictures.folder, lockstep=True, stay_at_end=True)
-    tracker.spin_until(lambda: len(tracker.seen("answer")) == 6)
+    tracker.spin_until(lambda: len(tracker.seen("status")) == 6)
     assert node.playback.wait_until_held(30.0)
     assert node.playback.paused
     assert (node.position, node.frame_count) == (5, 6)
     assert node.index_of(pictures.stamps[2]) == 2
     node.playback.seek(2)
-    tracker.spin_until(lambda: len(tracker.seen("answer")) == 7)
+    tracker.spin_until(lambda: len(tracker.seen("status")) == 7)
     assert node.playback.wait_until_held(30.0)
     assert tracker.stamps() == [*pictures.stamps, pictures.stamps[2]]
     assert node.position == 2
@@ -209,7 +209,7 @@ def test_lockstep_goes_no_faster_than_its_rate(pictures, stand_in, replay):
     tracker = stand_in()
     tracker.listen()
     node = replay(source=pictures.folder, lockstep=True, lockstep_rate=0.5)
-    tracker.spin_until(lambda: tracker.seen("answer"))
+    tracker.spin_until(lambda: tracker.seen("status"))
     began = time.monotonic()
     tracker.spin_until_ended(node)
     # Five intervals of 40 ms at half the speed; the first frame may have been recorded late.
