@@ -165,7 +165,7 @@ def shared_arguments(*names: str) -> list[DeclareLaunchArgument]:
     return [argument(name, *_SHARED[name]) for name in names]
 
 
-def tracker_parameters(given: LaunchArguments) -> dict[str, Any]:
+def tracker_overrides(given: LaunchArguments) -> dict[str, Any]:
     """Tracker parameters that launch arguments set.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 
 from pf_tracker_ros.evaluation.reports.content import SequenceContent, state_columns
 from pf_tracker_ros.evaluation.reports.svg_plots import precision_plot, series_plots, success_plot
-from pf_tracker_ros.evaluation.reports.thumbnails import Thumbnail
+from pf_tracker_ros.evaluation.reports.thumbnails import FrameThumbnail
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 from pf_tracker_ros.plurals import counted
 
@@ -33,7 +33,7 @@ class Section:
     """
 
     content: SequenceContent
-    thumbnails: Mapping[int, Thumbnail]
+    thumbnails: Mapping[int, FrameThumbnail]
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ _MIN_SIDE = 60.0
 
 
 @dataclass(frozen=True)
-class Thumbnail:
+class FrameThumbnail:
     """A thumbnail of a frame.
 
     Attributes:
@@ -43,7 +43,7 @@ class Thumbnail:
 
 def make_thumbnails(
     contents: Sequence[SequenceContent], images: Iterable[tuple[int, NDArray[Any] | None]]
-) -> list[dict[int, Thumbnail]]:
+) -> list[dict[int, FrameThumbnail]]:
     """Make the thumbnails of a report on the targets of one recording.
 
     Args:
@@ -58,7 +58,7 @@ def make_thumbnails(
         (content.first + max(indices) for content, indices in zip(contents, needed, strict=True)),
         default=-1,
     )
-    thumbnails: list[dict[int, Thumbnail]] = [{} for _ in contents]
+    thumbnails: list[dict[int, FrameThumbnail]] = [{} for _ in contents]
     for number, image in images:
         for content, indices, own in zip(contents, needed, thumbnails, strict=True):
             index = number - content.first
@@ -69,7 +69,7 @@ def make_thumbnails(
     return thumbnails
 
 
-def _thumbnail(content: SequenceContent, index: int, image: NDArray[Any]) -> Thumbnail:
+def _thumbnail(content: SequenceContent, index: int, image: NDArray[Any]) -> FrameThumbnail:
     canvas = draw_overlay(image, None)
     boxes = [(content.boxes[index], STATE_COLORS.get(content.states[index]))]
     if content.true_boxes is not None:
@@ -86,7 +86,7 @@ def _thumbnail(content: SequenceContent, index: int, image: NDArray[Any]) -> Thu
         draw_box(canvas, shifted * scale, color, 2)
     encoded = cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     data_url = "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode()
-    return Thumbnail(content.first + index, _caption(content, index), *size, data_url)
+    return FrameThumbnail(content.first + index, _caption(content, index), *size, data_url)
 
 
 def _window(width: int, height: int, boxes: list[NDArray[np.float64]]) -> tuple[int, int, int, int]:
