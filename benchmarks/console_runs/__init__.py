@@ -1,1 +1,1 @@
-"""Runs of the console with clients of its page."""
+"""Camera, links and browsers of the console's benchmarks."""
