@@ -70,8 +70,8 @@ class MultiTargets(TargetTracker):
 class SingleTargets(TargetTracker):
     """A separate `Tracker` for each target.
 
-    It starts on a detection that none is on, ends where a frame that was seen has none for it, and
-    starts anew where it has strayed from its own.
+    It starts on an unmatched detection, ends when a detector frame has none for it, and restarts
+    on its detection after drift.
 
     Args:
         interval: Seconds between frames.

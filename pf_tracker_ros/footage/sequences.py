@@ -115,7 +115,8 @@ def _open_video(
         raise FootageError(f"{folder / META_FILE}: 'video' is {meta['video']!r}; expected a path")
     if isinstance(first_frame, bool) or not isinstance(first_frame, int) or first_frame < 0:
         raise FootageError(
-            f"{folder / META_FILE}: 'first_frame' is {first_frame!r}; expected a whole number from 0"
+            f"{folder / META_FILE}: 'first_frame' is {first_frame!r}; expected a whole number "
+            "from 0"
         )
     video = folder / meta["video"]
     if not exists(video):
