@@ -1,15 +1,13 @@
-r"""What each part of a preset brings: each cue off in turn, other numbers of particles.
+r"""Ablation study of a preset: without each of its cues, and with other numbers of particles.
 
-Every variant tracks the same sequences with the same seeds as the preset itself. A cue of weight
-above 0 is switched off by weight 0; the others' powers are scaled up to a sum of 1. `--off` adds a
-variant with other values of parameters, for example those that switch a mechanism off; several
-values that belong together are given as one text.
+Every variant tracks the same sequences with the same seeds. A cue is switched off by weight 0; the
+other weights are scaled to a sum of 1. `--off` adds a variant with other parameter values, for
+example to switch a mechanism off; several values of one variant are one text.
 
     python benchmarks/ablation.py SEQUENCE_DIR... --preset default --seeds 3 --jobs 2 \
         --off template.update_above=1 --off "resampling.scheme=multinomial motion.size_noise=0"
 
-With two or more `--group`s it also tells whether the preset's settings carry over to footage that
-they were not chosen on: each group is left out in turn.
+With two or more `--group`s it also cross-validates the settings: each group is left out in turn.
 
 It writes ablation.csv and ablation.md.
 """
@@ -25,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -64,14 +62,14 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Variant:
-    """The preset with other values of some parameters; none for the preset itself."""
+    """The preset with some parameters changed; none for the preset itself."""
 
     name: str
     parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 def cue_variants(preset: str) -> list[Variant]:
-    """The preset without each of its cues; none if it has but one, without which nothing is left.
+    """The preset without each of its cues; empty for a preset with a single cue.
 
     Raises:
         ParameterError: No preset has this name.
@@ -84,7 +82,7 @@ def cue_variants(preset: str) -> list[Variant]:
 
 
 def variants(preset: str, particles: Sequence[int], off: Sequence[str]) -> list[Variant]:
-    """All that is compared, the preset itself first.
+    """All variants, the preset itself first.
 
     Args:
         preset: Name of the preset.
@@ -111,14 +109,14 @@ def variants(preset: str, particles: Sequence[int], off: Sequence[str]) -> list[
     for variant in found:
         if names.count(variant.name) > 1:
             raise EvaluationError(f"--off {variant.name} is given more than once")
-        # What can be refused is refused before the first frame.
+        # Checked before the first frame.
         try:
             Tracker.from_preset(preset, parameters=variant.parameters)
         except ParameterError as error:
             raise ParameterError(f"{variant.name}: {error}") from error
         if variant.parameters and own | variant.parameters == own:
             raise EvaluationError(
-                f"{variant.name}: so it is in preset {preset}; allowed: another value"
+                f"{variant.name} is the value of preset {preset}; allowed: another value"
             )
     return found
 
@@ -143,7 +141,7 @@ def run(
 
 
 def summary(outcomes: Sequence[Outcome], title: str) -> Table:
-    """The figures of each variant, and what changes against the first one."""
+    """The figures of each variant, and the change from the first."""
     base, *others = outcomes
     rows = [_row(outcome, base) for outcome in others]
     return Table(title, HEADINGS, [[_row(base, base)], rows])
@@ -163,7 +161,7 @@ def _row(outcome: Outcome, base: Outcome) -> list[str]:
 
 
 def _change(outcome: Outcome, base: Outcome) -> str:
-    """Of the success AUC; a single sequence has no interval."""
+    """Change of the success AUC; a single sequence has no interval."""
     change = intervals.mean(outcome.success_aucs - base.success_aucs)
     text = f"{change.value:+.3f}"
     if math.isnan(change.low):
@@ -191,28 +189,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         type=_numbers,
         default=PARTICLES,
         metavar="N,N,...",
-        help=f"numbers of particles to try [{','.join(map(str, PARTICLES))}]; '' for none",
+        help=f"numbers of particles to compare [{','.join(map(str, PARTICLES))}]; '' for none",
     )
     parser.add_argument(
         "--off",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a further variant: other values than the preset's; may be repeated",
+        help="another variant with changed parameters; may be repeated",
     )
     parser.add_argument(
         "--group",
         action="append",
         default=[],
         metavar="REGEX",
-        help="sequences to be left out together, by what their names begin with; may be repeated",
+        help="sequences to leave out together, by a pattern of their names; may be repeated",
     )
     parser.add_argument(
         "--jobs",
         type=options_of.at_least(1),
         default=1,
         metavar="N",
-        help="processes, each on one sequence; CPU times are honest with one only [1]",
+        help="processes, each on one sequence; CPU times are comparable only with one [1]",
     )
     options = parser.parse_args(arguments)
     try:

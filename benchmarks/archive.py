@@ -1,10 +1,12 @@
-"""An archive on a Ray cluster: what it costs, and what is left while workers and driver are killed.
+"""An archive on a Ray cluster: its cost, and its results while workers and driver are killed.
 
-Recordings are made of generated streets, every fourteenth of them broken. They are tracked
-serially; by two workers of a local Ray cluster, whose time is compared; and by two of which one is
-killed (-9) every few seconds, while the driver is killed at random moments and started again until
-it is done. After each kill, and at the end, what is there must be whole and equal to the serial
-run's.
+The recordings are generated streets, every fourteenth of them broken. They are tracked:
+
+1. serially;
+2. by two workers of a local Ray cluster, for comparison of the time;
+3. by two workers while one is killed (-9) every few seconds, and the driver at random times. The
+   driver is restarted until it is done. After each kill and at the end, the results must be
+   complete and equal to those of the serial run.
 
     python benchmarks/archive.py --recordings 40 --kills 20
 """
@@ -39,7 +41,7 @@ TRACK = (sys.executable, "-m", "pf_tracker_ros.recordings")
 
 
 def main() -> None:
-    """Run all three and print what came of them."""
+    """Run all three and print the results."""
     options = arguments()
     generator = random.Random(options.seed)
     with tempfile.TemporaryDirectory(prefix="archive_", dir=options.scratch) as folder:
@@ -88,8 +90,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--kills", type=at_least(0), default=20, metavar="N", help="of the driver [20]"
     )
-    parser.add_argument("--seed", type=at_least(0), default=0, help="of the moments [0]")
-    parser.add_argument("--scratch", metavar="DIR", help="where to make a folder for all of it")
+    parser.add_argument("--seed", type=at_least(0), default=0, help="of the kills' times [0]")
+    parser.add_argument("--scratch", metavar="DIR", help="parent of the working folder")
     return parser.parse_args()
 
 
@@ -127,7 +129,7 @@ def start(archive: Path, output: Path, *further: str) -> subprocess.Popen[bytes]
 
 
 def seconds_of(driver: subprocess.Popen[bytes]) -> float:
-    """Wait for a driver; returns how long."""
+    """Wait for a driver; returns its duration."""
     began = time.monotonic()
     code = driver.wait()
     assert code == 1, f"exit code {code}; 1 is that of an archive with broken recordings"
@@ -135,7 +137,7 @@ def seconds_of(driver: subprocess.Popen[bytes]) -> float:
 
 
 def results(output: Path) -> dict[str, bytes]:
-    """Name to content of all that has a name of its own, but for the manifest."""
+    """Name to content of the results, without hidden files and the manifest."""
     return {
         str(path.relative_to(output)): path.read_bytes()
         for path in output.glob("*/boxes.csv")
@@ -144,14 +146,14 @@ def results(output: Path) -> dict[str, bytes]:
 
 
 def assert_part(found: dict[str, bytes], expected: dict[str, bytes]) -> int:
-    """Whether everything that is there is as expected; returns how much it is."""
+    """Assert that all present files are as expected; returns their number."""
     for name, content in found.items():
         assert content == expected[name], f"{name} differs"
     return len(found)
 
 
 def kill_workers(driver: subprocess.Popen[bytes], generator: random.Random, seconds: float) -> int:
-    """Kill a worker every few seconds, for so long or until the driver ends; returns how many."""
+    """Kill a worker every few seconds until a time or the driver's end; returns the number."""
     killed, until = 0, time.monotonic() + seconds
     due = time.monotonic() + WORKER_KILLED_EVERY
     while driver.poll() is None and time.monotonic() < until:
@@ -164,7 +166,7 @@ def kill_workers(driver: subprocess.Popen[bytes], generator: random.Random, seco
 
 
 def at_work(pid: int) -> Iterator[int]:
-    """The Ray workers below a process that have a task."""
+    """Descendant Ray workers of a process that have a task."""
     for child in children(pid):
         if read(child, "cmdline").startswith("ray::do_task"):
             yield child
@@ -172,12 +174,12 @@ def at_work(pid: int) -> Iterator[int]:
 
 
 def children(pid: int) -> list[int]:
-    """The processes that one has started."""
+    """Child processes of a process."""
     return [int(child) for child in read(pid, f"task/{pid}/children").split()]
 
 
 def read(pid: int, name: str) -> str:
-    """What the system tells of a process, or nothing if it has ended."""
+    """A file of a process in /proc; empty if the process has ended."""
     try:
         return Path(f"/proc/{pid}/{name}").read_text()
     except OSError:
@@ -185,7 +187,7 @@ def read(pid: int, name: str) -> str:
 
 
 def kill(pid: int) -> bool:
-    """Kill a process, if it is still there."""
+    """Kill a process; returns whether it was still running."""
     try:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:

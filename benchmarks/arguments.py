@@ -1,4 +1,4 @@
-"""The parts of the command line that comparisons share."""
+"""Command-line options shared by the benchmarks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pf_tracker_ros.tracking.presets import PRESETS
 
 
 def parser(description: str | None) -> argparse.ArgumentParser:
-    """A parser that shows a module's description as it is written."""
+    """A parser that shows a module's docstring unwrapped."""
     return argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -24,7 +24,7 @@ def sequence_parser(description: str | None, seeds: int = 3) -> argparse.Argumen
         nargs="+",
         type=Path,
         metavar="SEQUENCE_DIR",
-        help="a sequence folder (groundtruth.txt and frames), or a folder of such folders",
+        help="sequence folder (groundtruth.txt and frames), or folder of such folders",
     )
     add_seeds(made, seeds)
     add_folder(made)
@@ -63,7 +63,7 @@ def add_preset(made: argparse.ArgumentParser) -> None:
 
 
 def at_least(least: int) -> Callable[[str], int]:
-    """What reads a whole number from `least` up."""
+    """Type of an option: a whole number of at least `least`."""
 
     def whole(text: str) -> int:
         if not text.isdecimal() or int(text) < least:

@@ -1,4 +1,4 @@
-"""What the families' trackers and other people's have in common."""
+"""Base class of the trackers that are compared with: those of the families and of libraries."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlainEstimate:
-    """What a tracker says of a frame, as the evaluation wants it.
+    """A tracker's output for a frame.
 
     Attributes:
         box: (x, y, width, height) in pixels; the last one while lost.
-        state: "tracking", or "lost" where the tracker gives no box.
+        state: "tracking", or "lost" without a box from the tracker.
     """
 
     box: Box
@@ -32,20 +32,20 @@ class PlainEstimate:
 
 
 class ColorImageTracker(ABC):
-    """Follows one target in color images of 8 bit, whatever the footage is.
+    """Tracks one target in color images of 8 bits, converted from any footage.
 
-    It learns the target from the first image and finds it in each later one. A frame in which it
-    finds nothing keeps the last box.
+    It learns the target from the first image and locates it in each later one. If this fails, the
+    last box is kept.
 
     Args:
-        seed: Seed of everything random.
+        seed: Seed of the random numbers.
     """
 
     def __init__(self, seed: int = 0) -> None:
         self._seed = seed
 
     def start(self, image: NDArray[Any], box: ArrayLike) -> Box:
-        """Take a target, and return its box.
+        """Start on a target; returns its box.
 
         Args:
             image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
@@ -62,7 +62,7 @@ class ColorImageTracker(ABC):
         return self._last_box()
 
     def update(self, image: NDArray[Any], _dt: float | None = None) -> PlainEstimate:
-        """Track into the next image, of the same size and kind as the first; time is not used.
+        """Track in the next image, of the first one's size and type; the interval is ignored.
 
         Raises:
             ValueError: The image is not usable or of another size or kind.
@@ -77,24 +77,24 @@ class ColorImageTracker(ABC):
         found = self._find(color, self._box.copy())
         if found is None or not np.isfinite(found).all():
             return PlainEstimate(self._last_box(), "lost")
-        self._box = self._within_reach(np.asarray(found, np.float64), color)
+        self._box = self._limited(np.asarray(found, np.float64), color)
         return PlainEstimate(self._last_box(), "tracking")
 
     @abstractmethod
     def _learn(self, image: Image, box: Array) -> None:
-        """Learn the target from the first image, (H, W, 3), where it has the box, (4,)."""
+        """Learn the target in a (4,) box of the first image, (H, W, 3)."""
 
     @abstractmethod
     def _find(self, image: Image, box: Array) -> ArrayLike | None:
-        """The target's box in an image where it was before in `box`; None if it is not found."""
+        """The target's box, given the last box; None if it is not found."""
 
-    def _within_reach(self, box: Array, image: Image) -> Array:
-        """The box to answer with, from the one that was found; here it is taken as it is."""
+    def _limited(self, box: Array, image: Image) -> Array:
+        """Limit a box that was found; by default unchanged."""
         return box
 
     def _color(self, image: NDArray[Any]) -> Image:
-        shown = to_8_bit(image, self._gray_range)
-        return cv2.cvtColor(shown, cv2.COLOR_GRAY2BGR) if shown.ndim == 2 else shown
+        image = to_8_bit(image, self._gray_range)
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
 
     def _last_box(self) -> Box:
         x, y, width, height = self._box.tolist()

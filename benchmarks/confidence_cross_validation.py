@@ -1,10 +1,10 @@
-"""Does the confidence carry over to footage that nothing of it was fitted on?
+"""Cross-validation of the confidence: fitted on some groups of sequences, tested on another.
 
-Each group of sequences is left out in turn. On the others every question counts the same, in
-standard deviations of what it says; how much their sum says, and where it is even, comes from a
-logistic regression. Each group counts the same in it, and of each the right frames as much as the
-wrong ones: how often a tracker is right says nothing about other footage. With that the group left
-out is tracked.
+1. Each group of sequences is left out in turn.
+2. On the others, each question of the confidence is divided by its standard deviation.
+3. A logistic regression fits a factor and a constant of their sum. Groups have equal weight, and
+   in each group right and wrong frames do, as their ratio does not carry over to other footage.
+4. The group left out is tracked with the result.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from pf_tracker_ros.tracking.assessment import Confidence
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.track_assessor import TrackAssessor
 
-# It only speaks against the target, and hardly ever does; it was set by hand.
+# Rarely negative and never positive; set by hand.
 _VETO = "correlation_response.level"
-# What was learned says less where it was learned of something else, which footage seldom shows.
+# Footage seldom shows a template that learned another object, so its weight is reduced.
 _SHARE_OF_LEARNED = {"correlation_response.response": 0.5}
-# Odds that a box is right before anything is known of it.
+# Prior odds that a box is right.
 _PRIOR_ODDS = 5.0
 _NEWTON_STEPS, _REGULARIZATION = 30, 1e-6
-_LEAST_DEVIATION = 1e-9
+_MIN_DEVIATION = 1e-9
 
 
 Odds = Mapping[str, float]
 
 
 class RecordedConfidence:
-    """A confidence, with what it was told of the box of each frame.
+    """Records the log odds of a confidence in each frame.
 
     Args:
-        confidence: That judges.
+        confidence: The confidence.
 
     Attributes:
-        odds: Question to log odds, of each frame.
+        odds: Question to log odds, for each frame.
     """
 
     def __init__(self, confidence: Confidence) -> None:
@@ -64,20 +64,20 @@ class RecordedConfidence:
 
 
 def recording_tracker(preset: str, seed: int) -> tuple[Tracker, RecordedConfidence]:
-    """A tracker and the confidence in its boxes; looks elsewhere are not heard."""
-    heard: list[RecordedConfidence] = []
+    """A tracker and the recorded confidence in its boxes, without that of redetection."""
+    recorded: list[RecordedConfidence] = []
 
-    def assess(confidence: Confidence, *others: object) -> TrackAssessor:
-        heard.append(RecordedConfidence(confidence))
-        return TrackAssessor(heard[-1], *others)
+    def make_assessor(confidence: Confidence, *others: object) -> TrackAssessor:
+        recorded.append(RecordedConfidence(confidence))
+        return TrackAssessor(recorded[-1], *others)
 
-    with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", assess):
+    with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", make_assessor):
         tracker = Tracker.from_preset(preset, seed)
-    return tracker, heard[-1]
+    return tracker, recorded[-1]
 
 
 def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
-    """A tracker whose confidence weighs the answers otherwise."""
+    """A tracker whose confidence has other weights."""
 
     class Fitted(Confidence):
         def log_odds(
@@ -91,28 +91,28 @@ def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
 
 @dataclass(frozen=True)
 class Weights:
-    """How much each of Q questions says.
+    """Weights of the questions.
 
     Attributes:
         factors: Question to the factor of its log odds.
-        constant: Log odds that are added.
+        constant: Log odds to add.
     """
 
     factors: Mapping[str, float]
     constant: float
 
     def weigh(self, odds: Odds) -> dict[str, float]:
-        """The log odds of one frame as these weights have them."""
+        """The weighted log odds of a frame."""
         weighed = {name: self.factors.get(name, 1.0) * one for name, one in odds.items()}
         return {**weighed, "constant": self.constant}
 
 
 @dataclass(frozen=True)
 class LabeledOdds:
-    """What was said of F frames.
+    """Log odds and labels of F frames.
 
     Attributes:
-        odds: Question to log odds, of each frame.
+        odds: Question to log odds, for each frame.
         is_right: (F,) whether the box was right.
     """
 
@@ -121,27 +121,27 @@ class LabeledOdds:
 
 
 def fit(groups: Sequence[LabeledOdds]) -> Weights:
-    """Equal weights for all questions, their sum as a logistic regression has it.
+    """Fit weights: equal for all standardized questions, scaled by logistic regression.
 
     Args:
-        groups: Frames of sequences of a kind; each group counts the same.
+        groups: Frames of groups of sequences, with equal weight.
     """
-    said = [odds for group in groups for odds in group.odds]
-    names = sorted({name for odds in said for name in odds} - {_VETO})
-    # What is not asked says nothing.
-    odds = np.array([[one.get(name, 0.0) for name in names] for one in said])
+    all_odds = [odds for group in groups for odds in group.odds]
+    names = sorted({name for odds in all_odds for name in odds} - {_VETO})
+    # A question that was not evaluated has log odds 0.
+    odds = np.array([[one.get(name, 0.0) for name in names] for one in all_odds])
     shares = np.array([_SHARE_OF_LEARNED.get(name, 1.0) for name in names])
-    deviations = np.maximum(odds.std(axis=0), _LEAST_DEVIATION) / shares
-    inputs = np.column_stack([(odds / deviations).sum(axis=1), np.ones(len(said))])
-    vetoes = np.array([one.get(_VETO, 0.0) for one in said])
+    deviations = np.maximum(odds.std(axis=0), _MIN_DEVIATION) / shares
+    inputs = np.column_stack([(odds / deviations).sum(axis=1), np.ones(len(all_odds))])
+    vetoes = np.array([one.get(_VETO, 0.0) for one in all_odds])
     is_right = np.concatenate([group.is_right for group in groups])
     weights = np.concatenate([_balance(group.is_right) for group in groups]) / len(groups)
     factors = np.zeros(2)
     for _ in range(_NEWTON_STEPS):
-        told = 0.5 * (1.0 + np.tanh((inputs @ factors + vetoes) / 2))
-        gradient = inputs.T @ (weights * (told - is_right))
-        curvature = (inputs * (weights * told * (1.0 - told))[:, None]).T @ inputs
-        # Where right and wrong are apart, the best factors are infinite.
+        probability = 0.5 * (1.0 + np.tanh((inputs @ factors + vetoes) / 2))
+        gradient = inputs.T @ (weights * (probability - is_right))
+        curvature = (inputs * (weights * probability * (1.0 - probability))[:, None]).T @ inputs
+        # Regularized, as separable data would give infinite factors.
         factors -= np.linalg.solve(
             curvature + _REGULARIZATION * np.eye(2), gradient + _REGULARIZATION * factors
         )
@@ -151,7 +151,7 @@ def fit(groups: Sequence[LabeledOdds]) -> Weights:
 
 
 def _balance(is_right: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(F,) weights of frames: half of the sum is that of the right ones, if there are both."""
+    """(F,) weights of frames that give right and wrong ones the same sum."""
     right = max(int(is_right.sum()), 1)
     wrong = max(len(is_right) - int(is_right.sum()), 1)
     return np.where(is_right, 0.5 / right, 0.5 / wrong)

@@ -1,16 +1,20 @@
-"""What the console's page shows of a camera at 30 Hz, and what that costs the tracker.
+"""Frame rate and latency of the console's page for a camera at 30 Hz, and its cost for the tracker.
 
-Camera, tracker, console and a headless Chromium are processes of their own, on the loopback. The
-same tracker is measured by turns, in another order in each round, without a console, beside a
-subscriber that does nothing with the images, which is the least that anybody takes who looks at
-them, with a console, with somebody who takes its pictures as a page on another machine would, with
-a browser here that shows its page, and with one behind a relay that lets 5 Mbit/s through; each
-figure is the median over the rounds. What a way adds to the tracker's time for a frame, and to the
-age of the answer in the camera, is told by the percentiles over the frames of all its turns, in
-brackets the 95 % interval when the rounds are drawn anew. Shown is what the page has drawn when its
-next animation frame begins; the age counts from the stamp, which the camera takes as it publishes.
-The images have the spectrum of pictures of the world, so that they cost as JPEG what those of a
-camera do.
+Camera, tracker, console and a headless Chromium are separate processes on the loopback. The same
+tracker is measured in six settings, in another order in each round:
+
+1. without a console;
+2. without a console, with a bare subscriber of the images, the lower bound of any display;
+3. with a console;
+4. with a client that receives the console's images like a page on another machine;
+5. with a browser on this machine that shows the page;
+6. with a browser behind a relay of 5 Mbit/s.
+
+Each figure is the median over the rounds. The added processing time and age of the status are
+percentiles over all frames of a setting, with 95 % intervals (bootstrap over the rounds). A frame
+counts as shown when the animation frame after its drawing begins; its age counts from the stamp,
+the time of publication. The images have the spectrum of natural images, so that their JPEG costs
+are realistic.
 
     python benchmarks/console_rate.py --rounds 5 --seconds 10
 """
@@ -49,7 +53,7 @@ from pf_tracker_ros.ros_domains import unused_domain
 PORT = 8647
 RELAY_PORT = 8648
 RATE = 30.0
-# How often the rounds are drawn anew for an interval.
+# Bootstrap samples of the rounds.
 DRAWS = 2000
 NO_CONSOLE, BARE, NO_BROWSER, ELSEWHERE, BROWSER, SLOW = (
     "no console",
@@ -65,18 +69,18 @@ Values = NDArray[np.float64]
 
 
 class Row(NamedTuple):
-    """What one turn measured; times in milliseconds, NaN for what was not there.
+    """Figures of a turn; times in milliseconds, NaN if not measured.
 
     Attributes:
-        answered: Share of the frames, percent.
-        processing: Time of the tracker for a frame, median.
+        answered: Share of the frames with a status, percent.
+        processing: Processing time of a frame, median.
         processing_99: Its 99th percentile.
-        age: Of the answer, median.
+        age: Age of the status, median.
         age_99: Its 99th percentile.
-        tracker: CPU time of the tracker's process for a frame.
-        console: The same of the console's.
-        shown: Frames a second on the page.
-        shown_age: From the stamp to the screen, median.
+        tracker: CPU time of the tracker's process per frame.
+        console: CPU time of the console's process per frame.
+        shown: Frames per second on the page.
+        shown_age: Time from stamp to screen, median.
         shown_age_99: Its 99th percentile.
     """
 
@@ -97,8 +101,8 @@ class Turn(NamedTuple):
 
     Attributes:
         row: Its figures.
-        times: Of the tracker for each frame, milliseconds.
-        ages: Of its answers, milliseconds.
+        times: Processing time of each frame, milliseconds.
+        ages: Age of each status, milliseconds.
     """
 
     row: Row
@@ -107,10 +111,10 @@ class Turn(NamedTuple):
 
 
 class TimedCamera(Camera):
-    """Notes how long the tracker takes, too.
+    """A camera that also records the processing times.
 
     Attributes:
-        times: Milliseconds a frame.
+        times: Milliseconds of each frame.
     """
 
     def __init__(self) -> None:
@@ -125,7 +129,7 @@ class TimedCamera(Camera):
 
 @contextmanager
 def node(module: str, *parameters: str) -> Iterator[int]:
-    """A node of this package as a process, ended with SIGINT; its id."""
+    """A node of this package as a process, ended by SIGINT; yields its process id."""
     given = [word for parameter in parameters for word in ("-p", parameter)]
     command = [sys.executable, "-m", f"pf_tracker_ros.node.{module}", "--ros-args", *given]
     child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -137,7 +141,7 @@ def node(module: str, *parameters: str) -> Iterator[int]:
 
 
 def wait_for_server() -> None:
-    """Wait until the console serves its page; what it takes to start is no cost of a frame."""
+    """Wait until the console serves its page, as its start is no cost of a frame."""
     deadline = time.monotonic() + START_TIMEOUT
     while True:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", PORT), 1.0):
@@ -149,7 +153,7 @@ def wait_for_server() -> None:
 
 @contextmanager
 def console_node(priority: str) -> Iterator[int]:
-    """A console that serves its page, with a parameter; its process."""
+    """A console that serves its page; yields its process id."""
     with node("console.console_node", f"port:={PORT}", priority) as console:
         wait_for_server()
         yield console
@@ -158,7 +162,7 @@ def console_node(priority: str) -> Iterator[int]:
 def turn_of(
     way: str, frames: list[Any], seconds: float, tracker: int, browser: Any, *, priority: str
 ) -> Turn:
-    """One turn of a way, with all that belongs to it; the rest as for `measure`."""
+    """One turn of a setting, including its start; other arguments as for `measure`."""
     if way == NO_CONSOLE:
         return measure(frames, seconds, tracker)
     if way == BARE:
@@ -177,14 +181,14 @@ def turn_of(
 def measure(
     frames: list[Any], seconds: float, tracker: int, console: int | None = None, page: Any = None
 ) -> Turn:
-    """One turn: what the tracker did, and what the page has shown.
+    """Measure one turn.
 
     Args:
         frames: Images of the camera.
-        seconds: To measure for.
-        tracker: Process of the tracker.
-        console: Process of the console, None without one.
-        page: That is open, None without one.
+        seconds: Duration.
+        tracker: Process id of the tracker.
+        console: Process id of the console, None without one.
+        page: The open page, None without one.
     """
     camera = TimedCamera()
     processes = [tracker] if console is None else [tracker, console]
@@ -219,23 +223,23 @@ def _middle_and_99(values: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _added(way: Sequence[Values], without: Sequence[Values]) -> Values:
-    """(2,) what a way adds to median and 99th percentile of the frames of all its turns."""
+    """(2,) increase of median and 99th percentile over the frames of all turns."""
     return np.subtract(*(_middle_and_99(np.concatenate(turns)) for turns in (way, without)))
 
 
 def _added_cells(way: Sequence[Values], without: Sequence[Values]) -> list[str]:
-    """`_added`, and between what 95 % lie when the rounds are drawn anew."""
+    """`_added` with its 95 % interval."""
     random = np.random.default_rng(0)
-    drawn = [
-        _added([way[place] for place in places], [without[place] for place in places])
-        for places in random.integers(len(way), size=(DRAWS, len(way)))
+    samples = [
+        _added([way[round_] for round_ in rounds], [without[round_] for round_ in rounds])
+        for rounds in random.integers(len(way), size=(DRAWS, len(way)))
     ]
-    columns = zip(_added(way, without), *np.percentile(drawn, [2.5, 97.5], axis=0), strict=True)
+    columns = zip(_added(way, without), *np.percentile(samples, [2.5, 97.5], axis=0), strict=True)
     return [f"{added:+.2f} [{low:+.2f}, {high:+.2f}]" for added, low, high in columns]
 
 
 def print_table(turns: dict[str, list[Turn]]) -> None:
-    """Print the medians, and what each way costs the tracker beside its turn without a console."""
+    """Print the medians, and the increase of each setting over that without a console."""
     rows = {name: [turn.row for turn in way] for name, way in turns.items()}
     columns = "answered | processing (ms) | answer's age (ms) | tracker's CPU a frame (ms) | "
     columns += "console's CPU a frame (ms) | shown a second | age shown (ms)"
@@ -269,7 +273,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print a table.
 
     Args:
-        arguments: Command line without the program's name; None takes the process'.
+        arguments: Command line without program name; None for the process'.
     """
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn")

@@ -1,7 +1,7 @@
-"""Does a setting that was chosen on some footage carry over to other footage?
+"""Cross-validation of settings: does a setting chosen on some footage carry over to other footage?
 
-Each group of sequences is left out in turn. Of all settings that were tried, the one that does best
-on the other groups is the one that somebody would have chosen who never saw this group.
+Each group of sequences is left out in turn. The setting with the best mean on the other groups is
+evaluated on it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NOTE = (
 
 
 def grouped(names: Sequence[str], patterns: Sequence[str]) -> Groups:
-    """Pattern to the numbers of the sequences whose names match it from their start.
+    """Pattern to the indices of the sequences whose names it matches from their start.
 
     Raises:
         EvaluationError: A pattern is no regular expression or matches no name, or a name is matched
@@ -63,7 +63,7 @@ def grouped(names: Sequence[str], patterns: Sequence[str]) -> Groups:
 
 
 def summary(outcomes: Sequence[Outcome], groups: Groups) -> Table:
-    """What is chosen without each group, and how it does there.
+    """The setting chosen without each group, and its score there.
 
     Args:
         outcomes: Of the same sequences, the preset's first.

@@ -1,8 +1,8 @@
 """The comparison of Zhang Bo: `zhang_bo` and the seven families of trackers on the same footage.
 
-The first experiment follows the targets of recorded sequences; its tables hold the root mean square
-of the center error, the success AUC and the CPU time of a frame on one thread. The second follows
-pedestrians in generated streets of growing clutter and draws the error over the level of clutter.
+1. Recorded sequences: root mean square of the center error, success AUC and CPU time per frame on
+   one thread.
+2. Pedestrians in generated streets with increasing clutter: error over the level of clutter.
 
     python benchmarks/families.py SEQUENCE_DIR... --output benchmarks/results --seeds 3
 
@@ -17,7 +17,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -48,11 +48,11 @@ TRACKERS: Mapping[str, TrackerFactory] = {
     **FAMILIES,
     PRESET: functools.partial(Tracker.from_preset, PRESET),
 }
-"""What is compared: a name, and what makes the tracker from a seed."""
+"""The compared trackers: name to factory from a seed."""
 
 
 def outcome(tracker: str, result: SequenceResult) -> report.Outcome:
-    """The figures of one tracker on one sequence: each of every seed, then averaged."""
+    """The figures of a tracker on a sequence, averaged over the seeds."""
     squares = np.nanmean(result.center_errors**2, axis=1)
     return report.Outcome(
         sequence=result.name,
@@ -66,7 +66,7 @@ def outcome(tracker: str, result: SequenceResult) -> report.Outcome:
 def compare(
     footage: Footage, seeds: Sequence[int], on_progress: OnProgress
 ) -> list[report.Outcome]:
-    """All trackers on one sequence, one after the other."""
+    """Run all trackers on a sequence, one after the other."""
     return [
         outcome(name, evaluate_sequence(footage, make_tracker, seeds, on_progress))
         for name, make_tracker in TRACKERS.items()
@@ -81,7 +81,7 @@ def run_sequences(folders: Sequence[Path], seeds: int) -> list[report.Outcome]:
 
 
 def run_clutter(scenes: int, levels: int, frames: int) -> list[report.ClutterOutcome]:
-    """The second experiment: generated streets, each at levels of clutter evenly from 0 to 1.
+    """The second experiment: generated streets, each at evenly spaced levels of clutter, 0 to 1.
 
     A scene's seed is the trackers' seed too.
     """
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--frames", type=int, default=120, help="of a generated street [120]")
     options = parser.parse_args(arguments)
     if not options.sequences and not options.scenes:
-        parser.error("nothing to do; allowed: a SEQUENCE_DIR, or --scenes of at least 1")
+        parser.error("nothing to do; give a SEQUENCE_DIR, or --scenes of at least 1")
     try:
         ClutteredStreet(0, {"frames": options.frames})
         read_sequences(options.sequences)

@@ -58,7 +58,7 @@ def print_table(outcomes: Sequence[Outcome]) -> None:
 
 
 def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write one line a sequence and tracker."""
+    """Write a line for each sequence and tracker."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(["sequence", "tracker", "center_rmse_px", "success_auc", "cpu_ms_median"])
@@ -81,7 +81,7 @@ def print_clutter(outcomes: Sequence[ClutterOutcome]) -> None:
 
 
 def write_clutter_csv(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
-    """Write one line a street, level and tracker."""
+    """Write a line for each street, level and tracker."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         figures = ("center_rmse_px", "success_auc", "cpu_ms_median")
@@ -102,7 +102,7 @@ def write_clutter_table(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
 
 
 def write_clutter_plot(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
-    """Draw the error over the level: a panel a tracker, the other trackers in gray behind it."""
+    """Draw the error over the level: a panel for each tracker, with the others in gray."""
     trackers = _names(one.outcome.tracker for one in outcomes)
     levels = sorted({one.level for one in outcomes})
     curves = {name: _curve(outcomes, name) for name in trackers}
@@ -151,7 +151,7 @@ def _curve(outcomes: Sequence[ClutterOutcome], tracker: str) -> list[Interval]:
 
 
 def _clutter_rows(outcomes: Sequence[ClutterOutcome]) -> list[list[str]]:
-    """Headings, then a row a tracker."""
+    """Headings, then a row for each tracker."""
     levels = sorted({one.level for one in outcomes})
     rows = [["tracker", *(f"{level:g}" for level in levels)]]
     for tracker in _names(one.outcome.tracker for one in outcomes):
@@ -166,7 +166,7 @@ def _table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def _groups(outcomes: Sequence[Outcome]) -> list[list[list[str]]]:
-    """Rows of each sequence and of the means, the best of each figure between asterisks."""
+    """Rows of each sequence and of the means, the best figures in bold."""
     trackers = _names(one.tracker for one in outcomes)
     figures = {
         (one.sequence, one.tracker): (one.center_rmse, one.success_auc, one.milliseconds)

@@ -1,9 +1,8 @@
-"""How many frames of a camera the tracker answers, and how old they are, beside a bare subscriber.
+"""Frame loss and latency of the tracker node, compared with a bare subscriber.
 
-Camera, tracker and bare subscriber are processes of their own, on the loopback. The camera
-publishes at an even rate whatever becomes of its frames; a frame counts as answered once the
-tracker's status, or the bare subscriber's answer, names its stamp. Both listeners take turns in one
-run, so that a busy machine slows both.
+Camera, tracker and bare subscriber are separate processes on the loopback. The camera publishes at
+a constant rate. A frame is answered when a status of the tracker, or a header of the bare
+subscriber, has its stamp. Both alternate in one run, so that other load slows both.
 
     python benchmarks/frame_loss.py --output benchmarks/results/frame_loss.md
 """
@@ -49,12 +48,12 @@ TRACKER, BARE = "tracker", "bare subscriber"
 
 
 def image_qos(reliability: str) -> QoSProfile:
-    """As most cameras publish, with the reliability asked for."""
+    """The usual QoS profile of cameras, with a reliability."""
     return QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability.upper()])
 
 
 class BareSubscriber(Node):
-    """Answers every image with its header, and does nothing else.
+    """Publishes the header of every image.
 
     Args:
         reliability: Of its subscription, one of `RELIABILITIES`.
@@ -69,7 +68,7 @@ class BareSubscriber(Node):
 
 @dataclass
 class Figures:
-    """What became of the frames of some turns.
+    """Figures of the frames of some turns.
 
     Attributes:
         published: Their number.
@@ -81,7 +80,7 @@ class Figures:
 
 
 class Camera(Node):
-    """Publishes frames at an even rate and notes when each is answered.
+    """Publishes frames at a constant rate and records the time of each answer.
 
     Args:
         reliability: Of the images, one of `RELIABILITIES`.
@@ -101,13 +100,13 @@ class Camera(Node):
 
 
 def moving_noise(width: int, height: int) -> list[Image]:
-    """Frames of a textured square that goes left and right over a ground of noise."""
+    """Frames of a textured square that moves left and right over noise."""
     generator = np.random.default_rng(0)
     return moving_over(generator.integers(60, 120, (height, width, 3), dtype=np.uint8))
 
 
 def moving_over(ground: NDArray[np.uint8]) -> list[Image]:
-    """Frames of a textured square that goes left and right over a (height, width, 3) ground."""
+    """Frames of a textured square that moves left and right over a (height, width, 3) image."""
     height, width = ground.shape[:2]
     square = np.random.default_rng(1).integers(150, 255, (40, 40, 3), dtype=np.uint8)
     messages = []
@@ -122,7 +121,7 @@ def moving_over(ground: NDArray[np.uint8]) -> list[Image]:
 
 @contextmanager
 def process(*command: str) -> Iterator[None]:
-    """A process of this interpreter, ended with SIGINT."""
+    """A process of this interpreter, ended by SIGINT."""
     child = subprocess.Popen([sys.executable, *command])
     try:
         yield
@@ -132,7 +131,7 @@ def process(*command: str) -> Iterator[None]:
 
 
 def play(camera: Camera, frames: list[Image], rate: float, seconds: float) -> Figures:
-    """Publish for some seconds, and tell what became of the frames after the warm-up."""
+    """Publish for some seconds; returns the figures after the warm-up."""
     executor = SingleThreadedExecutor()
     executor.add_node(camera)
 
@@ -164,7 +163,7 @@ def play(camera: Camera, frames: list[Image], rate: float, seconds: float) -> Fi
 def measure(
     size: str, reliability: str, rate: float, *, seconds: float, rounds: int, priority: int
 ) -> Table:
-    """A table of both listeners for one size of image and one kind of camera."""
+    """A table of both subscribers for an image size and a kind of camera."""
     frames = moving_noise(*SIZES[size])
     commands = {
         TRACKER: [
@@ -202,11 +201,11 @@ def measure(
 
 
 def main() -> int:
-    """Measure, print the tables and, if asked to, save them."""
+    """Measure, print the tables and optionally save them."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn")
-    parser.add_argument("--rounds", type=at_least(1), default=1, help="turns of each listener")
-    parser.add_argument("--rate", type=at_least(1), default=30, help="frames a second")
+    parser.add_argument("--rounds", type=at_least(1), default=1, help="turns of each subscriber")
+    parser.add_argument("--rate", type=at_least(1), default=30, help="frames per second")
     parser.add_argument("--size", action="append", choices=[*SIZES], help="may be repeated")
     parser.add_argument(
         "--realtime-priority",
@@ -215,7 +214,7 @@ def main() -> int:
         help="of the tracker, where permitted",
     )
     parser.add_argument("--output", type=Path, help="Markdown file for the tables")
-    parser.add_argument("--bare", choices=RELIABILITIES, help="be the bare subscriber")
+    parser.add_argument("--bare", choices=RELIABILITIES, help="run as the bare subscriber")
     arguments = parser.parse_args()
     if arguments.bare:
         run(lambda: BareSubscriber(arguments.bare), [])

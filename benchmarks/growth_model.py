@@ -3,17 +3,15 @@
     x_k = x_{k-1} / 2 + 25 x_{k-1} / (1 + x_{k-1}^2) + 8 cos(1.2 k) + u_k,   u_k ~ N(0, 10)
     y_k = x_k^2 / 20 + v_k,                                                  v_k ~ N(0, 1)
 
-100 steps, 100 particles, resampled when the effective sample size falls below 30; the experiment of
-Zhang Bo, who reports a mean RMSE of 9.08 for the Kalman-predicted filter. Every filter sees the
-same states and measurements. Where the library `particles` is installed (the extra `benchmark`; it
-needs an environment of its own, since it asks for NumPy 1), its bootstrap filter runs beside ours
-as an independent check.
+100 steps, 100 particles, resampled when the effective sample size falls below 30: the experiment of
+Zhang Bo, who reports a mean RMSE of 9.08 for the Kalman-predicted filter. Every filter has the same
+states and measurements. The bootstrap filter of the library `particles`, if installed, is an
+independent check (extra `benchmark`, in a separate environment, as it requires NumPy 1).
 
     python benchmarks/growth_model.py --runs 500
 
-It writes `growth_model.md` and `growth_model.png` to the results folder. Exit code 1: the figures
-contradict what must hold (RMSE of the Kalman-proposal filter below 9.08, agreement of the two
-bootstrap filters).
+It writes `growth_model.md` and `growth_model.png` to the results folder. The exit code is 1 if the
+RMSE of the Kalman-proposal filter is not below 9.08, or the bootstrap filters disagree.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -63,7 +61,7 @@ Filter = Callable[[Array, int], Array]
 
 
 def growth(states: Array, step: int) -> Array:
-    """The state without noise in `step`, counted from 1, after `states` in the step before."""
+    """Noise-free states in `step`, counted from 1, given those in the step before."""
     return states / 2 + 25 * states / (1 + states**2) + 8 * np.cos(1.2 * step)
 
 
@@ -74,7 +72,7 @@ def growth_slope(state: float) -> float:
 
 @dataclass(frozen=True)
 class GrowthTransition:
-    """The model's transition prior in one step, as the proposals take it."""
+    """The model's transition prior in one step, for the proposals."""
 
     step: int
 
@@ -120,7 +118,7 @@ def bootstrap(measurements: Array, seed: int) -> Array:
 
 
 def kalman_proposal(measurements: Array, seed: int) -> Array:
-    """Estimates of the filter that draws a part of its particles around a Kalman prediction.
+    """Estimates of the filter that draws some of its particles around a Kalman prediction.
 
     The Kalman filter runs on the state itself: the model's slope at its mean predicts, and the
     particles' mean, with their covariance as its error, corrects it.
@@ -147,7 +145,7 @@ def _particle_filter(measurements: Array, seed: int, share: float) -> Array:
         log_likelihood = -0.5 * error**2 / MEASUREMENT_VARIANCE
         particles = particles.move(proposed.states).reweight(proposed.log_ratio + log_likelihood)
         if share > 0.0:
-            # A cloud that fell into one point would claim to have no error at all.
+            # Particles that collapsed to one point would have zero variance.
             error_covariance = particles.covariance + 1e-6
             belief = belief.correct(particles.mean, np.eye(1), error_covariance)
         estimates[index] = particles.mean[0]
@@ -224,7 +222,7 @@ def filters() -> dict[str, Filter]:
 
 
 def run_all(runs: int, first_seed: int = 0) -> list[Outcome]:
-    """Every filter on the same `runs` simulations."""
+    """Run every filter on the same `runs` simulations."""
     chosen = filters()
     errors = {name: np.empty(runs) for name in chosen}
     times = {name: np.empty(runs) for name in chosen}
@@ -239,14 +237,14 @@ def run_all(runs: int, first_seed: int = 0) -> list[Outcome]:
 
 
 def difference(outcomes: Sequence[Outcome]) -> Interval | None:
-    """Our bootstrap filter's RMSE minus the library's, run by run; None without the library."""
+    """RMSE of our bootstrap filter minus the library's, paired by run; None without the library."""
     errors = {outcome.name: outcome.errors for outcome in outcomes}
     library = errors.get("bootstrap of `particles`")
     return None if library is None else intervals.mean(errors["bootstrap"] - library)
 
 
 def rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
-    """A heading, then one line a filter."""
+    """Headings, then a row for each filter."""
     lines = [("filter", "RMSE", "95 % interval", "CPU ms a step", "95 % interval")]
     for outcome in outcomes:
         error, cost = intervals.mean(outcome.errors), intervals.mean(outcome.milliseconds)
@@ -263,7 +261,7 @@ def rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
 
 
 def agreement(outcomes: Sequence[Outcome]) -> str:
-    """One sentence on the library's check."""
+    """A sentence on the comparison with the library."""
     gap = difference(outcomes)
     if gap is None:
         return "`particles` is not installed (extra `benchmark`): no independent check was made."

@@ -1,12 +1,15 @@
-r"""Does a preset say "tracking" when it is not? Footage that misleads it, made of sequences.
+r"""False tracking: does a preset report "tracking" without the target?
 
-GainOverTime that changes in the middle; a cut to another scene, in which the target is not; and a target
-that leaves for five seconds, over moving backgrounds, alone and from beside another of the same.
+The footage is made of sequences:
+
+1. the illumination changes in the middle;
+2. a cut to another scene without the target;
+3. the target leaves for five seconds, over moving backgrounds, alone and next to a distractor.
 
     python benchmarks/honesty.py SEQUENCE_DIR... --preset default --seeds 1
 
-Of the sequences with colors every third one is a scene to cut to, at most 8, and of the others at
-most 12 are targets. It writes honesty.md and honesty.csv (a line a run).
+Of the color sequences every third one is a scene to cut to, at most 8; at most 12 of the others are
+targets. It writes honesty.md and honesty.csv (a line for each run).
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from functools import lru_cache
 from itertools import product
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -72,15 +75,14 @@ MOST_BACKGROUND = 100
 DEPARTURE, INTERVAL = (3.0, 5.0, 4.0), 0.04
 DEPARTURES = {"alone": departure, "from beside its like": beside_its_like}
 SURE_ABOVE = 0.5
-# Frames for which something else may be taken for the target, and seconds in which it has to be
-# back.
+# Tolerated frames on another object, and seconds within which the target must be found again.
 MOST_WRONG, BACK_WITHIN = 10, 2.0
 RIGHT_ABOVE = 0.5
 
 
 @dataclass(frozen=True)
 class TrackerTrace:
-    """What was told of F frames, without the first.
+    """A tracker's output for F frames, without the first.
 
     Attributes:
         boxes: (F, 4), pixels.
@@ -94,7 +96,7 @@ class TrackerTrace:
 
     @property
     def is_sure(self) -> NDArray[np.bool_]:
-        """(F,) whether it said that it tracks, and with some confidence."""
+        """(F,) whether it reported tracking with some confidence."""
         return self.is_tracking & (self.confidence > SURE_ABOVE)
 
 
@@ -103,12 +105,12 @@ class Run:
     """One figure of one run.
 
     Attributes:
-        kind: Of footage.
-        name: Of the footage.
-        seed: Of the tracker.
+        kind: Kind of footage.
+        name: Name of the footage.
+        seed: Seed of the tracker.
         figure: Overlap after the light changed, frames in which it was sure after the cut, or while
             the target was gone.
-        seconds: Until the target was tracked again; NaN where nothing is asked, infinite for never.
+        seconds: Time until the target was tracked again; NaN if not measured, infinite for never.
         is_apart: Whether the other scene is the place of the target itself.
     """
 
@@ -123,7 +125,7 @@ class Run:
 def trace(
     preset: str, seed: int, images: Iterable[Image], box: NDArray[np.float64], interval: float
 ) -> TrackerTrace:
-    """What a preset tells of the images after the first one."""
+    """A preset's output for the images after the first."""
     cv2.setNumThreads(1)
     tracker = Tracker.from_preset(preset, seed)
     estimates = []
@@ -140,7 +142,7 @@ def trace(
 
 
 def in_light(preset: str, seed: int, folder: Path, kind: str) -> Run:
-    """Mean overlap in the second half of a sequence, in which the light is another."""
+    """Mean overlap in the second half of a sequence, with changed illumination."""
     clip = read(folder)
     answer = trace(preset, seed, relight(clip, LIGHTS[kind]), clip.boxes[0], clip.interval)
     middle = len(clip.images) // 2
@@ -150,7 +152,7 @@ def in_light(preset: str, seed: int, folder: Path, kind: str) -> Run:
 
 
 def after_cut(preset: str, seed: int, folder: Path, scene_folder: Path) -> Run:
-    """Frames of another scene in which the target is told to be tracked."""
+    """Number of frames of another scene with the target reported as tracked."""
     clip, scene = read(folder, BEFORE_CUT), read(scene_folder, AFTER_CUT)
     images = cut(clip, scene, AFTER_CUT)
     answer = trace(preset, seed, images, clip.boxes[0], clip.interval)
@@ -160,7 +162,7 @@ def after_cut(preset: str, seed: int, folder: Path, scene_folder: Path) -> Run:
 
 
 def away(preset: str, seed: int, folder: Path, background_folder: Path, kind: str) -> Run:
-    """Frames in which a target that is gone is told to be tracked, and how soon it is back."""
+    """Frames with an absent target reported as tracked, and time until it is found again."""
     clip, background = read(folder, 1), read(background_folder, MOST_BACKGROUND)
     shown = DEPARTURES[kind](clip, background, DEPARTURE, INTERVAL)
     answer = trace(preset, seed, shown.images, shown.boxes[0], INTERVAL)
@@ -182,7 +184,7 @@ def read(folder: Path, frames: int | None = None) -> Clip:
 
 
 def measured(preset: str, seeds: int, folders: Sequence[Path], processes: int) -> list[Run]:
-    """All runs, on the sequences that show colors.
+    """All runs, on the color sequences.
 
     Raises:
         EvaluationError: There are not two of them.
@@ -194,7 +196,7 @@ def measured(preset: str, seeds: int, folders: Sequence[Path], processes: int) -
     if not targets:
         raise EvaluationError("fewer than two sequences with colors: a target and another scene")
     backgrounds = sorted(scenes, key=lambda folder: -starts[folder].motion)[:BACKGROUNDS]
-    # A process that is forked while OpenCV has threads would wait for them for ever.
+    # A process forked while OpenCV has threads would wait for them forever.
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
         jobs = [
             pool.submit(job, preset, seed, *of)
@@ -210,7 +212,7 @@ def measured(preset: str, seeds: int, folders: Sequence[Path], processes: int) -
 
 
 def light_table(runs: Sequence[Run]) -> Table:
-    """Mean overlap in another light, against that in the light as it is."""
+    """Mean overlap with changed illumination, compared with unchanged."""
     by_kind = {
         kind: {(run.name, run.seed): run.figure for run in runs if run.kind == kind}
         for kind in LIGHTS
@@ -234,7 +236,7 @@ def light_table(runs: Sequence[Run]) -> Table:
 
 
 def cut_table(runs: Sequence[Run]) -> Table:
-    """How often something in another scene is told to be the target."""
+    """How often something in another scene is reported as the target."""
     rows = []
     for name, is_apart in (("other places", False), ("the same place at another time", True)):
         pairs = [run for run in runs if run.kind == "cut" and run.is_apart == is_apart]
@@ -250,7 +252,7 @@ def cut_table(runs: Sequence[Run]) -> Table:
 
 
 def away_table(runs: Sequence[Run]) -> Table:
-    """Whether a target that is gone is told to be, and is found when it is back."""
+    """Whether an absent target is reported as lost, and found again."""
     rows = []
     for kind in DEPARTURES:
         gone = [run for run in runs if run.kind == kind]
@@ -271,7 +273,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = options_of.sequence_parser(__doc__, seeds=1)
     options_of.add_preset(parser)
     parser.add_argument(
-        "--processes", type=options_of.at_least(1), default=1, metavar="N", help="side by side [1]"
+        "--processes", type=options_of.at_least(1), default=1, metavar="N", help="in parallel [1]"
     )
     options = parser.parse_args(arguments)
     try:

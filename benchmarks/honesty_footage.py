@@ -1,4 +1,4 @@
-"""Footage that misleads a tracker: light that changes, another scene, a target that goes away."""
+"""Footage for false tracking: changing illumination, another scene, a target that leaves."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from pf_tracker_ros.evaluation import has_target
 from pf_tracker_ros.footage import Footage
 
 Image = NDArray[np.uint8]
-# Correlation of two images' pixels from which on they show the same place.
+# Minimum pixel correlation of two images of the same place.
 _SAME_ABOVE = 0.9
 GainOverTime = Callable[[float], float]
 
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """A few seconds of footage, kept.
+    """A few seconds of footage in memory.
 
     Attributes:
-        name: Of it.
+        name: Its name.
         images: (height, width, 3), 8 bit, blue first; gray ones have three equal channels.
         boxes: (frames, 4) true boxes, pixels; NaN where the target is not in the image.
         interval: Seconds between frames.
@@ -50,18 +50,18 @@ class Clip:
 
     @property
     def is_colored(self) -> bool:
-        """Whether there are colors in the first image."""
+        """Whether the first image has colors."""
         return float(np.ptp(self.images[0], axis=2).mean()) >= 2.0
 
     @property
     def motion(self) -> float:
-        """Mean difference of a pixel from one image to the next, gray levels."""
+        """Mean pixel difference of successive images, gray levels."""
         pairs = zip(self.images[:-1:5], self.images[1::5], strict=False)
         return float(np.mean([cv2.absdiff(*pair).mean() for pair in pairs]))
 
 
 def same_place(one: Clip, other: Clip) -> bool:
-    """Whether two clips begin with much the same image: they show one place."""
+    """Whether two clips show the same place, by their first images."""
     first, second = (
         cv2.resize(clip.images[0], (32, 24), interpolation=cv2.INTER_AREA).ravel()
         for clip in (one, other)
@@ -70,22 +70,22 @@ def same_place(one: Clip, other: Clip) -> bool:
 
 
 def step(gain: float) -> GainOverTime:
-    """GainOverTime that jumps at time 0."""
+    """Gain that jumps at time 0."""
     return lambda time: 1.0 if time < 0.0 else gain
 
 
 def ramp(gain: float, seconds: float) -> GainOverTime:
-    """GainOverTime that changes evenly from time 0 on."""
+    """Gain that changes linearly from time 0 on."""
     return lambda time: 1.0 + (gain - 1.0) * min(max(time / seconds, 0.0), 1.0)
 
 
 def flicker(depth: float, hertz: float) -> GainOverTime:
-    """GainOverTime that pulses from time 0 on, between `1 - depth` and `1 + depth`."""
+    """Gain that oscillates from time 0 on, between `1 - depth` and `1 + depth`."""
     return lambda time: 1.0 + depth * math.sin(2.0 * math.pi * hertz * time) * (time >= 0.0)
 
 
 def relight(clip: Clip, light: GainOverTime) -> Iterator[Image]:
-    """The images of a clip in another light, time 0 in its middle."""
+    """The images of a clip with a gain over time, time 0 in its middle."""
     middle = len(clip.images) // 2
     for index, image in enumerate(clip.images):
         gain = light((index - middle) * clip.interval)
@@ -93,11 +93,11 @@ def relight(clip: Clip, light: GainOverTime) -> Iterator[Image]:
 
 
 def cut(clip: Clip, scene: Clip, after: int) -> Iterator[Image]:
-    """The frames of a clip, then those of another scene, brought to the same size.
+    """The frames of a clip, then those of another scene, resized to the same size.
 
     Args:
-        clip: Begins.
-        scene: Goes on; played back and forth if it is too short.
+        clip: The first part.
+        scene: The second part, played back and forth if too short.
         after: Frames of the scene.
     """
     yield from clip.images
@@ -110,14 +110,14 @@ def cut(clip: Clip, scene: Clip, after: int) -> Iterator[Image]:
 def departure(
     target: Clip, background: Clip, seconds: tuple[float, float, float], interval: float
 ) -> Clip:
-    """A cut-out of a target that walks over a moving background, leaves the image and comes back.
+    """A target's cut-out that moves over a moving background, leaves the image and returns.
 
     It leaves to the right, and comes back from the left and further down.
 
     Args:
-        target: What is in its first box is cut out.
-        background: Played back and forth, behind it.
-        seconds: For which it is in view, gone, and in view again.
+        target: Clip whose first box is cut out.
+        background: Clip behind it, played back and forth.
+        seconds: Durations in view, absent, and in view again.
         interval: Seconds between frames.
     """
     sprite, mask = _cut_out(target, background)
@@ -128,7 +128,7 @@ def departure(
     for index in range(sum(counts)):
         image = background.images[_back_and_forth(index, len(background.images))]
         is_gone = counts[0] <= index < counts[0] + counts[1]
-        # It crosses two thirds of the image in the time that it is in view at first.
+        # It crosses two thirds of the image before it leaves.
         speed = (image_width / 1.5 + width) / counts[0]
         if index < counts[0]:
             x, y = image_width - (counts[0] - index) * speed, image_height / 4
@@ -145,14 +145,14 @@ def departure(
 def beside_its_like(
     target: Clip, background: Clip, seconds: tuple[float, float, float], interval: float
 ) -> Clip:
-    """A cut-out of a target that walks up to another of the same, vanishes there and comes back.
+    """A target's cut-out that moves next to a copy of itself, vanishes there and returns.
 
     The other one stays where it is, half of its width beside it.
 
     Args:
-        target: What is in its first box is cut out.
-        background: Played back and forth, behind both.
-        seconds: For which it is in view, gone, and in view again.
+        target: Clip whose first box is cut out.
+        background: Clip behind both, played back and forth.
+        seconds: Durations in view, absent, and in view again.
         interval: Seconds between frames.
     """
     sprite, mask = _cut_out(target, background)
@@ -174,7 +174,7 @@ def beside_its_like(
 
 
 def _cut_out(target: Clip, background: Clip) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """A target as an eighth of a background's height, and how opaque its pixels are, 0 to 1."""
+    """A target scaled to an eighth of a background's height, and its opacity, 0 to 1."""
     x, y, width, height = (round(side) for side in target.boxes[0])
     sprite = target.images[0][max(y, 0) : y + height, max(x, 0) : x + width].astype(np.float32)
     scale = background.images[0].shape[0] / 8.0 / math.sqrt(sprite.shape[0] * sprite.shape[1])
@@ -189,7 +189,7 @@ def _cut_out(target: Clip, background: Clip) -> tuple[NDArray[np.float32], NDArr
 def _pasted(
     image: Image, sprite: NDArray[np.float32], mask: NDArray[np.float32], x: float, y: float
 ) -> Image:
-    """An image with a sprite at a place of whole and broken pixels, cut off at the borders."""
+    """An image with a sprite at a subpixel position, clipped at the borders."""
     height, width = image.shape[:2]
     shift = np.array([[1.0, 0.0, x], [0.0, 1.0, y]])
     alpha = cv2.warpAffine(mask, shift, (width, height))[..., None]
@@ -198,7 +198,7 @@ def _pasted(
 
 
 def _back_and_forth(index: int, count: int) -> int:
-    """Number of the frame, of `count`, that is shown at an index that may go beyond."""
+    """Index of a frame, of `count`, at an index played back and forth."""
     if count == 1:
         return 0
     place = index % (2 * count - 2)

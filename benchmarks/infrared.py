@@ -1,10 +1,9 @@
-"""The experiment of Zhang, Hu, Shi 2015: an outline against a color histogram in infrared footage.
+"""The experiment of Zhang, Hu, Shi 2015: HOG against a color histogram in infrared footage.
 
-`zhang2015` and `li2007` with color alone track the same targets: generated infrared scenes, with
-and without a flip of polarity, and any recorded sequences that are named. The paper's figures: the
-share of frames that overlap the true box by more than 60 % of its area, and the frame from which on
-the target is lost for good (its overlap stays at 0 until the end). A box that is too large covers
-the target all the same, so the success AUC stands beside them.
+`zhang2015`, and `li2007` with color alone, track the same targets: generated infrared scenes, with
+and without a flip of polarity, and recorded sequences. The paper's figures are the share of frames
+that overlap the true box by more than 60 % of its area, and the frame after which the overlap stays
+0. As the first favors boxes that are too large, the success AUC is reported as well.
 
     python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3 --output benchmarks/results/infrared.md
 """
@@ -20,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -49,7 +48,7 @@ TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "li2007, color alone, N = 100": ("li2007", COLOR_ALONE | {"particles": 100}),
 }
 NEEDED_SHARE = 0.6
-"""Of the true box's area, for a frame that counts as tracked."""
+"""Minimum share of the true box's area in a tracked frame."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +68,14 @@ class Row:
 def covered_shares(
     boxes: NDArray[np.float64], true_boxes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(..., frames) area common to the box and the true one, over the latter's; NaN without one."""
+    """(..., frames) share of the true box inside the box; NaN without true box."""
     near = np.maximum(boxes[..., :2], true_boxes[..., :2])
     far = np.minimum(boxes[..., :2] + boxes[..., 2:], true_boxes[..., :2] + true_boxes[..., 2:])
     return np.maximum(far - near, 0.0).prod(axis=-1) / true_boxes[..., 2:].prod(axis=-1)
 
 
 def frame_of_loss(shares: NDArray[np.float64]) -> int | None:
-    """The frame, counted from 1, from which on nothing of the target is covered; None if held.
+    """The frame, counted from 1, after which the box never covers the target; None if none.
 
     Frames without a target, of share NaN, tell neither.
     """
@@ -128,7 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--scenes", type=options_of.at_least(0), default=3, help="generated scenes [3]"
     )
-    parser.add_argument("--output", type=Path, metavar="FILE.md", help="write the table here")
+    parser.add_argument("--output", type=Path, metavar="FILE.md", help="write the table")
     options = parser.parse_args(arguments)
     footage: list[Footage] = []
     for seed in range(options.scenes):

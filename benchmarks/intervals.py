@@ -1,4 +1,4 @@
-"""Confidence intervals of what a benchmark counts and averages over its seeds."""
+"""Confidence intervals of counts, and of means over the seeds."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure and the interval that holds the true one with the confidence asked for.
+    """A figure with its confidence interval.
 
     Attributes:
-        value: The figure; NaN where there is nothing to take it from.
+        value: The figure; NaN without data.
         low: Lower end.
         high: Upper end.
     """
@@ -26,12 +26,12 @@ class Interval:
 
 
 def share(count: int, total: int, confidence: float = 0.95) -> Interval:
-    """Share of runs with Wilson's score interval, which also holds for few runs and rare events.
+    """Share of runs with Wilson's score interval, valid also for few runs and rare events.
 
     Args:
-        count: Runs that have the property, 0 to `total`.
-        total: All runs, at least 1.
-        confidence: Of the interval, between 0 and 1.
+        count: Number of runs with the property, 0 to `total`.
+        total: Number of runs, at least 1.
+        confidence: Confidence level, between 0 and 1.
 
     Source: Wilson 1927, "Probable inference, the law of succession, and statistical inference".
     """
@@ -48,7 +48,7 @@ def mean(values: ArrayLike, confidence: float = 0.95, draws: int = 10_000) -> In
 
     Args:
         values: (runs,) one number a run; the interval of none or one is NaN.
-        confidence: Of the interval, between 0 and 1.
+        confidence: Confidence level, between 0 and 1.
         draws: Number of resampled means.
 
     Source: Efron 1979, "Bootstrap methods: another look at the jackknife".

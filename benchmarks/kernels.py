@@ -1,19 +1,19 @@
-"""What a frame costs, and of what: each stage of the library alone, and how its cost grows.
+"""Cost of a frame: each stage of the library, and its growth.
 
-CPU time of one thread, medians; what is compared takes turns in one process, so that a busy machine
-slows both. The figures to quote are the ratios.
+CPU time of one thread, medians. Compared functions alternate in one process, so that other load
+slows both. Quote the ratios.
 
     python benchmarks/kernels.py --output benchmarks/results/kernels.md --plot docs/growth.png
 
-`--only` measures a part of it:
+`--only` selects a part:
 
-- loop: an update of `li2007` against what tutorials do, `cv2.calcHist` and `cv2.compareHist` and a
-  gradient orientation vector for one particle after the other.
+- loop: an update of `li2007` against a loop over particles as in tutorials, with `cv2.calcHist`,
+  `cv2.compareHist` and a gradient orientation vector.
 - stages: every map, every cue's scoring and every preset's update, by size of the image (320x240 to
   1920x1080), side of the box (20 to 200 px), number of particles (30 to 10,000) and kind of image;
-  each beside a floor: the same pixels read once by OpenCV, or a number gathered for each particle.
-- python: which share of an update of `default` is Python's overhead.
-- bars: the ratios that must hold.
+  with a lower bound: one pass of OpenCV over the same pixels, or one number read per particle.
+- python: share of Python's overhead in an update of `default`.
+- bars: the ratios that have a limit.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -46,7 +46,7 @@ AXIS_NAMES = {"size": "image", "side": "box, px", "particles": "N", "kind": "kin
 
 
 def loop_tables(given: argparse.Namespace) -> list[Table]:
-    """`li2007` beside the loop over particles, which takes too long for more of them."""
+    """`li2007` compared with the loop over particles, where that is not too slow."""
     rows = [
         measure_li2007(
             particles,
@@ -88,7 +88,7 @@ def _loop_cells(row: Row, least: Row) -> list[str]:
 
 
 def stage_tables(given: argparse.Namespace) -> list[Table]:
-    """What each stage takes, and how that grows."""
+    """Cost of each stage, and its growth."""
     costs = measure_stages(given.turns)
     usual = Setting()
     rows = []
@@ -141,7 +141,7 @@ def python_tables(given: argparse.Namespace) -> list[Table]:
 
 
 def limit_tables(given: argparse.Namespace) -> list[Table]:
-    """The ratios that must hold."""
+    """The ratios with limits."""
     return [limits_table(measure_limits(given.turns))]
 
 
@@ -154,14 +154,14 @@ PARTS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the tables and, if asked to, save them.
+    """Measure, print the tables and optionally save them.
 
     Args:
-        arguments: Command line without the program's name; None takes the process'.
+        arguments: Command line without program name; None for the process'.
     """
     parser = options_of.parts_parser(__doc__, PARTS)
-    parser.add_argument("--turns", type=at_least(1), default=10, help="of what is compared [10]")
-    parser.add_argument("--plot", type=Path, help="image file for how the stages grow")
+    parser.add_argument("--turns", type=at_least(1), default=10, help="of each comparison [10]")
+    parser.add_argument("--plot", type=Path, help="image file for the growth of the stages")
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     tables = []

@@ -1,4 +1,4 @@
-"""Figures beside the bars that they must hold."""
+"""Measured figures with limits."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from tables import Table, bold
 
 @dataclass(frozen=True)
 class Limit:
-    """One figure and what it must hold.
+    """A figure with its limit.
 
     Attributes:
-        name: What was measured.
+        name: Name of the figure.
         value: The figure.
-        bound: What it must hold.
-        is_least: Whether the bound is the least that is allowed, and not the most.
-        unit: Of both.
+        bound: Its limit.
+        is_least: Whether the bound is a minimum instead of a maximum.
+        unit: Unit of both.
     """
 
     name: str
@@ -31,12 +31,12 @@ class Limit:
 
     @property
     def is_met(self) -> bool:
-        """Whether it holds; a figure that is not a number does not."""
+        """Whether the figure is within the limit; NaN is not."""
         return self.value >= self.bound if self.is_least else self.value <= self.bound
 
 
 def limits_table(bars: Sequence[Limit]) -> Table:
-    """All bars; those that are missed are bold."""
+    """A table of the limits; missed ones are bold."""
     rows = [
         [
             bar.name,
@@ -52,13 +52,13 @@ def limits_table(bars: Sequence[Limit]) -> Table:
 def save_tables(
     path: Path | None, tables: Sequence[Table], script: str, arguments: Sequence[str] | None
 ) -> None:
-    """Write tables with their titles, and the command that makes them.
+    """Write tables with their titles, and the command to reproduce them.
 
     Args:
         path: A Markdown file; None for none.
-        tables: In their order.
-        script: Name of the benchmark's file.
-        arguments: Of its command line; None takes the process'.
+        tables: The tables, in order.
+        script: File name of the benchmark.
+        arguments: Its command line; None for the process'.
     """
     if path is None:
         return

@@ -1,4 +1,4 @@
-"""Footage of a still camera as one that moves would see it: a part of each image."""
+"""Footage of a moving camera: a moving part of each image of a still camera."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-# Share of the image that is seen, along each axis.
+# Share of the image in view, along each axis.
 _SEEN = 0.75
-# Of what that leaves, the way to each side and its seconds: across and down.
+# Amplitude as a share of the remaining margin, and period in seconds, along each axis.
 _PAN, _PERIODS = (0.92, 0.4), (6.0, 4.1)
-# Steps of who carries it: shares of the image and times a second, and pixels at random.
+# Steps of the carrier: amplitude as a share of the image, and rate in Hz; random jitter in pixels.
 _STEPS, _RATES, _JITTER = (0.008, 0.02), (0.9, 1.8), 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class MovingCamera:
-    """A camera that looks at a part of another one's images.
+    """A camera that sees a part of another one's images.
 
     Attributes:
         corners: (frames, 2) upper left corner of the part in each image, pixels.
@@ -31,7 +31,7 @@ class MovingCamera:
 
     @classmethod
     def carried(cls, count: int, interval: float, size: tuple[int, int]) -> MovingCamera:
-        """One that looks left and right as it is carried along.
+        """A camera that pans left and right while carried.
 
         Args:
             count: Frames.
@@ -47,12 +47,12 @@ class MovingCamera:
         return cls(np.clip(corners, 0.0, room), (width, height))
 
     def see(self, number: int, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """What it sees of one of the images."""
+        """The part of an image in view."""
         shift = np.column_stack([np.eye(2), -self.corners[number]])
         return cv2.warpAffine(image, shift, self.size, borderMode=cv2.BORDER_REPLICATE)
 
     def place(self, number: int, rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
-        """Where boxes are in what it sees.
+        """Boxes in the coordinates of the part in view.
 
         Args:
             number: Of the image.

@@ -1,17 +1,15 @@
-"""CPU time of a frame with eight targets, beside one target and OpenCV's CSRT.
+"""CPU time of a frame with eight targets, compared with one target and OpenCV's CSRT.
 
-Eight people walk left and right in front of a street, each in a place of its own, so that none is
-hidden (what is hidden costs next to nothing). Everything has one thread. Each way is measured in a
-process of its own, and all take turns, round after round, so that a busy machine slows all of
-them; told are the medians over the rounds of the median frame and of the mean, the least median,
-and the 99th percentile, which are frames with a detector's answer where there is one. CSRT follows
-one of the people.
+Eight people walk left and right in front of a street without occlusion, as occluded targets cost
+next to nothing. Everything has one thread. Each setting has its own process, and all alternate, so
+that other load slows all of them. The figures are medians over the rounds of the median, the mean
+and the 99th percentile, and the lowest median. The 99th percentile is that of frames with
+detections, if any. CSRT tracks one of the people.
 
     python benchmarks/multi_target_cost.py --rounds 6 --size 1920x1080
 
-In a larger image the people are as large, and where they are at 640x480.
-
-CSRT needs `opencv-contrib-python-headless`; without it that row is left out.
+In a larger image the people have the size and place of 640x480. CSRT needs
+`opencv-contrib-python-headless`.
 """
 
 from __future__ import annotations
@@ -24,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from statistics import fmean, median
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -41,7 +39,7 @@ from pf_tracker_ros import Detections, MultiTracker
 
 SIZES = ("640x480", "1280x720", "1920x1080")
 FRAMES = 72
-# The first ones make tables, and learn of every target.
+# The first frames build tables and learn the targets.
 SETTLING = 12
 INTERVAL = 1.0 / 30.0
 PEOPLE = 8
@@ -52,7 +50,7 @@ Step = Callable[[int, Image], object]
 
 
 class Scene:
-    """Eight people in two rows, each of whom walks left and right by turns.
+    """Eight people in two rows, who walk left and right.
 
     Attributes:
         boxes: (people, frames, 4) in pixels.
@@ -85,7 +83,7 @@ class Scene:
         self.boxes = np.stack(boxes)
 
     def images(self) -> list[Image]:
-        """All of them, by a camera that stands still."""
+        """All frames of a still camera."""
         return [self._camera.shoot(self._stage.paint(number), number) for number in range(FRAMES)]
 
 
@@ -107,9 +105,9 @@ def _by_hand(count: int) -> Callable[[Scene], Step]:
         def step(number: int, image: Image) -> object:
             if number == 0:
                 return [tracker.start(image, tuple(box)) for box in scene.boxes[:count, 0]]
-            told = tracker.update(image, INTERVAL)
-            _check(len(told), count)
-            return told
+            targets = tracker.update(image, INTERVAL)
+            _check(len(targets), count)
+            return targets
 
         return step
 
@@ -122,13 +120,13 @@ def _detected(every: int) -> Callable[[Scene], Step]:
         scores = np.full(PEOPLE, 0.9)
 
         def step(number: int, image: Image) -> object:
-            # In the first frames from frame to frame: a start takes two of them.
+            # Detections in each of the first frames, as a start takes two.
             is_seen = number < 2 or number % every == 0
             found = Detections(scene.boxes[:, number], scores) if is_seen else None
-            told = tracker.update(image, INTERVAL, found)
+            targets = tracker.update(image, INTERVAL, found)
             if number >= SETTLING:
-                _check(len(told), PEOPLE)
-            return told
+                _check(len(targets), PEOPLE)
+            return targets
 
         return step
 
@@ -137,7 +135,9 @@ def _detected(every: int) -> Callable[[Scene], Step]:
 
 def _check(count: int, wanted: int) -> None:
     if count != wanted:
-        raise SystemExit(f"{count} targets are followed, not {wanted}: the time would mean nothing")
+        raise SystemExit(
+            f"{count} targets are tracked instead of {wanted}, so the time is not comparable"
+        )
 
 
 WAYS: dict[str, Callable[[Scene], Step]] = {
@@ -150,7 +150,7 @@ WAYS: dict[str, Callable[[Scene], Step]] = {
 
 
 def times_of(way: str, size: str) -> list[float]:
-    """Milliseconds of CPU time of each frame after the first ones."""
+    """CPU time of each frame after the first ones, milliseconds."""
     cv2.setNumThreads(1)
     width, height = map(int, size.split("x"))
     scene = Scene((width, height))
@@ -164,7 +164,7 @@ def times_of(way: str, size: str) -> list[float]:
 
 
 def in_a_process(way: str, size: str) -> list[float]:
-    """The same, in a process of its own."""
+    """The same, in a separate process."""
     command = [sys.executable, str(Path(__file__)), "--way", way, "--size", size]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return [float(line) for line in done.stdout.split()]
@@ -177,7 +177,7 @@ def main() -> None:
     parser.add_argument(
         "--size", choices=SIZES, default=SIZES[0], help="of the images [%(default)s]"
     )
-    parser.add_argument("--way", choices=WAYS, help="print the times of one way, once, and end")
+    parser.add_argument("--way", choices=WAYS, help="print the times of one setting and exit")
     options = parser.parse_args()
     if options.way:
         print(*times_of(options.way, options.size), sep="\n")

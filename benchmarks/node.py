@@ -1,23 +1,23 @@
-"""The tracker node beside a bare subscriber: latency, losses, CPU, start, memory, overload.
+"""The tracker node compared with a bare subscriber: latency, losses, CPU, start, memory, overload.
 
-Camera, tracker and bare subscriber are processes of their own, on the loopback. The bare subscriber
-answers each image with a polygon at once, so its figures are what ROS takes for frames of this
-size; the rest is the tracker. The two take turns in one run, so that a busy machine slows both.
+Camera, tracker and bare subscriber are separate processes on the loopback. The bare subscriber
+publishes a polygon for each image at once, so its figures are ROS' share. Both alternate in one
+run, so that other load slows both.
 
     python benchmarks/node.py --output benchmarks/results/node.md
 
-`--only` measures a part of it:
+`--only` selects a part:
 
-- latency: from publishing a frame to its box, frames without a box, those answered after the next
-  one was due, the tracker's own time as its status tells it, and the share of one core; by size of
-  the image, rate and quality of service: a best-effort camera, a reliable one, and a reliable one
-  with Fast DDS' profile for large images on both sides.
-- cost: CPU time a frame of the tracker's process, and what it adds to `Tracker.update` in a process
-  of its own and the bare subscriber.
-- start: seconds from starting a process to its first answer to a camera that runs.
-- overload: the age of the frames that are answered while a camera sends more than can be tracked.
-- memory: what the tracker's process holds after 500 frames and at the end.
-- side_by_side: 1, 2, 4 and 8 trackers, each with images of its own.
+- latency: time from publishing a frame to its box, frames without a box, frames answered after the
+  next one was due, processing time in the status, and share of one core; by size of the image, rate
+  and QoS: a best-effort camera, a reliable one, and a reliable one with the Fast DDS profile for
+  large images on both sides.
+- cost: CPU time per frame of the tracker's process, and its excess over `Tracker.update` in a
+  separate process plus the bare subscriber.
+- start: seconds from the start of a process to its first answer to a running camera.
+- overload: age of the answered frames while a camera sends more than can be tracked.
+- memory: memory of the tracker's process after 500 frames and at the end.
+- side_by_side: 1, 2, 4 and 8 trackers, each with its own images.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ PERCENTILES = (50, 99, 99.9)
 
 
 class Measured(NamedTuple):
-    """What one part of the benchmark found."""
+    """Result of a part of the benchmark."""
 
     tables: list[Table]
     limits: list[Limit]
@@ -89,7 +89,7 @@ def turn(footage: Footage, listener: str, *parameters: str, every: int = 100) ->
 
 
 def by_turns(footage: Footage, rounds: int, *parameters: str) -> dict[str, list[Run]]:
-    """Turns of both listeners; the parameters are the tracker's."""
+    """Turns of both subscribers; the parameters are the tracker's."""
     runs: dict[str, list[Run]] = {TRACKER: [], BARE: []}
     for _ in range(rounds):
         for listener, done in runs.items():
@@ -98,7 +98,7 @@ def by_turns(footage: Footage, rounds: int, *parameters: str) -> dict[str, list[
 
 
 def measure_latency(given: argparse.Namespace) -> Measured:
-    """Latency, losses and share of a core of both, for every camera asked for."""
+    """Latency, losses and share of a core of both, for every selected camera."""
     groups = []
     for size in given.size or SIZES:
         for rate in given.rate or RATES:
@@ -134,7 +134,7 @@ def _latency_cells(runs: Sequence[Run], rate: float) -> list[str]:
 
 
 def measure_cost(given: argparse.Namespace) -> Measured:
-    """CPU time of a frame, and what the node adds to the library and a bare subscription."""
+    """CPU time of a frame, and the node's excess over the library and a bare subscriber."""
     footage = Footage(seconds=given.seconds)
     width, height = SIZES[footage.size]
     script = Path(__file__).parent / "node_runs" / "library_updates.py"
@@ -182,7 +182,7 @@ def measure_start(given: argparse.Namespace) -> Measured:
         [who, f"{median(values):.2f}", f"{min(values):.2f}", f"{max(values):.2f}"]
         for who, values in found.items()
     ]
-    # The least: Fast DDS makes either wait for three seconds more, or not, as it happens.
+    # The minimum, as Fast DDS randomly delays either by three seconds.
     bound = 1.5 * min(found[BARE]) + 0.7
     return Measured(
         [Table("Seconds from the start of a process to its first answer", _SPREAD, [rows])],
@@ -194,7 +194,7 @@ _SPREAD = ["", "median", "least", "most"]
 
 
 def measure_overload(given: argparse.Namespace) -> Measured:
-    """The age of processed frames over time while more come than can be tracked."""
+    """The age of processed frames over time while the camera is too fast."""
     footage = Footage(rate=120.0, seconds=given.seconds)
     progress("overload")
     groups = []
@@ -237,7 +237,7 @@ def _quarters(values: Sequence[float]) -> Quarters:
 
 
 def measure_memory(given: argparse.Namespace) -> Measured:
-    """Memory over many frames, each sent once the last is answered."""
+    """Memory over many frames, each sent after the answer to the last."""
     footage = Footage(rate=0.0, frames=given.frames)
     progress(f"memory over {given.frames} frames")
     run = turn(footage, TRACKER, every=EARLY_FRAME)
@@ -260,7 +260,7 @@ def measure_memory(given: argparse.Namespace) -> Measured:
 
 
 def measure_side_by_side(given: argparse.Namespace) -> Measured:
-    """Several trackers at a time, each with images of its own."""
+    """Several trackers at a time, each with its own images."""
     rows = []
     footage = Footage("640x480", 30.0, given.seconds)
     for count in SIDE_BY_SIDE:
@@ -307,7 +307,7 @@ def measure_side_by_side(given: argparse.Namespace) -> Measured:
 
 
 def progress(text: str) -> None:
-    """Say what is measured."""
+    """Print the name of a measurement."""
     Console(stderr=True).print(f"[dim]{text} ...[/dim]")
 
 
@@ -322,10 +322,10 @@ PARTS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the tables and, if asked to, save them.
+    """Measure, print the tables and optionally save them.
 
     Args:
-        arguments: Command line without the program's name; None takes the process'.
+        arguments: Command line without program name; None for the process'.
     """
     parser = options_of.parts_parser(__doc__, PARTS)
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn [10]")

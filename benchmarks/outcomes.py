@@ -1,4 +1,4 @@
-"""What several trackers, or several settings of one, did on the same sequences."""
+"""Results of several trackers, or settings of one, on the same sequences."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _SCORES = ("frames", "seeds", "success_auc", "success_auc_std", "precision_20px"
 
 @dataclass(frozen=True)
 class Outcome:
-    """One contender on all sequences.
+    """Results of a contender on all sequences.
 
     Attributes:
-        name: Of the tracker or of the setting.
-        results: One a sequence, at least one.
+        name: Name of the tracker or setting.
+        results: A result for each sequence, at least one.
     """
 
     name: str
@@ -34,7 +34,7 @@ class Outcome:
 
     @property
     def deviation(self) -> float:
-        """Standard deviation over the seeds of a sequence's success AUC, mean over the sequences.
+        """Standard deviation of the success AUC over the seeds, mean over the sequences.
 
         NaN for a single seed.
         """
@@ -59,12 +59,12 @@ class Outcome:
 
 
 def write_csv(path: Path, kind: str, outcomes: Sequence[Outcome], yardstick: str) -> None:
-    """Write one line a contender and sequence.
+    """Write a line for each contender and sequence.
 
     Args:
         path: The file.
-        kind: What a contender is; heading of the column with its name.
-        outcomes: The contenders' figures, of the same sequences.
+        kind: Kind of the contenders; heading of the column with their names.
+        outcomes: The contenders' results on the same sequences.
         yardstick: Name of the contender whose CPU time the others' are divided by; the column of
             the ratio is empty where it is none of them.
     """

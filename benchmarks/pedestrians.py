@@ -1,14 +1,12 @@
-"""One pedestrian of several: followed alone, and together with all others of the same footage.
+"""One pedestrian of several: tracked alone, and together with all others of the same footage.
 
-A window is a sequence with the true boxes of one target, cut from footage of which a folder of the
-MOT challenge has everybody (see `targets.py`). Three ways to follow the target are compared by the
-area under its success curve:
+A window is a sequence with the true boxes of one target, cut from footage whose folder of the MOT
+challenge has the boxes of all (see `targets.py`). Three settings are compared by success AUC:
 
 - alone: one `Tracker`, started on the true box;
-- with all: a `MultiTracker`, started on the true box of everybody who is in the first frame; who
-  enters later is not followed;
-- with a detector: the same, and a detector sees every 12th frame after the first, which also starts
-  those who enter.
+- with all: a `MultiTracker`, started on the true boxes of the first frame only;
+- with a detector: the same, with detections every 12th frame after the first, which also start new
+  targets.
 
     python benchmarks/pedestrians.py --window MOT_DIR SEQUENCE --window MOT_DIR SEQUENCE ...
 
@@ -24,7 +22,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -40,20 +38,20 @@ from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.footage import read_sequence as read_window
 
 EVERY = 12
-"""Frames from one that the detector sees to the next."""
-# True boxes of one target agree to so many pixels, however they were rounded.
+"""Interval of the detector in frames."""
+# Tolerance in pixels for differently rounded true boxes.
 _SAME_WITHIN = 1.0
 
 
 @dataclass(frozen=True)
 class Window:
-    """One target's stretch of footage in which everybody is known.
+    """A range of frames with a target, in footage with the true boxes of all.
 
     Attributes:
         footage: Its frames, with the true boxes of the target.
-        everybody: Of the whole footage.
-        target: Id of the target in it.
-        first: Frame of it that the window begins with, counted from 0.
+        everybody: True boxes of all in the whole footage.
+        target: Id of the target there.
+        first: First frame of the window there, counted from 0.
     """
 
     footage: Footage
@@ -63,14 +61,14 @@ class Window:
 
     @property
     def truth(self) -> NDArray[np.float64]:
-        """(frames, 4) of the target."""
+        """(frames, 4) true boxes of the target."""
         boxes = self.footage.ground_truth
         assert boxes is not None
         return boxes
 
 
 def find_window(footage: Footage, everybody: AnnotatedSequence) -> Window:
-    """Which target of the footage a window has, and where it begins: by the true boxes.
+    """Find a window's target and first frame in the footage by the true boxes.
 
     Raises:
         ValueError: Nobody has these boxes.
@@ -89,7 +87,7 @@ def find_window(footage: Footage, everybody: AnnotatedSequence) -> Window:
 
 
 def track_alone(window: Window, seed: int) -> NDArray[np.float64]:
-    """(frames, 4) boxes of the target by a tracker of its own."""
+    """(frames, 4) boxes of the target by a single-target tracker."""
     tracker = Tracker.from_preset("default", seed)
     boxes = [window.truth[0]]
     for number, frame in enumerate(window.footage.frames()):
@@ -101,12 +99,12 @@ def track_alone(window: Window, seed: int) -> NDArray[np.float64]:
 
 
 def track_with_others(window: Window, seed: int, every: int = 0) -> NDArray[np.float64]:
-    """(frames, 4) boxes of the target by a tracker of all.
+    """(frames, 4) boxes of the target by a multi-target tracker.
 
     Args:
         window: The target and its footage.
-        seed: Of the randomness.
-        every: Frames from one that a detector sees to the next; 0 for no detector.
+        seed: Seed of the tracker.
+        every: Interval of the detector in frames; 0 for no detector.
     """
     tracker = MultiTracker.from_preset("default", seed)
     boxes = [window.truth[0]]
@@ -121,8 +119,8 @@ def track_with_others(window: Window, seed: int, every: int = 0) -> NDArray[np.f
         if every and number % every == 0:
             found = window.everybody.detections[window.first + number]
             seen = Detections(found[:, :4], found[:, 4])
-        told = tracker.update(frame.image, window.everybody.interval, seen)
-        boxes.append(np.array(next(one.estimate.box for one in told if one.id == mine)))
+        targets = tracker.update(frame.image, window.everybody.interval, seen)
+        boxes.append(np.array(next(one.estimate.box for one in targets if one.id == mine)))
     return np.array(boxes)
 
 
@@ -142,7 +140,7 @@ WAYS: dict[str, Callable[[Window, int], NDArray[np.float64]]] = {
 
 
 def compare(windows: Sequence[Window], seeds: int) -> dict[str, list[float]]:
-    """Way to the AUC of each window's target, the mean over seeds."""
+    """Setting to the success AUC of each window's target, mean over seeds."""
     return {
         name: [
             float(
@@ -179,7 +177,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         required=True,
         metavar=("MOT_DIR", "SEQUENCE"),
-        help="a folder with gt.txt, det.txt and seqinfo.ini, and a sequence of the same footage",
+        help="folder with gt.txt, det.txt and seqinfo.ini, and a sequence of the same footage",
     )
     options_of.add_seeds(parser, 1, "runs of each, averaged")
     options_of.add_folder(parser)

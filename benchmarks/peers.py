@@ -1,9 +1,8 @@
-"""Every preset beside other people's trackers, on sequences with ground truth, in one run.
+"""The presets compared with trackers of other libraries on sequences with ground truth.
 
-Success AUC, precision at 20 px and CPU time of a frame, on one thread, as `evaluate` has them, and
-the time's ratio to that of OpenCV's CSRT. For each sequence the trackers run one after the other,
-so what else the machine does falls on all of them alike. Peers that are not installed are left out;
-`make bench` has an environment with all of them.
+Success AUC, precision at 20 px and CPU time of a frame on one thread, as in `evaluate`, and the
+time relative to OpenCV's CSRT. The trackers alternate by sequence, so that other load slows all of
+them. Libraries that are not installed are omitted; `make bench` installs all of them.
 
     make bench SEQUENCES="SEQUENCE_DIR ..." BENCH_ARGS="--seeds 3 --nanotrack BACKBONE HEAD"
     python benchmarks/peers.py SEQUENCE_DIR... --output benchmarks/results --seeds 3
@@ -21,7 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -46,7 +45,7 @@ from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.presets import PRESETS
 
 YARDSTICK = ChannelSpatialReliability.name
-"""The tracker whose time the others' are compared with."""
+"""The tracker whose time is the reference."""
 
 HEADINGS = ("tracker", "AUC", "± seeds", "precision 20 px", "CPU ms", f"CPU / {YARDSTICK}")
 NOTE = (
@@ -57,12 +56,12 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Contender:
-    """What is compared.
+    """A tracker to compare.
 
     Attributes:
-        name: As it stands in the tables.
-        make_tracker: Makes it from a seed.
-        is_random: Whether the seed makes a difference; if not, one run is enough.
+        name: Name in the tables.
+        make_tracker: Factory from a seed.
+        is_random: Whether the result depends on the seed; if not, one run suffices.
     """
 
     name: str
@@ -71,10 +70,10 @@ class Contender:
 
 
 def contenders(nanotrack: tuple[Path, Path] | None) -> tuple[list[Contender], dict[str, str]]:
-    """All trackers that can run here.
+    """All installed trackers.
 
     Args:
-        nanotrack: NanoTrack's model files, its backbone and its head, if they are there.
+        nanotrack: Model files of NanoTrack, backbone and head, if any.
 
     Returns:
         The peers and the presets; and of each peer that is left out the name and what to do.
@@ -103,7 +102,7 @@ def contenders(nanotrack: tuple[Path, Path] | None) -> tuple[list[Contender], di
 def chosen(
     found: Sequence[Contender], missing: dict[str, str], names: Sequence[str]
 ) -> list[Contender]:
-    """Those contenders that were asked for by name; all without names.
+    """Contenders selected by name; all without names.
 
     Raises:
         EvaluationError: A name is unknown, or its tracker cannot run here.
@@ -140,7 +139,7 @@ def compare(
 
 
 def ratios(outcomes: Sequence[Outcome]) -> list[float]:
-    """CPU time of each tracker over that of CSRT; NaN where CSRT did not run."""
+    """CPU time of each tracker relative to CSRT; NaN if CSRT did not run."""
     times = {outcome.name: outcome.scores.cpu_ms_median for outcome in outcomes}
     return [time / times.get(YARDSTICK, np.nan) for time in times.values()]
 
@@ -175,7 +174,7 @@ def by_sequence(outcomes: Sequence[Outcome]) -> Table:
 
 
 def versions() -> str:
-    """What the figures depend on: the libraries and their versions."""
+    """The versions of the libraries."""
     numpy = f"NumPy {np.__version__}"
     dlib = [
         f"dlib {importlib.metadata.version(package)}"
@@ -188,7 +187,7 @@ def versions() -> str:
 def write_markdown(
     path: Path, tables: Sequence[Table], outcomes: Sequence[Outcome], left_out: Sequence[str]
 ) -> None:
-    """Write the tables and what they were measured with."""
+    """Write the tables and the libraries' versions."""
     frames = sum(len(result.true_boxes) for result in outcomes[0].results)
     footage = f"{counted(len(outcomes[0].results), 'sequence')}, {frames} frames"
     lines = [f"{NOTE} {versions()}; {footage}.", "", *left_out]
@@ -212,7 +211,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="NAME",
-        help="run this tracker only; may be repeated",
+        help="run only this tracker; may be repeated",
     )
     options = parser.parse_args(arguments)
     try:
@@ -241,7 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def missing_sentences(missing: dict[str, str]) -> list[str]:
-    """A sentence for each peer that is left out."""
+    """A sentence for each omitted tracker."""
     return [f"{name} is left out: {what}." for name, what in missing.items()]
 
 

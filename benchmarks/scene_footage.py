@@ -1,4 +1,4 @@
-"""Generated scenes as footage that trackers can be evaluated on."""
+"""Generated scenes as footage for evaluations."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pf_tracker_ros.frames import Frame
 
 
 class Scene(Sized, Protocol):
-    """What a generated scene has: its length, its images and the true boxes."""
+    """A generated scene: length, images and true boxes."""
 
     @property
     def target_boxes(self) -> NDArray[np.float64]:

@@ -1,10 +1,9 @@
-"""A long life of the tracker node, with a fault in one of ten frames.
+"""Soak test of the tracker node, with a fault before one of ten frames.
 
-The tracker is a process of its own. It gets small frames one after the other, each after the status
-of the last; before one in ten comes a fault: an image that is not one, stamps that repeat or jump,
-a target or parameters that cannot be. What must hold: the process lives, every message is answered,
-each good frame after a fault is tracked, nothing unexpected is logged, and memory does not grow by
-more than 5 % after the first twentieth.
+The tracker runs in its own process. It receives small frames, each after the status of the last.
+Faults are malformed images, repeated or jumping stamps, and invalid targets or parameters. Pass
+criteria: the process runs to the end, every message is answered, each good frame after a fault is
+tracked, nothing unexpected is logged, and memory grows by at most 5 % after the first twentieth.
 
     python benchmarks/soak.py --frames 100000 --output benchmarks/results/soak.md
 """
@@ -49,7 +48,7 @@ TRACKED = ("started", "tracked")
 
 
 def pictures() -> list[NDArray[np.uint8]]:
-    """A checkered square that goes forth and back over noise."""
+    """A checkered square that moves back and forth over noise."""
     generator = np.random.default_rng(7)
     ground = generator.integers(40, 120, (SIZE[1], SIZE[0], 3), dtype=np.uint8)
     rows, columns = np.indices((SIDE, SIDE)) // 6
@@ -63,14 +62,14 @@ def pictures() -> list[NDArray[np.uint8]]:
 
 
 class SoakTest(Node):
-    """Feeds a tracker and watches what it answers.
+    """Sends frames and faults to a tracker and checks its status.
 
     Attributes:
         faults: Kind of fault to how often it was made.
         failures: Kind of failure to how often it was seen.
 
     Args:
-        seed: Of the faults that it makes.
+        seed: Seed of the faults.
     """
 
     def __init__(self, seed: int) -> None:
@@ -135,7 +134,7 @@ class SoakTest(Node):
         self._frame(index)
 
     def step(self, index: int) -> None:
-        """One good frame, now and then after a fault."""
+        """Send a good frame, sometimes after a fault."""
         if self._random.random() < FAULT_SHARE:
             kind = list(self._kinds)[self._random.integers(len(self._kinds))]
             self.faults[kind] += 1
@@ -221,13 +220,13 @@ class SoakTest(Node):
 
 
 def resident_megabytes(process: subprocess.Popen[bytes]) -> float:
-    """Memory that a process holds."""
+    """Resident memory of a process."""
     pages = int(Path(f"/proc/{process.pid}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
 def run_soak(frames: int, seed: int, log: Path) -> tuple[Table, bool]:
-    """Run it, and tell what came of it and whether all held."""
+    """Run the test; returns its report and whether it passed."""
     settings = {
         "preset": "li2007",
         "particles": 30,
@@ -281,7 +280,7 @@ def run_soak(frames: int, seed: int, log: Path) -> tuple[Table, bool]:
 
 
 def main() -> int:
-    """Run, print the table and, if asked to, save it; the exit code is 1 if anything failed."""
+    """Run, print the table and optionally save it; the exit code is 1 after any failure."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--frames", type=int, default=100_000, help="good frames")
     parser.add_argument("--seed", type=int, default=0, help="of the faults")

@@ -20,10 +20,10 @@ class Table:
     """A table of results.
 
     Attributes:
-        title: What the figures are.
-        headings: One a column.
-        groups: Rows, set apart from each other where they are printed.
-        names: The number of columns, from the left, that hold names; the others hold figures.
+        title: Its title.
+        headings: A heading for each column.
+        groups: Groups of rows, separated in print.
+        names: Number of columns with names, from the left; the others have figures.
     """
 
     title: str
@@ -41,30 +41,30 @@ class Table:
                 table.add_column(Text(heading), justify="right", min_width=self._width(column))
         for group in self.groups:
             for row in group:
-                # As Text: square brackets in a plain string are markup to Rich.
+                # As Text, because square brackets in a string are markup in Rich.
                 cells = [(cell.strip("*"), "bold" if cell.startswith("**") else "") for cell in row]
                 table.add_row(*(Text(*cell) for cell in cells))
             table.add_section()
         console = Console()
         if not console.is_terminal:
-            # What reads from a pipe has no window that the table would have to fit into.
+            # A pipe has no window width.
             console.width = 1000
         console.print(table)
 
     def _width(self, column: int) -> int:
-        """Characters that the cells need; a heading may wrap between its words."""
+        """Width of the cells in characters; a heading may wrap between its words."""
         cells = [row[column].strip("*") for group in self.groups for row in group]
         return max(map(len, [*cells, *self.headings[column].split()]))
 
     def markdown(self) -> list[str]:
-        """Lines of Markdown without the title; the groups follow each other."""
+        """Lines of Markdown without the title, groups in sequence."""
         figures = len(self.headings) - self.names
         alignment = ["---"] * self.names + ["---:"] * figures
         rows = [self.headings, alignment, *(row for group in self.groups for row in group)]
-        # A bar in a cell would end it.
+        # A vertical bar would end the cell.
         return ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
 
 
 def bold(text: str, is_bold: bool = True) -> str:
-    """A cell's text, marked as bold or as it is."""
+    """A cell's text, optionally bold."""
     return f"**{text}**" if is_bold else text

@@ -1,4 +1,4 @@
-"""Trackers of several targets behind one interface, for the comparison in `targets.py`."""
+"""Multi-target trackers behind one interface, for the comparison in `targets.py`."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class TargetTracker(Protocol):
     """A tracker of several targets, made for one sequence.
 
     Attributes:
-        package: What it needs of Python's; an empty text for none.
+        package: Required Python package, empty for none.
     """
 
     package: ClassVar[str] = ""
 
     @classmethod
     def missing(cls) -> str:
-        """What to do before it can run; empty if nothing."""
+        """How to install what is missing; empty if nothing."""
         is_there = not cls.package or find_spec(cls.package) is not None
         return "" if is_there else f"{cls.package} is not installed"
 
@@ -47,12 +47,12 @@ class TargetTracker(Protocol):
 
 
 class MultiTargets(TargetTracker):
-    """`MultiTracker`, as it is shipped.
+    """`MultiTracker` with its default preset.
 
     Args:
-        interval: Seconds from one frame to the next.
-        seed: Of its randomness.
-        every: Makes no difference.
+        interval: Seconds between frames.
+        seed: Seed of the tracker.
+        every: Not used.
     """
 
     def __init__(self, interval: float, seed: int = 0, every: int = 1) -> None:
@@ -63,20 +63,20 @@ class MultiTargets(TargetTracker):
     ) -> Answer:
         """See `TargetTracker.update`."""
         detections = None if seen is None else Detections(seen[:, :4], seen[:, 4])
-        told = self._tracker.update(image, interval, detections)
-        return _answer([(target.id, target.estimate.box) for target in told])
+        tracks = self._tracker.update(image, interval, detections)
+        return _as_arrays([(target.id, target.estimate.box) for target in tracks])
 
 
 class SingleTargets(TargetTracker):
-    """The plainest combination: a `Tracker` a target.
+    """A separate `Tracker` for each target.
 
-    It starts on a detection that none is on, ends where a frame that was seen has none for it, and
-    starts anew where it has strayed from its own.
+    It starts on an unmatched detection, ends when a detector frame has none for it, and restarts
+    on its detection after drift.
 
     Args:
-        interval: Seconds from one frame to the next.
-        seed: Of the randomness of each.
-        every: Makes no difference.
+        interval: Seconds between frames.
+        seed: Seed of each tracker.
+        every: Not used.
     """
 
     SAME_ABOVE = 0.3
@@ -95,7 +95,7 @@ class SingleTargets(TargetTracker):
             tracker.update(image, interval)
         if seen is not None:
             self._assign(image, seen[:, :4])
-        return _answer([(name, one.estimate.box) for name, one in self._trackers.items()])
+        return _as_arrays([(name, one.estimate.box) for name, one in self._trackers.items()])
 
     def _assign(self, image: NDArray[np.uint8], boxes: NDArray[np.float64]) -> None:
         assign = importlib.import_module("scipy.optimize").linear_sum_assignment
@@ -126,13 +126,13 @@ class SingleTargets(TargetTracker):
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a tracker that sees detections alone.
+    """Settings of a tracker by detections alone.
 
     Attributes:
-        max_misses: Detections in a row that a track may miss before it ends.
-        max_misses_reported: Detections in a row that a track may miss and still be told.
-        iou_threshold: Least overlap of a track with its detection, 0 to 1; of DIoU from -1 on.
-        score_threshold: Least score of a detection that starts a track, 0 to 1.
+        max_misses: Maximum of consecutive missed detections before a track ends.
+        max_misses_reported: Maximum of consecutive missed detections of a reported track.
+        iou_threshold: Minimum overlap of a track with its detection, 0 to 1; DIoU from -1 on.
+        score_threshold: Minimum score of a detection that starts a track, 0 to 1.
         options: Further arguments of the tracker.
     """
 
@@ -144,16 +144,16 @@ class Settings:
 
 
 class DetectionOnlyTracker(TargetTracker):
-    """A tracker that never looks at the image.
+    """A tracker that does not use the image.
 
     Its Kalman filter's prediction gives the boxes between detections. The settings are those of
     `SETTINGS` for the interval nearest to the detector's.
 
     Args:
-        interval: Seconds from one frame to the next.
-        seed: Makes no difference.
-        every: Frames from one that the detector sees to the next.
-        settings: Others than those of `SETTINGS`.
+        interval: Seconds between frames.
+        seed: Not used.
+        every: Interval of the detector in frames.
+        settings: Replaces those of `SETTINGS`.
     """
 
     SETTINGS: ClassVar[Mapping[int, Settings]]
@@ -175,8 +175,8 @@ class DetectionOnlyTracker(TargetTracker):
     def _make(self) -> Any:
         """The package's tracker with these settings."""
 
-    def _is_told(self, idle: int) -> bool:
-        """Whether a track is told, so many frames after its last detection."""
+    def _is_reported(self, idle: int) -> bool:
+        """Whether a track is reported this many frames after its last detection."""
         return idle < (self._settings.max_misses_reported + 1) * self._every
 
 
@@ -186,9 +186,9 @@ class _Roboflow(DetectionOnlyTracker):
     package = "trackers"
     kind: ClassVar[str]
     scored: ClassVar[str]
-    """Name of the argument that holds the least score."""
+    """Name of the argument of the minimum score."""
     overlapping: ClassVar[str] = "minimum_iou_threshold"
-    """Name of the argument that holds the least overlap."""
+    """Name of the argument of the minimum overlap."""
 
     def _make(self) -> Any:
         module = importlib.import_module(self.package)
@@ -201,7 +201,7 @@ class _Roboflow(DetectionOnlyTracker):
         if "iou" in options:
             options["iou"] = getattr(module, options["iou"])()
         return getattr(module, self.kind)(
-            # Counted in frames, as the package does at 30 of them a second.
+            # In frames at 30 Hz, as the package counts.
             frame_rate=30.0,
             lost_track_buffer=settings.max_misses * self._every,
             minimum_consecutive_frames=1,
@@ -229,13 +229,13 @@ class _Roboflow(DetectionOnlyTracker):
                 self._detections(corners, confidence=seen[:, 4], class_id=np.zeros(len(seen), int)),
                 image,
             )
-        told = [
-            # The package numbers a track at its second detection only.
+        tracks = [
+            # The package numbers a track at its second detection.
             (self._numbers.setdefault(track, len(self._numbers)), track.get_state_bbox())
             for track in self._tracker.tracks
-            if self._is_told(track.time_since_update)
+            if self._is_reported(track.time_since_update)
         ]
-        return _answer([(name, (*box[:2], *(box[2:] - box[:2]))) for name, box in told])
+        return _as_arrays([(name, (*box[:2], *(box[2:] - box[:2]))) for name, box in tracks])
 
     def _predict(self, image: NDArray[np.uint8]) -> None:
         for track in self._tracker.tracks:
@@ -300,7 +300,7 @@ class OcSort(_Roboflow):
 
 
 class BotSort(_Roboflow):
-    """BoT-SORT, whose tracks go along with the camera's motion; without looks."""
+    """BoT-SORT with camera motion compensation, without appearance."""
 
     kind = "BoTSORTTracker"
     scored = "track_activation_threshold"
@@ -348,25 +348,25 @@ class Norfair(DetectionOnlyTracker):
         """See `TargetTracker.update`."""
         self._frame += 1
         if seen is None:
-            told = self._tracker.update()
+            tracks = self._tracker.update()
         else:
             found = [
                 self._norfair.Detection(np.array([box[:2], box[:2] + box[2:4]]), data=self._frame)
                 for box in seen[seen[:, 4] >= self._settings.score_threshold]
             ]
-            told = self._tracker.update(found, period=self._every)
-        return _answer(
+            tracks = self._tracker.update(found, period=self._every)
+        return _as_arrays(
             [
                 (one.id, (*one.estimate[0], *(one.estimate[1] - one.estimate[0])))
-                for one in told
-                if self._is_told(self._frame - one.last_detection.data)
+                for one in tracks
+                if self._is_reported(self._frame - one.last_detection.data)
             ]
         )
 
 
-def _answer(told: list[tuple[int, Any]]) -> Answer:
-    ids = np.array([name for name, _ in told], dtype=np.intp)
-    return ids, np.array([box for _, box in told], dtype=np.float64).reshape(-1, 4)
+def _as_arrays(tracks: list[tuple[int, Any]]) -> Answer:
+    ids = np.array([name for name, _ in tracks], dtype=np.intp)
+    return ids, np.array([box for _, box in tracks], dtype=np.float64).reshape(-1, 4)
 
 
 TRACKERS: Mapping[str, type[TargetTracker]] = {
@@ -378,4 +378,4 @@ TRACKERS: Mapping[str, type[TargetTracker]] = {
     "BoT-SORT": BotSort,
     "norfair": Norfair,
 }
-"""Name to what makes one of the seconds between frames, a seed and the detector's interval."""
+"""Name to factory from seconds between frames, seed and the detector's interval."""

@@ -1,18 +1,17 @@
-"""MultiTargets targets and a slow detector: `MultiTracker` beside trackers that never look at the image.
+"""Several targets and a slow detector: `MultiTracker` compared with trackers by detections alone.
 
-A detector sees every k-th frame, boxes are wanted for all. A folder of a sequence holds `gt.txt`
-and `det.txt` as the MOT challenge has them, and `seqinfo.ini` (frameRate); the frames are a video
-of another place, or a folder of images. Metrics of `trackeval` over all frames: HOTA, IDF1, MOTA,
-identity switches; beside them the share of boxes that overlap another one by more than .5, and the
-CPU time of a frame on one thread, and of a target more. Each interval is run from several first
-frames, and averaged.
+The detector runs on every k-th frame; boxes are required in all. A sequence folder has `gt.txt` and
+`det.txt` of the MOT challenge, and `seqinfo.ini` (frameRate); its frames are a video or a folder of
+images elsewhere. Figures: HOTA, IDF1, MOTA and identity switches of `trackeval` over all frames,
+the share of boxes that overlap another one by more than .5, and the CPU time on one thread, per
+frame and per additional target. Each interval is averaged over several first frames.
 
     python benchmarks/targets.py --sequence MOT_DIR FRAMES --output benchmarks/results
 
-It writes targets.json, targets.md and targets.png; what an earlier run has left in targets.json is
-kept beside the new outcomes, so that trackers can be run one after another. Peers that are not
-installed are left out. `trackers` from 2.6 on and `norfair` ask for different versions of Rich:
-give each an environment of its own, with `trackeval` in it.
+It writes targets.json, targets.md and targets.png. Outcomes of earlier runs in targets.json are
+kept, so that trackers can be run separately. Libraries that are not installed are omitted.
+`trackers` from 2.6 on and `norfair` require different versions of Rich: give each its own
+environment with `trackeval`.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -47,12 +46,12 @@ from pf_tracker_ros.footage import FootageError, open_footage
 
 OURS = "pf_tracker_ros"
 PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}
-"""Interval of the detector to the first frames that it sees."""
+"""Interval of the detector to its first frames."""
 FIGURES = ("HOTA", "IDF1", "MOTA", "switches", "overlap %", "CPU ms", "CPU ms / target")
 
 
 class FrameTracks(NamedTuple):
-    """What a tracker tells of a frame, or what is true.
+    """Tracks of a frame, by a tracker or true ones.
 
     Attributes:
         ids: (K,) of the targets.
@@ -65,15 +64,15 @@ class FrameTracks(NamedTuple):
 
 @dataclass(frozen=True)
 class AnnotatedSequence:
-    """A sequence with everybody's ground truth and a detector's boxes.
+    """A sequence with the ground truth of all targets, and detections.
 
     Attributes:
-        name: Of its folder.
-        frames: Where its images are.
-        interval: Seconds from one frame to the next.
-        truth: Frame by frame the ids and boxes of those that are scored.
-        detections: Frame by frame (M, 5) boxes and scores.
-        camera: Sees the images in their place; None where they are seen as they are.
+        name: Name of its folder.
+        frames: Video or folder of its images.
+        interval: Seconds between frames.
+        truth: Ids and boxes of the scored targets in each frame.
+        detections: (M, 5) boxes and scores in each frame.
+        camera: Moving camera that sees a part of the images; None for whole images.
     """
 
     name: str
@@ -84,13 +83,13 @@ class AnnotatedSequence:
     camera: MovingCamera | None = None
 
     def carried(self) -> AnnotatedSequence:
-        """The same, seen by a camera that moves."""
+        """The sequence as seen by a moving camera."""
         height, width = next(iter(open_footage(self.frames).frames())).image.shape[:2]
         camera = MovingCamera.carried(len(self.truth), self.interval, (width, height))
         truth, detections = [], []
-        for number, (told, found) in enumerate(zip(self.truth, self.detections, strict=True)):
-            boxes, in_view = camera.place(number, told.boxes)
-            truth.append(FrameTracks(told.ids[in_view], boxes[in_view]))
+        for number, (tracks, found) in enumerate(zip(self.truth, self.detections, strict=True)):
+            boxes, in_view = camera.place(number, tracks.boxes)
+            truth.append(FrameTracks(tracks.ids[in_view], boxes[in_view]))
             rows, in_view = camera.place(number, found)
             detections.append(rows[in_view])
         name = f"{self.name}, moving camera"
@@ -103,9 +102,9 @@ def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) ->
     """Read the files of the MOT challenge; their x and y count from 1.
 
     Args:
-        folder: With the files.
+        folder: Folder of the files.
         frames: Video or folder of images.
-        also_unscored: Whether the true boxes that the challenge does not score are wanted, too.
+        also_unscored: Whether to include true boxes that the challenge does not score.
 
     Raises:
         OSError: A file is not there.
@@ -134,11 +133,11 @@ def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) ->
 
 
 class Run(NamedTuple):
-    """What a tracker did on a sequence.
+    """A tracker's run on a sequence.
 
     Attributes:
-        tracks: Frame by frame.
-        seconds: CPU time in all.
+        tracks: Tracks of each frame.
+        seconds: Total CPU time.
     """
 
     tracks: list[FrameTracks]
@@ -146,15 +145,15 @@ class Run(NamedTuple):
 
 
 def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: int) -> Run:
-    """Follow all targets through a sequence, with a detector that sees every so many frames.
+    """Track all targets of a sequence, with a detector on every `every`-th frame.
 
     Args:
-        tracker: Anew.
+        tracker: A new tracker.
         sequence: The frames and detections.
-        every: Frames from one that the detector sees to the next.
-        first: The first of them.
+        every: Interval of the detector in frames.
+        first: First frame of the detector.
     """
-    told, seconds = [], 0.0
+    tracks, seconds = [], 0.0
     frames = open_footage(sequence.frames).frames()
     for number, frame in enumerate(itertools.islice(frames, len(sequence.truth))):
         seen = sequence.detections[number] if number % every == first else None
@@ -162,12 +161,13 @@ def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: 
         start = time.process_time()
         answer = tracker.update(image, sequence.interval, seen)
         seconds += time.process_time() - start
-        told.append(FrameTracks(*answer))
-    if len(told) < len(sequence.truth):
+        tracks.append(FrameTracks(*answer))
+    if len(tracks) < len(sequence.truth):
         raise ValueError(
-            f"{sequence.frames} has {len(told)} frames; {sequence.name} needs {len(sequence.truth)}"
+            f"{sequence.frames} has {len(tracks)} frames; {sequence.name} needs "
+            f"{len(sequence.truth)}"
         )
-    return Run(told, seconds)
+    return Run(tracks, seconds)
 
 
 def score(truth: Sequence[FrameTracks], done: Run) -> dict[str, float]:
@@ -184,40 +184,40 @@ def score(truth: Sequence[FrameTracks], done: Run) -> dict[str, float]:
         "IDF1": 100.0 * float(identity["IDF1"]),
         "MOTA": 100.0 * float(clear["MOTA"]),
         "switches": float(clear["IDSW"]),
-        "overlap %": 100.0 * sum(map(_doubled, done.tracks)) / max(boxes, 1),
+        "overlap %": 100.0 * sum(map(_duplicates, done.tracks)) / max(boxes, 1),
         "CPU ms": 1e3 * done.seconds / len(done.tracks),
         "CPU ms / target": 1e3 * done.seconds / max(boxes, 1),
     }
 
 
-def _numbered(truth: Sequence[FrameTracks], told: Sequence[FrameTracks]) -> dict[str, Any]:
-    """What `trackeval` wants of a sequence: ids counted from 0, and overlaps."""
+def _numbered(truth: Sequence[FrameTracks], tracks: Sequence[FrameTracks]) -> dict[str, Any]:
+    """Input of `trackeval` for a sequence: ids counted from 0, and overlaps."""
     true_ids = np.unique(np.concatenate([one.ids for one in truth]))
-    told_ids = np.unique(np.concatenate([one.ids for one in told]))
+    track_ids = np.unique(np.concatenate([one.ids for one in tracks]))
     return {
         "num_timesteps": len(truth),
         "num_gt_ids": len(true_ids),
-        "num_tracker_ids": len(told_ids),
+        "num_tracker_ids": len(track_ids),
         "num_gt_dets": sum(len(one.ids) for one in truth),
-        "num_tracker_dets": sum(len(one.ids) for one in told),
+        "num_tracker_dets": sum(len(one.ids) for one in tracks),
         "gt_ids": [np.searchsorted(true_ids, one.ids) for one in truth],
-        "tracker_ids": [np.searchsorted(told_ids, one.ids) for one in told],
+        "tracker_ids": [np.searchsorted(track_ids, one.ids) for one in tracks],
         "similarity_scores": [
-            pairwise_iou(one.boxes, other.boxes) for one, other in zip(truth, told, strict=True)
+            pairwise_iou(one.boxes, other.boxes) for one, other in zip(truth, tracks, strict=True)
         ],
     }
 
 
-def _doubled(told: FrameTracks) -> int:
-    """How many boxes overlap another one by more than a half."""
-    shared = pairwise_iou(told.boxes, told.boxes)
+def _duplicates(tracks: FrameTracks) -> int:
+    """Number of boxes that overlap another one by more than a half."""
+    shared = pairwise_iou(tracks.boxes, tracks.boxes)
     np.fill_diagonal(shared, 0.0)
     return int((shared.max(axis=1, initial=0.0) > 0.5).sum())
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The figures of one tracker, sequence and interval: means over the detector's first frames."""
+    """The figures of a tracker, sequence and interval: means over the detector's first frames."""
 
     tracker: str
     sequence: str
@@ -262,8 +262,8 @@ def table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """HOTA over the detector's interval, a panel a sequence, a labeled line a tracker."""
-    # A Figure of its own, not pyplot's: no window system, no figures left open.
+    """Plot HOTA over the detector's interval: a panel per sequence, a line per tracker."""
+    # Not pyplot's: needs no window system and leaves no figures open.
     from matplotlib.figure import Figure
 
     sequences = list(dict.fromkeys(one.sequence for one in outcomes))
@@ -311,7 +311,7 @@ _MARKERS = "os^vDPX"
 
 
 def read_outcomes(path: Path) -> list[Outcome]:
-    """What earlier runs have written; nothing if there is no file.
+    """Outcomes of earlier runs; empty without a file.
 
     Raises:
         ValueError: The file holds something else.
@@ -325,7 +325,7 @@ def read_outcomes(path: Path) -> list[Outcome]:
 
 
 def add(outcomes: Iterable[Outcome], new: Outcome) -> list[Outcome]:
-    """All outcomes in the order of the table, the new one in place of an older one of its kind."""
+    """All outcomes in the order of the table; a new one replaces an older one of its kind."""
     kinds = {(one.sequence, one.every, one.tracker): one for one in (*outcomes, new)}
     order = list(TRACKERS)
     return sorted(
@@ -343,16 +343,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         required=True,
         metavar=("MOT_DIR", "FRAMES"),
-        help="a folder with gt.txt, det.txt and seqinfo.ini, and the video or folder of images",
+        help="folder with gt.txt, det.txt and seqinfo.ini, and video or folder of images",
     )
     parser.add_argument(
-        "--tracker", action="append", default=[], metavar="NAME", help="run this one only"
+        "--tracker", action="append", default=[], metavar="NAME", help="run only this tracker"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of ours [0]")
+    parser.add_argument("--seed", type=int, default=0, help="of MultiTracker and Tracker [0]")
     parser.add_argument(
         "--moving-camera",
         action="store_true",
-        help="see a part of each image, which pans and shakes as on a robot that walks",
+        help="crop the images as a camera on a walking robot would see them",
     )
     options_of.add_folder(parser)
     options = parser.parse_args(arguments)

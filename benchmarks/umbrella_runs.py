@@ -1,4 +1,4 @@
-"""What the umbrella experiment consists of: its settings, and what one of them did on one scene."""
+"""Settings of the umbrella experiment, and the run of a setting on a scene."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Setting:
     """One of the paper's experiments.
 
     Attributes:
-        name: For the tables.
-        alpha: Power of the color cue; the texture cue has the rest.
+        name: Name in the tables.
+        alpha: Weight of the color cue; that of the texture cue is 1 - alpha.
         particles: Number of particles.
     """
 
@@ -59,15 +59,15 @@ SETTINGS = (
 
 @dataclass(frozen=True)
 class Run:
-    """One setting on one scene.
+    """Run of a setting on a scene.
 
     Attributes:
         setting: Name of the setting.
-        seed: Of the scene and of the tracker.
+        seed: Seed of the scene and of the tracker.
         outcome: "held", "switched" or "lost", as `umbrellas.outcome` has it.
         errors: (frames,) distance of the estimate's center from the target's, px.
         error_before: Median of the errors in the second before the umbrellas' boxes first touch.
-        jitter: As `umbrellas.jitter` has it, px.
+        jitter: As in `umbrellas.jitter`, px.
         milliseconds: Median CPU time of one update.
         snapshots: Per frame of `PAPER_FRAMES`: estimated box (4,), particles' boxes (N, 4) and
             weights (N,).
@@ -84,7 +84,7 @@ class Run:
 
     @property
     def true_switch(self) -> bool:
-        """Whether it switched from the target, not from somewhere it had strayed to before."""
+        """Whether it switched from the target itself, not after an earlier loss."""
         return self.outcome == "switched" and self.error_before <= REGION / 2
 
     @property

@@ -1,15 +1,15 @@
 """The umbrella experiment of Li, Zhang, Li 2007 (sequence 2), over many generated scenes.
 
-Two umbrellas of like color and unlike texture pass each other behind trees. The paper's three
+Two umbrellas of similar color and different texture pass each other behind trees. The paper's three
 settings of `li2007` run on the same scenes: color alone with 60 particles, color and texture
 (alpha = 0.6) with 30 and with 60. The paper's finding: color alone ends on the wrong umbrella;
-color and texture stay on the target, with 30 particles in jerks, with 60 steadily.
+color and texture stay on the target, with jitter for 30 particles and steadily for 60.
 
     python benchmarks/umbrellas.py --seeds 30
 
-Written into the output folder: `umbrellas.md` (the table), `umbrellas.csv` (every run),
-`umbrellas.png` (shares, errors over time, jitter) and `umbrellas_frames.png` (one scene with the
-estimates and particles drawn in, as in the paper's Fig. 3).
+It writes `umbrellas.md` (the table), `umbrellas.csv` (every run), `umbrellas.png` (shares, errors
+over time, jitter) and `umbrellas_frames.png` (a scene with estimates and particles, as in the
+paper's Fig. 3).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from typing import Any
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -46,7 +46,7 @@ SECOND = 25
 def outcome(
     boxes: NDArray[np.float64], target: NDArray[np.float64], other: NDArray[np.float64]
 ) -> str:
-    """What became of a run after the umbrellas met and were apart again.
+    """Outcome of a run after the umbrellas have passed each other.
 
     "switched": for at least half a second without a break the estimate overlapped the other
     umbrella's box and its center was nearer to the other's center than to the target's; a run that
@@ -70,7 +70,7 @@ def outcome(
 
 
 def jitter(boxes: NDArray[np.float64], target: NDArray[np.float64]) -> float:
-    """How much the estimate shakes around the target, in px.
+    """Jitter of the estimate around the target, in px.
 
     The root mean square, over the frames, of the length of the change from one frame to the next
     of the vector from the target's true center to the estimate's.
@@ -88,12 +88,12 @@ def run_scene(
     overrides: Mapping[str, Any] | None = None,
     settings: Sequence[Setting] = SETTINGS,
 ) -> list[Run]:
-    """Run the settings side by side on the scene of one seed.
+    """Run the settings in parallel on the scene of a seed.
 
     Args:
-        seed: Of the scene and of the trackers.
-        overrides: Tracker parameters over those of preset and setting.
-        settings: What to run.
+        seed: Seed of the scene and of the trackers.
+        overrides: Parameters that override those of preset and setting.
+        settings: Settings to run.
     """
     cv2.setNumThreads(1)
     scene = UmbrellaScene(seed)
@@ -134,8 +134,8 @@ def run_all(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> li
     """Run all settings on the scenes of all seeds, with a progress bar.
 
     Args:
-        seeds: Of the scenes and trackers.
-        overrides: Tracker parameters over those of preset and setting.
+        seeds: Seeds of the scenes and trackers.
+        overrides: Parameters that override those of preset and setting.
         jobs: Number of processes.
 
     Returns:
@@ -163,7 +163,7 @@ def _scenes(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> It
 
 
 def _longest_stretch(flags: NDArray[np.bool_]) -> int:
-    """Length of the longest run of true values without a break."""
+    """Length of the longest run of true values."""
     ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
     return int(np.max(ends[1::2] - ends[::2], initial=0))
 
@@ -194,7 +194,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="a tracker parameter over those of preset and setting; may be repeated",
+        help="override a parameter of preset and setting; may be repeated",
     )
     options = parser.parse_args(arguments)
     overrides = dict(options.parameter)

@@ -51,7 +51,7 @@ def print_table(runs: Sequence[Run]) -> None:
 
 
 def write_table(path: Path, runs: Sequence[Run], overrides: Mapping[str, Any]) -> None:
-    """Write the table as Markdown, with what differed from the preset."""
+    """Write the table as Markdown, with the overridden parameters."""
     lines = [f"# Umbrella experiment, {_scenes(runs)}", ""]
     if overrides:
         changes = ", ".join(f"`{name}` = {value}" for name, value in overrides.items())
@@ -63,7 +63,7 @@ def write_table(path: Path, runs: Sequence[Run], overrides: Mapping[str, Any]) -
 
 
 def write_csv(path: Path, runs: Sequence[Run]) -> None:
-    """Write one line a run."""
+    """Write a line for each run."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         headings = ("mean_error_px", "error_before_meeting_px", "jitter_px", "cpu_ms")
@@ -88,19 +88,19 @@ def write_plot(path: Path, runs: Sequence[Run]) -> None:
 
 
 def write_frames(path: Path, runs: Sequence[Run]) -> None:
-    """Draw estimates and particles into the paper's frames of one scene, one row a setting.
+    """Draw estimates and particles into the paper's frames of a scene, a row for each setting.
 
     The scene is the first in which color alone switched at the meeting and the other settings held;
     without one, the first of all.
     """
     settings = _by_setting(runs)
     scenes = list(zip(*settings.values(), strict=True))
-    told = [
+    as_in_paper = [
         (color, few, many)
         for color, few, many in scenes
         if color.true_switch and few.outcome == many.outcome == "held"
     ]
-    chosen = (told or scenes)[0]
+    chosen = (as_in_paper or scenes)[0]
     scene = UmbrellaScene(chosen[0].seed)
     figure = Figure(figsize=(15.0, 5.8), layout="constrained")
     figure.suptitle(f"Scene {chosen[0].seed}: estimate (large) and particles (size by weight)")
@@ -217,7 +217,7 @@ def _rows(runs: Sequence[Run]) -> list[list[str]]:
 
 
 def _comparison(runs: Sequence[Run]) -> str:
-    """Where color alone was before it switched, and what 60 particles instead of 30 change."""
+    """Sentences on where color alone switched from, and on 60 particles instead of 30."""
     color, few, many = _by_setting(runs).values()
     switched = sum(run.outcome == "switched" for run in color)
     on_target = sum(run.true_switch for run in color)

@@ -1,11 +1,11 @@
-r"""Does a preset know when it is wrong? Its confidence, states and covariance against the truth.
+r"""Calibration of a preset: confidence, states and covariance compared with ground truth.
 
-A frame counts as right where the box overlaps the true one by more than a half.
+A frame is right if its overlap is above one half.
 
     python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
 
-With two or more `--group`s it also tells the area under the ROC curve in each group of sequences,
-of the confidence as it is, and fitted to the other groups.
+With two or more `--group`s it also reports the area under the ROC curve in each group, of the
+preset's confidence and of one fitted to the other groups.
 
 It writes uncertainty.md, uncertainty.csv (a line for each range of confidence) and uncertainty.png.
 """
@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -47,7 +47,7 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 
 RIGHT_ABOVE = 0.5
-# The target is lost, whatever is told, where the overlap has been below this for so many seconds.
+# The target is truly lost if the overlap has been below this for so many seconds.
 GONE_BELOW, GONE_FOR = 0.1, 3.0
 SHARES = (0.5, 0.9, 0.99)
 RANGES = 10
@@ -61,7 +61,7 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Frames:
-    """What was told of F frames, and what was true.
+    """A tracker's output for F frames, and the truth.
 
     Attributes:
         overlap: (F,) of box and true box.
@@ -91,10 +91,10 @@ class Frames:
 
 
 class _Recorder:
-    """A tracker whose estimates are kept.
+    """Records the estimates of a tracker.
 
     Args:
-        tracker: Any.
+        tracker: Any tracker.
     """
 
     def __init__(self, tracker: Tracker) -> None:
@@ -112,25 +112,25 @@ class _Recorder:
 def compared(
     estimates: Sequence[Estimate], true_boxes: NDArray[np.float64], interval: float
 ) -> Frames:
-    """What was told of the frames that have a true box.
+    """Output for the frames with a true box.
 
     Args:
-        estimates: One a frame.
+        estimates: An estimate for each frame.
         true_boxes: (frames, 4), pixels.
         interval: Seconds between frames.
     """
     known = has_target(true_boxes)
-    told = [one for one, is_known in zip(estimates, known, strict=True) if is_known]
+    estimates = [one for one, is_known in zip(estimates, known, strict=True) if is_known]
     true_boxes = true_boxes[known]
-    boxes = np.array([one.box for one in told])
+    boxes = np.array([one.box for one in estimates])
     offsets = true_boxes[:, :2] + true_boxes[:, 2:] / 2 - boxes[:, :2] - boxes[:, 2:] / 2
-    # A cloud that has shrunk to a point still does not know the center to a millionth of a pixel.
-    covariances = np.array([one.covariance for one in told]) + 1e-12 * np.eye(2)
+    # Keeps the covariance of collapsed particles invertible.
+    covariances = np.array([one.covariance for one in estimates]) + 1e-12 * np.eye(2)
     overlaps = overlap(boxes, true_boxes)
     return Frames(
         overlaps,
-        np.array([one.confidence for one in told]),
-        np.array([one.state == "tracking" for one in told]),
+        np.array([one.confidence for one in estimates]),
+        np.array([one.state == "tracking" for one in estimates]),
         np.einsum("fi,fi->f", offsets, np.linalg.solve(covariances, offsets[..., None])[..., 0]),
         interval * _in_a_row(overlaps < GONE_BELOW),
         np.flatnonzero(known),
@@ -138,13 +138,13 @@ def compared(
 
 
 def _in_a_row(holds: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """(F,) for how many frames in a row something of (F,) holds."""
+    """(F,) number of consecutive frames so far in which a condition, (F,), holds."""
     number = np.arange(1, len(holds) + 1)
     return number - np.maximum.accumulate(np.where(holds, 0, number))
 
 
 def together(parts: Sequence[Frames]) -> Frames:
-    """The frames of several runs."""
+    """Concatenate the frames of several runs."""
     return Frames(
         *(
             np.concatenate([getattr(part, name) for part in parts])
@@ -169,7 +169,7 @@ def roc_area(confidence: NDArray[np.float64], is_right: NDArray[np.bool_]) -> fl
 
 
 def inside(frames: Frames, share: float) -> float:
-    """How often the ellipse that should hold a share of the centers does, in tracked frames.
+    """How often the confidence ellipse contains the true center, in tracked frames.
 
     For a Gaussian of two dimensions the squared distance is below -2 ln(1 - share) with that
     probability.
@@ -180,12 +180,12 @@ def inside(frames: Frames, share: float) -> float:
 def measured(
     sequences: Sequence[Footage], trackers: Callable[[int, int], Tracker], seeds: int
 ) -> list[list[Frames]]:
-    """What is told of all frames of each sequence, but the first one; of each seed.
+    """Output for all frames but the first, for each sequence and seed.
 
     Args:
-        sequences: With true boxes.
-        trackers: Makes a tracker for the number of a sequence and a seed.
-        seeds: How many runs.
+        sequences: Sequences with true boxes.
+        trackers: Makes a tracker for the index of a sequence and a seed.
+        seeds: Number of runs.
     """
     parts = []
     with progress_bar(frame_count(sequences)) as on_progress:
@@ -199,11 +199,11 @@ def measured(
 
 @dataclass(frozen=True)
 class CarriedOver:
-    """A confidence that was fitted without the footage that it is judged on.
+    """A cross-validated confidence.
 
     Attributes:
         frames: Name of a group to its frames.
-        weights: The same to what was fitted on the other groups, "none" to that fitted on all.
+        weights: Name of a group to the weights fitted on the others, "none" to those of all.
     """
 
     frames: Mapping[str, Frames]
@@ -214,48 +214,50 @@ def carried_over(
     sequences: Sequence[Footage],
     preset: str,
     groups: Mapping[str, Sequence[int]],
-    told: Sequence[Sequence[Frames]],
-    heard: Mapping[tuple[int, int], confidence_cross_validation.RecordedConfidence],
+    outputs: Sequence[Sequence[Frames]],
+    recorded: Mapping[tuple[int, int], confidence_cross_validation.RecordedConfidence],
 ) -> CarriedOver | None:
-    """Each group, tracked with a confidence that was fitted on the other groups.
+    """Track each group with a confidence fitted on the other groups.
 
     Args:
-        sequences: With true boxes.
-        preset: Whose confidence.
-        groups: Name to the numbers of the sequences in it.
-        told: Of each sequence and seed, with the confidence as it is.
-        heard: What that was told, by numbers of sequence and seed.
+        sequences: Sequences with true boxes.
+        preset: Preset of the tracker.
+        groups: Name to the indices of its sequences.
+        outputs: Output for each sequence and seed, with the preset's confidence.
+        recorded: Recorded confidence by index of sequence and seed.
 
     Returns:
         None where the confidence asks no questions.
     """
 
     def answers(numbers: Sequence[int]) -> confidence_cross_validation.LabeledOdds:
-        runs = [(number, seed) for number in numbers for seed in range(len(told[number]))]
-        frames = [told[number][seed] for number, seed in runs]
+        runs = [(number, seed) for number in numbers for seed in range(len(outputs[number]))]
+        frames = [outputs[number][seed] for number, seed in runs]
         odds = [
-            heard[run].odds[one] for run, of in zip(runs, frames, strict=True) for one in of.number
+            recorded[run].odds[one]
+            for run, of in zip(runs, frames, strict=True)
+            for one in of.number
         ]
         return confidence_cross_validation.LabeledOdds(odds, together(frames).is_right)
 
-    said = {name: answers(numbers) for name, numbers in groups.items()}
-    if not any(odds for of in said.values() for odds in of.odds):
+    labeled = {name: answers(numbers) for name, numbers in groups.items()}
+    if not any(odds for of in labeled.values() for odds in of.odds):
         return None
     carried, fitted = {}, {}
     for left, numbers in groups.items():
         fitted[left] = confidence_cross_validation.fit(
-            [of for name, of in said.items() if name != left]
+            [of for name, of in labeled.items() if name != left]
         )
         make_tracker = partial(confidence_cross_validation.fitted_tracker, preset, fitted[left])
         members = [sequences[number] for number in numbers]
-        runs = measured(members, lambda _, seed, make=make_tracker: make(seed), len(told[0]))
+        runs = measured(members, lambda _, seed, make=make_tracker: make(seed), len(outputs[0]))
         carried[left] = together([frames for of in runs for frames in of])
-    fitted["none"] = confidence_cross_validation.fit(list(said.values()))
+    fitted["none"] = confidence_cross_validation.fit(list(labeled.values()))
     return CarriedOver(carried, fitted)
 
 
 def weights_table(weights: Mapping[str, confidence_cross_validation.Weights]) -> Table:
-    """What was fitted, by what was left out."""
+    """The fitted weights by the group left out."""
     questions = sorted({name for of in weights.values() for name in of.factors})
     rows = [
         [name, *(f"{of.factors.get(name, math.nan):.2f}" for of in weights.values())]
@@ -276,10 +278,10 @@ def summary(
     """The figures as a table.
 
     Args:
-        frames: All.
-        title: Of the table.
+        frames: All frames.
+        title: Title of the table.
         groups: Name of a group of sequences to its frames.
-        carried: The same, their confidence fitted on the other groups.
+        carried: The same, with the confidence fitted on the other groups.
     """
     right, tracking = frames.is_right, frames.is_tracking
     gone = frames.astray > GONE_FOR
@@ -307,7 +309,7 @@ def summary(
 
 
 def reliability(frames: Frames) -> Table:
-    """How many of the frames of each range of confidence are right."""
+    """Share of right frames in each range of confidence."""
     rows = [
         [f"{one / RANGES:.1f} to {(one + 1) / RANGES:.1f}", str(len(right)), _text(_mean(right))]
         for one, right in enumerate(frames.by_confidence())
@@ -316,7 +318,7 @@ def reliability(frames: Frames) -> Table:
 
 
 def plot(path: Path, frames: Frames, title: str) -> None:
-    """Draw the share of right frames over the confidence, and how many frames there are."""
+    """Draw the share of right frames over the confidence, and the numbers of frames."""
     ranges = frames.by_confidence()
     middle = (np.arange(RANGES) + 0.5) / RANGES
     figure = Figure(figsize=(5.0, 5.5), layout="constrained")
@@ -353,7 +355,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="append",
         default=[],
         metavar="PATTERN",
-        help="a group of sequences: a regular expression that their names begin with; several",
+        help="a group of sequences: a regular expression for the beginning of their names; several",
     )
     options = parser.parse_args(arguments)
     try:
@@ -362,16 +364,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.output.mkdir(parents=True, exist_ok=True)
         names = [footage.name for footage in sequences]
         members = cross_validation.grouped(names, options.group) if options.group else {}
-        heard: dict[tuple[int, int], confidence_cross_validation.RecordedConfidence] = {}
+        recorded: dict[tuple[int, int], confidence_cross_validation.RecordedConfidence] = {}
 
         def tracker(number: int, seed: int) -> Tracker:
-            made, heard[number, seed] = confidence_cross_validation.recording_tracker(
+            made, recorded[number, seed] = confidence_cross_validation.recording_tracker(
                 options.preset, seed
             )
             return made
 
-        told = measured(sequences, tracker, options.seeds)
-        parts = [together(runs) for runs in told]
+        outputs = measured(sequences, tracker, options.seeds)
+        parts = [together(runs) for runs in outputs]
         frames = together(parts)
         groups = {
             name: together([parts[number] for number in numbers])
@@ -380,7 +382,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         runs = f"{counted(len(sequences), 'sequence')}, "
         runs += counted(options.seeds, "seed")
         title = f"Uncertainty of preset {options.preset}: {runs}"
-        carried = carried_over(sequences, options.preset, members, told, heard)
+        carried = carried_over(sequences, options.preset, members, outputs, recorded)
         tables = [summary(frames, title, groups, carried.frames if carried else None)]
         tables.append(reliability(frames))
         if carried:

@@ -2,11 +2,11 @@
 
     python benchmarks/vibe.py SEQUENCE... --output benchmarks/results/vibe.md
 
-The boxes of a sequence name one target and are no silhouettes, so the figures have bounds of their
-own: a person fills about half of a box, which bounds the recall, and whoever else moves counts
-against the precision of the whole frame. The precision nearby only looks at the box and half its
-size around it. Detected is a frame in which at least a fifth of the box is foreground. The first
-frames, in which the model still remembers where things stood when it began, are left out.
+A sequence has the box of one target, not its silhouette, which bounds the figures: a person fills
+about half of a box, which limits the recall, and other moving objects reduce the precision of the
+whole frame. The precision nearby is that in the box and half its size around it. A frame is
+detected if at least a fifth of the box is foreground. The first frames, which still contain the
+initial background, are skipped.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
+# One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
@@ -45,13 +45,13 @@ HEADINGS = (
 )
 LEAST_SHARE = 0.2
 
-# Makes the model from the first image.
+# Factory of the model from the first image.
 BeginModel = Callable[[NDArray[Any]], BackgroundModel]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The model on one sequence.
+    """Result of the model on a sequence.
 
     Attributes:
         name: Of the sequence.
@@ -91,12 +91,12 @@ def count_inside(mask: NDArray[np.uint8], box: NDArray[np.float64]) -> tuple[int
 
 
 def measure(footage: Footage, begin: BeginModel, skip: int) -> Outcome:
-    """Run a model over a sequence and judge all frames with a target but the first `skip`.
+    """Evaluate a model on all frames of a sequence with a target but the first `skip`.
 
     Args:
         footage: The sequence.
-        begin: Makes the model.
-        skip: How many frames are not judged.
+        begin: Factory of the model.
+        skip: Number of first frames not to evaluate.
     """
     boxes = footage.ground_truth
     assert boxes is not None
@@ -127,12 +127,12 @@ def measure(footage: Footage, begin: BeginModel, skip: int) -> Outcome:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the table and, if asked to, save it."""
+    """Measure, print the table and optionally save it."""
     parser = options_of.parser(__doc__)
     parser.add_argument("sequences", nargs="+", type=Path, metavar="SEQUENCE")
     parser.add_argument("--reduction", type=int, default=2, choices=range(1, 17), metavar="1..16")
-    parser.add_argument("--gray", action="store_true", help="model brightness, not colors")
-    parser.add_argument("--skip", type=int, default=50, help="first frames not judged [50]")
+    parser.add_argument("--gray", action="store_true", help="model gray levels instead of colors")
+    parser.add_argument("--skip", type=int, default=50, help="first frames to skip [50]")
     parser.add_argument("--output", type=Path, help="Markdown file for the table")
     options = parser.parse_args(arguments)
     cv2.setNumThreads(1)

@@ -20,7 +20,7 @@ from pf_tracker_ros.launching import (
     argument,
     shared_arguments,
     tracker_nodes,
-    tracker_parameters,
+    tracker_overrides,
 )
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
@@ -33,7 +33,7 @@ EXTRA_TRACKER_PARAMETERS = ("max_targets", "built_in_detector", "built_in_detect
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker with the given arguments, and a console on request."""
     given = LaunchArguments(context)
-    parameters = tracker_parameters(given)
+    parameters = tracker_overrides(given)
     declared = declarations(NodeParameters)
     for name in EXTRA_TRACKER_PARAMETERS:
         if given.text(name):

@@ -15,14 +15,14 @@ from pf_tracker_ros.launching import (
     argument,
     shared_arguments,
     tracker_nodes,
-    tracker_parameters,
+    tracker_overrides,
 )
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker with the given arguments, and a console on request."""
     given = LaunchArguments(context)
-    parameters = tracker_parameters(given)
+    parameters = tracker_overrides(given)
     if not given.flag("autostart"):
         parameters["autostart"] = False
     if box := given.box("target_box"):

@@ -30,7 +30,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    # Imported when asked for, so that the executables can take care of signals before NumPy loads.
+    # Imported on first access, so that the executables can handle signals before NumPy loads.
     if name == "__version__":
         return _version()
     if name not in _MODULES:
@@ -46,7 +46,7 @@ def _version() -> str:
     try:
         return metadata.version(__name__)
     except metadata.PackageNotFoundError:
-        # Run from the sources, without an installation: their manifest is beside the package.
+        # Without an installation, the manifest is beside the package.
         from pathlib import Path
         from xml.etree import ElementTree
 

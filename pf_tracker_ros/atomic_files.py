@@ -1,4 +1,7 @@
-"""Files that are written whole or not at all."""
+"""Atomic file writes: write a draft on the same file system, flush it, rename it into place.
+
+A reader sees the former file or the complete new one, also after a crash.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# What file systems without hard links answer.
+# Errors of file systems without hard links.
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EMLINK, errno.ENOSYS)
 
 
@@ -18,38 +21,42 @@ _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EMLINK, errno.ENOSYS)
 def atomic_write(
     path: Path, *, may_replace: bool = True, prefix: str = ".draft_"
 ) -> Iterator[Path]:
-    """Write a file elsewhere first; it comes into place when the block ends without an error.
+    """Write a draft of a file, and move it into place when the block ends without an error.
 
     Args:
-        path: The file; of a link, what it leads to.
-        may_replace: Whether a file that is there may be replaced; else it stays.
-        prefix: Of the hidden folder beside it that the draft is in.
+        path: The file. A symbolic link is followed.
+        may_replace: Whether to replace an existing file.
+        prefix: Name prefix of the hidden folder beside the file, which holds the draft.
 
     Yields:
-        Where to write it, under its own name.
+        Path of the draft, with the file's own name.
 
     Raises:
-        OSError: It cannot be written, or what is there may not be replaced.
+        OSError: The file cannot be written, or exists and may not be replaced.
     """
-    place = Path(os.path.realpath(path)) if may_replace else path
-    if may_replace and os.path.lexists(place) and (place.is_symlink() or not place.is_file()):
-        raise FileExistsError(errno.EEXIST, "It is no file that can be written over", str(path))
-    with hidden_folder(place.parent, prefix) as folder:
-        draft = folder / place.name
+    destination = Path(os.path.realpath(path)) if may_replace else path
+    if (
+        may_replace
+        and os.path.lexists(destination)
+        and (destination.is_symlink() or not destination.is_file())
+    ):
+        raise FileExistsError(errno.EEXIST, "Exists and is not a regular file", str(path))
+    with hidden_folder(destination.parent, prefix) as folder:
+        draft = folder / destination.name
         yield draft
         flush_to_disk(draft)
         if may_replace:
-            draft.replace(place)
+            draft.replace(destination)
         else:
-            move_without_overwriting(draft, place)
+            move_without_overwriting(draft, destination)
 
 
 @contextmanager
 def hidden_folder(parent: Path, prefix: str) -> Iterator[Path]:
-    """A folder of its own inside another one, and so on the same file system; gone afterwards.
+    """Temporary folder inside `parent`, and so on the same file system.
 
     Raises:
-        OSError: It cannot be made.
+        OSError: The folder cannot be made.
     """
     folder = tempfile.mkdtemp(prefix=prefix, dir=parent)
     try:
@@ -58,29 +65,29 @@ def hidden_folder(parent: Path, prefix: str) -> Iterator[Path]:
         try:
             shutil.rmtree(folder, ignore_errors=True)
         finally:
-            # A signal that ends the process may have come in the middle of it.
+            # A signal may have interrupted the first attempt.
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def move_without_overwriting(path: Path, place: Path) -> None:
-    """Move a file to where nothing is yet; what has come there meanwhile stays.
+def move_without_overwriting(path: Path, destination: Path) -> None:
+    """Move a file; an existing destination stays.
 
     Raises:
-        OSError: There is something, or it may not be moved there.
+        OSError: The destination exists or cannot be written.
     """
     try:
-        # Unlike a renaming, a link replaces nothing.
-        os.link(path, place)
+        # Unlike a rename, a hard link never replaces a file.
+        os.link(path, destination)
     except OSError as error:
         if error.errno not in _NO_LINKS:
             raise
-        if os.path.lexists(place):
-            raise FileExistsError(place) from error
-        path.rename(place)
+        if os.path.lexists(destination):
+            raise FileExistsError(destination) from error
+        path.rename(destination)
 
 
 def flush_to_disk(path: Path) -> None:
-    """Let a file that is closed outlast a loss of power.
+    """Write a closed file through to the disk, so that it survives a power failure.
 
     Raises:
         OSError: It cannot be written.

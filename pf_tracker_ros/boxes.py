@@ -1,4 +1,4 @@
-"""Boxes: a part of an image, as four numbers."""
+"""Axis-aligned boxes in pixels: corners, overlaps and distances."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 # [x, x + width) and [y, y + height).
 Box = tuple[float, float, float, float]
 
-# Sides.
+# Relative center distance.
 _SAME_PLACE = 0.5
-# A box that ends within so many pixels of the image's border is cut by it.
-_CUT_WITHIN = 2.0
+# Distance in pixels to the image border within which a box counts as truncated.
+_TRUNCATED_WITHIN = 2.0
 
 
 class BoxesByAxis(NamedTuple):
-    """Boxes, pixels, as four arrays of any shapes that NumPy brings together to one."""
+    """Boxes in pixels as four arrays that broadcast to one shape."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
@@ -54,7 +54,7 @@ class BoxGrid:
 
     @property
     def by_axis(self) -> BoxesByAxis:
-        """The same, that NumPy brings together to (rows, columns)."""
+        """The boxes as arrays that broadcast to (rows, columns)."""
         return BoxesByAxis(self.left, self.top[:, None], self.size[0], self.size[1])
 
 
@@ -80,22 +80,22 @@ def bounding_box(points: ArrayLike) -> Box:
 def bounding_box_of_rotated(
     center: tuple[float, float], size: tuple[float, float], angle: float
 ) -> Box:
-    """The smallest box around a rectangle that is turned.
+    """The smallest box around a rotated rectangle.
 
     Args:
         center: (x, y) in pixels.
         size: (width, height) in pixels.
-        angle: Radians; one that is not finite counts as 0.
+        angle: Radians; NaN and infinity count as 0.
     """
     (x, y), (width, height) = center, size
     if angle and math.isfinite(angle):
-        across, down = abs(math.cos(angle)), abs(math.sin(angle))
-        width, height = width * across + height * down, width * down + height * across
+        cosine, sine = abs(math.cos(angle)), abs(math.sin(angle))
+        width, height = width * cosine + height * sine, width * sine + height * cosine
     return x - width / 2, y - height / 2, width, height
 
 
 def intersection_areas(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...,) px^2 that (..., 4) boxes share with (..., 4) others."""
+    """(...,) intersections in px^2 of (..., 4) boxes with (..., 4) others."""
     ends, other_ends = one[..., :2] + one[..., 2:], other[..., :2] + other[..., 2:]
     sides = np.minimum(ends, other_ends) - np.maximum(one[..., :2], other[..., :2])
     np.maximum(sides, 0.0, out=sides)
@@ -111,7 +111,7 @@ def pairwise_iou(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArra
 
 
 def pairwise_coverage(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, M) share, 0 to 1, of each of (N, 4) boxes that each of (M, 4) covers."""
+    """(N, M) share, 0 to 1, of the area of each of (N, 4) boxes inside each of (M, 4) others."""
     return (
         intersection_areas(boxes[:, None], by)
         / np.maximum(boxes[:, 2] * boxes[:, 3], 1e-9)[:, None]
@@ -119,29 +119,29 @@ def pairwise_coverage(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> ND
 
 
 def is_truncated(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
-    """Whether a (4,) box goes to the border of an image of (width, height)."""
-    ends = box[:2] + box[2:]
-    return bool((box[:2] < _CUT_WITHIN).any() or (ends > np.array(image_size) - _CUT_WITHIN).any())
+    """Whether a (4,) box reaches the border of an image of (width, height)."""
+    ends, limits = box[:2] + box[2:], np.array(image_size) - _TRUNCATED_WITHIN
+    return bool((box[:2] < _TRUNCATED_WITHIN).any() or (ends > limits).any())
 
 
-def relative_center_distances(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
-    """How far boxes are from another one.
+def relative_center_distances(boxes: ArrayLike, reference: ArrayLike) -> NDArray[Any]:
+    """Center distances of boxes to a reference box, in units of its sides.
 
     Args:
         boxes: (..., 4) in pixels.
-        place: (4,) in pixels.
+        reference: (4,) in pixels.
 
     Returns:
-        (...,) distances of the centers along that axis on which they are further apart, in the
-        place's sides: boxes of its size are clear of it from 1 on.
+        (...,) distances, the larger of both axes. Boxes of the reference's size do not overlap it
+        from 1 on.
     """
-    boxes, place = np.asarray(boxes), np.asarray(place)
-    offsets = boxes[..., :2] + boxes[..., 2:] / 2 - place[:2] - place[2:] / 2
-    apart: NDArray[Any] = (np.abs(offsets) / place[2:]).max(axis=-1)
-    return apart
+    boxes, reference = np.asarray(boxes), np.asarray(reference)
+    offsets = boxes[..., :2] + boxes[..., 2:] / 2 - reference[:2] - reference[2:] / 2
+    distances: NDArray[Any] = (np.abs(offsets) / reference[2:]).max(axis=-1)
+    return distances
 
 
-def are_same_place(boxes: ArrayLike, place: ArrayLike) -> NDArray[Any]:
-    """(...,) whether boxes, (..., 4), are where another one is, (4,), and not beside it."""
-    is_there: NDArray[Any] = relative_center_distances(boxes, place) <= _SAME_PLACE
-    return is_there
+def are_same_place(boxes: ArrayLike, reference: ArrayLike) -> NDArray[Any]:
+    """(...,) whether the center of each (..., 4) box is within half a side of a (4,) reference."""
+    are_close: NDArray[Any] = relative_center_distances(boxes, reference) <= _SAME_PLACE
+    return are_close

@@ -1,4 +1,4 @@
-"""What the command lines of all executables share; imports nothing that takes time."""
+"""Argument parser of all executables; imports only light modules."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser that refuses in one line, and keeps the lines of its help as they are.
+    """Argument parser with one-line errors and unwrapped help texts.
 
     Args:
         prog: Name of the program.
@@ -19,5 +19,5 @@ class Parser(argparse.ArgumentParser):
         super().__init__(prog=prog, formatter_class=formatter, **further)
 
     def error(self, message: str) -> NoReturn:
-        """Tell what is wrong with the command line, and end the program."""
-        self.exit(2, f"{self.prog}: error: {message} ({self.prog} --help tells more)\n")
+        """Print the error and end the program with exit code 2."""
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")

@@ -1,6 +1,6 @@
-"""The executables, which read their command line before they import what takes time.
+"""Entry points of the executables. Each parses its command line before the slow imports.
 
-A signal that comes while `tracker` or `replay` are still importing ends them as any other does.
+A signal during the imports of `tracker`, `replay` or `console` ends them as a later one does.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ examples:
   tracker --ros-args -r image:=/camera/image_raw -p preset:=li2007
   tracker --ros-args --params-file my_tracker.yaml -p target_box:="[293.0, 97.0, 115.0, 82.0]"
 
-Everything is a ROS parameter: `ros2 param list /pf_tracker` and `ros2 param describe` tell of each.
+Every setting is a ROS parameter: see `ros2 param list /pf_tracker` and `ros2 param describe`.
 """
 _REPLAY_EXAMPLES = """\
 examples:
   replay drive.mcap
   replay drive.mp4 --ros-args -r image:=/camera/image_raw -p rate:=0.5 -p loop:=true
 
-The rest is ROS parameters: `ros2 param list /replay` and `ros2 param describe` tell of each.
+Other settings are ROS parameters: see `ros2 param list /replay` and `ros2 param describe`.
 """
 _CONSOLE_EXAMPLES = """\
 examples:
@@ -37,8 +37,8 @@ examples:
   console drive.mcap
   console --ros-args -p port:=8700 -p tracker:=/left/pf_tracker
 
-Then open the address that it writes. The rest is ROS parameters: `ros2 param list /console` and
-`ros2 param describe` tell of each.
+Then open the printed address. Other settings are ROS parameters: see `ros2 param list /console`
+and `ros2 param describe`.
 """
 
 
@@ -47,7 +47,7 @@ def tracker() -> None:
     hold_signals()
     parser = _Parser(
         "tracker",
-        "Track a target in the images of a topic: the ROS node pf_tracker.",
+        "Track targets in the images of a topic (ROS node pf_tracker).",
         _TRACKER_EXAMPLES,
     )
     parser.read(sys.argv[1:])
@@ -62,7 +62,7 @@ def replay() -> int:
     hold_signals()
     parser = _Parser(
         "replay",
-        "Publish a recording as a camera does: the ROS node replay.",
+        "Publish a recording like a camera (ROS node replay).",
         _REPLAY_EXAMPLES,
     )
     source = parser.read_source("")
@@ -77,15 +77,15 @@ def console() -> int:
     hold_signals()
     parser = _Parser(
         "console",
-        "Serve a web page that shows what the tracker sees, and drives it: the ROS node console.",
+        "Serve a web page that shows and controls the tracker (ROS node console).",
         _CONSOLE_EXAMPLES,
     )
-    source = parser.read_source("a recording to play to the tracker from the page: ")
+    source = parser.read_source("recording to play from the page: ")
     _require("console", "pf_tracker_ros.node")
     if find_spec("aiohttp") is None:
         print(
-            "console: error: the Python package aiohttp is missing; install the extra 'console' of "
-            "this package with pip, or python3-aiohttp with apt",
+            "console: error: the Python package aiohttp is missing; install this package's extra "
+            "'console' with pip, or python3-aiohttp with apt",
             file=sys.stderr,
         )
         sys.exit(2)
@@ -109,13 +109,13 @@ def _run(command: str, module: str) -> int:
     try:
         return int(_require(command, module).main())
     except KeyboardInterrupt:
-        # Later ones are caught, and told with what they have ended.
+        # Interrupted during the imports; the commands handle later interrupts themselves.
         print(f"{command}: interrupted", file=sys.stderr)
         return 130
 
 
 def _require(command: str, module: str) -> ModuleType:
-    """Import what a command needs, or end it with what is missing."""
+    """Import a command's module, or end the program with the name of the missing package."""
     try:
         require_opencv()
         return import_module(module)
@@ -125,7 +125,7 @@ def _require(command: str, module: str) -> ModuleType:
 
 
 class _Parser(Parser):
-    """Reads what is not for ROS, and tells how ROS is given what was meant for it."""
+    """Parser of the arguments outside --ros-args; errors show the ROS form of a parameter."""
 
     def __init__(self, prog: str, description: str, examples: str) -> None:
         super().__init__(
@@ -137,34 +137,34 @@ class _Parser(Parser):
         )
 
     def read(self, command_line: Sequence[str]) -> argparse.Namespace:
-        """Parse a command line without the program's name; its ROS arguments are left out."""
+        """Parse a command line without program name; ROS arguments are ignored."""
         own, _ = split_ros_arguments(command_line)
         options, unknown = self.parse_known_args(own)
         if unknown:
             self.error(
-                f"there is no argument {' '.join(unknown)}; parameters and remappings are "
-                f"given to ROS: {self.prog} --ros-args {' '.join(_as_parameters(unknown))}"
+                f"unknown argument {' '.join(unknown)}; set parameters and remappings by "
+                f"{self.prog} --ros-args {' '.join(_as_parameters(unknown))}"
             )
         return options
 
     def read_source(self, purpose: str) -> str | None:
-        """Parse this process' command line, which may name a source; its ROS arguments stay."""
+        """Parse this process' command line; returns its source, if any."""
         self.add_argument(
             "source",
             nargs="?",
-            help=f"{purpose}a rosbag2 folder or .mcap file, a video, a folder of images or a "
-            "sequence folder; the same as the parameter source",
+            help=f"{purpose}rosbag2 folder, .mcap file, video, folder of images or sequence "
+            "folder; same as the parameter source",
         )
         source: str | None = self.read(sys.argv[1:]).source
         try:
             (source or "").encode()
         except UnicodeEncodeError:
-            self.error(f"the name {source!a} is not UTF-8, which ROS needs; rename it")
+            self.error(f"the file name {source!a} is not UTF-8, as ROS requires; rename the file")
         return source
 
 
 def _as_parameters(unknown: Sequence[str]) -> Iterator[str]:
-    """Arguments such as `--preset li2007` as ROS takes them; an example if they are not."""
+    """Arguments such as `--preset li2007` in ROS form; an example for any others."""
     if unknown[0] in ("-p", "-r"):
         yield from unknown
         return

@@ -1,4 +1,4 @@
-"""What the launch files share; needs the ROS packages launch and launch_ros."""
+"""Arguments and nodes shared by the launch files; needs the ROS packages launch and launch_ros."""
 
 from __future__ import annotations
 
@@ -18,27 +18,24 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 PACKAGE = "pf_tracker_ros"
-# Arguments that are parameters of the tracker and have the names of these.
+# Launch arguments that are tracker parameters of the same names.
 TRACKER_PARAMETERS = ("preset", "image_reliability", "image_transport", "seed")
 _LOG_LEVELS = "debug, info, warn, error, fatal"
 
-# Description and default of the arguments of every launch file that starts a tracker first of all.
+# Name to description and default of the arguments that several launch files declare.
 _SHARED = {
     "image": ("Topic of the images.", "image"),
     "namespace": ("Namespace of the node, one for each of several cameras.", ""),
-    "preset": ("Preset, such as default or li2007; taken whole, over the file.", ""),
+    "preset": ("Preset, such as default or li2007; replaces the file's preset.", ""),
     "params_file": ("ROS parameter file, such as a copy of one in config/.", ""),
     "image_reliability": ("auto, best_effort or reliable.", ""),
     "image_transport": ("raw, or compressed for JPEG and PNG on <image>/compressed.", ""),
-    "seed": ("Seeds all randomness.", ""),
-    "console": (
-        "Serve the page that shows and drives the tracker on the loopback.",
-        "false",
-    ),
-    "console_port": ("Port of that page, another one for each console; 8642 without it.", ""),
+    "seed": ("Seed of the random number generators.", ""),
+    "console": ("Serve the console page on the loopback interface.", "false"),
+    "console_port": ("Port of the console, a different one for each; default 8642.", ""),
     "use_sim_time": ("Take the time from /clock.", "false"),
     "large_images": (
-        "Use the Fast DDS profile for large images; the publisher of the images needs it too.",
+        "Use the Fast DDS profile for large images; the image publisher needs it too.",
         "false",
     ),
     "log_level": ("debug, info, warn, error or fatal.", ""),
@@ -48,24 +45,24 @@ _FLAGS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no"
 
 
 class LaunchArguments:
-    """The arguments of a launch file as they were given, or their defaults.
+    """Values of a launch file's arguments.
 
     Args:
-        context: Of the launch that is under way.
+        context: Context of the running launch.
     """
 
     def __init__(self, context: LaunchContext) -> None:
         self._context = context
 
     def text(self, name: str) -> str:
-        """An argument as it is."""
+        """The argument as text."""
         return str(LaunchConfiguration(name).perform(self._context))
 
     def flag(self, name: str) -> bool:
-        """An argument that is true or false, in any case of its letters.
+        """The argument as a boolean, case-insensitive.
 
         Raises:
-            ValueError: It is neither.
+            ValueError: It is neither true nor false.
         """
         text = self.text(name)
         if text.lower() not in _FLAGS:
@@ -73,14 +70,14 @@ class LaunchArguments:
         return _FLAGS[text.lower()]
 
     def parameter(self, name: str, declaration: Declaration) -> Any:
-        """An argument that is a parameter of a node, one number or one word.
+        """The argument as value of a scalar node parameter.
 
         Args:
-            name: Of the argument.
-            declaration: Of the parameter.
+            name: Name of the argument.
+            declaration: Declaration of the parameter.
 
         Raises:
-            ValueError: The parameter cannot have it.
+            ValueError: The parameter does not allow the value.
         """
         text, kind = self.text(name), declaration.type
         try:
@@ -96,21 +93,21 @@ class LaunchArguments:
         return ParameterValue(value, value_type=str) if kind is str else value
 
     def file(self, name: str) -> list[str]:
-        """An argument that is the path of a file; empty is no file.
+        """The argument as a path, in a list that is empty without one.
 
         Raises:
-            ValueError: There is no such file.
+            ValueError: The file does not exist.
         """
         text = self.text(name)
         if text and not Path(text).expanduser().is_file():
-            raise ValueError(f"argument {name}:={text}; there is no such file")
+            raise ValueError(f"argument {name}:={text}; the file does not exist")
         return [str(Path(text).expanduser())] if text else []
 
     def box(self, name: str) -> list[float]:
-        """An argument that is four numbers, with or without brackets; empty is no box.
+        """The argument as the four numbers of a box, brackets optional; empty for no box.
 
         Raises:
-            ValueError: It is something else.
+            ValueError: It is not a box.
         """
         text = self.text(name)
         try:
@@ -125,15 +122,15 @@ class LaunchArguments:
         return numbers
 
     def words(self, name: str) -> list[str]:
-        """An argument that is a list of words, with or without brackets; empty is no word."""
+        """The argument as a list of words, brackets optional."""
         words = (part.strip(" '\"") for part in self.text(name).strip("[] ").split(","))
         return [word for word in words if word]
 
     def log_arguments(self) -> list[str]:
-        """The command line that sets the argument `log_level`, if it was given.
+        """Command-line arguments of a node for the launch argument `log_level`.
 
         Raises:
-            ValueError: It is no level, nor LOGGER:=LEVEL.
+            ValueError: It is neither LEVEL nor LOGGER:=LEVEL.
         """
         level = self.text("log_level")
         if level and level.rpartition(":=")[2].lower() not in _LOG_LEVELS.split(", "):
@@ -141,14 +138,14 @@ class LaunchArguments:
         return ["--ros-args", "--log-level", level] if level else []
 
     def environment(self) -> dict[str, str]:
-        """The environment that the argument `large_images` asks for."""
+        """Environment variables for the launch argument `large_images`."""
         if not self.flag("large_images"):
             return {}
         profile = Path(get_package_share_directory(PACKAGE)) / "config/fastdds_large_images.xml"
         return {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profile)}
 
     def common_node_options(self) -> dict[str, Any]:
-        """What every node is started with, as keywords of `launch_ros.actions.Node`."""
+        """Keywords of `launch_ros.actions.Node` for every node."""
         return {
             "package": PACKAGE,
             "namespace": self.text("namespace") or None,
@@ -159,23 +156,23 @@ class LaunchArguments:
 
 
 def argument(name: str, description: str, default: str = "") -> DeclareLaunchArgument:
-    """An argument that may be left out."""
+    """Declare an optional launch argument."""
     return DeclareLaunchArgument(name, default_value=default, description=description)
 
 
 def shared_arguments(*names: str) -> list[DeclareLaunchArgument]:
-    """Arguments that say the same in several launch files."""
+    """Declare some of the arguments that several launch files have."""
     return [argument(name, *_SHARED[name]) for name in names]
 
 
-def tracker_parameters(given: LaunchArguments) -> dict[str, Any]:
-    """Parameters that every launch file with a tracker sets; what is not given is left out.
+def tracker_overrides(given: LaunchArguments) -> dict[str, Any]:
+    """Tracker parameters that launch arguments set.
 
     Args:
-        given: The arguments.
+        given: The launch arguments.
 
     Raises:
-        ValueError: One of them is not allowed.
+        ValueError: An argument is not allowed.
     """
     parameters: dict[str, Any] = {"use_sim_time": given.flag("use_sim_time")}
     declared = declarations(NodeParameters)
@@ -188,27 +185,27 @@ def tracker_parameters(given: LaunchArguments) -> dict[str, Any]:
 def tracker_nodes(
     given: LaunchArguments, parameters: Mapping[str, Any], remappings: Mapping[str, str]
 ) -> list[Node]:
-    """The tracker, and a console where it is asked for.
+    """The tracker, and the console if requested.
 
     Args:
-        given: The arguments.
-        parameters: Of the tracker, over those of the file.
+        given: The launch arguments.
+        parameters: Tracker parameters; they take precedence over the parameter file.
         remappings: Name in the nodes to topic.
 
     Raises:
-        ValueError: One of the arguments is not allowed.
+        ValueError: An argument is not allowed.
     """
-    of_both = given.common_node_options() | {
+    options = given.common_node_options() | {
         "remappings": [*remappings.items()],
         "arguments": given.log_arguments(),
     }
-    # What comes later wins, so an argument wins over the file.
+    # Later entries take precedence.
     all_parameters = [*given.file("params_file"), dict(parameters)]
-    nodes = [Node(executable="tracker", name="pf_tracker", parameters=all_parameters, **of_both)]
+    nodes = [Node(executable="tracker", name="pf_tracker", parameters=all_parameters, **options)]
     if given.flag("console"):
         port = {}
         if given.text("console_port"):
             declared = declarations(ConsoleParameters)["port"]
             port = {"port": given.parameter("console_port", declared)}
-        nodes.append(Node(executable="console", name="console", parameters=[port], **of_both))
+        nodes.append(Node(executable="console", name="console", parameters=[port], **options))
     return nodes

@@ -1,7 +1,7 @@
-"""OpenCV, which the package needs and does not install: there are several packages of it.
+"""OpenCV: presence, thread count and log level.
 
-Only one of them may be in an environment, as all bring the same module; which one is for the user
-to choose, and installing another over it would replace it.
+OpenCV is no declared dependency. Several PyPI packages provide the same module `cv2` and exclude
+each other, so the user chooses one.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ _ERRORS_ALONE = 2
 
 
 def require_opencv() -> None:
-    """Make sure that there is an OpenCV, without importing it.
+    """Check that OpenCV is installed, without importing it.
 
     Raises:
-        ModuleNotFoundError: There is none; the message says how to get one.
+        ModuleNotFoundError: OpenCV is missing; the message names the packages.
     """
     if find_spec("cv2") is None:
         raise ModuleNotFoundError(
@@ -31,9 +31,9 @@ def require_opencv() -> None:
 
 @contextmanager
 def one_opencv_thread() -> Iterator[None]:
-    """Hold OpenCV to one thread for the length of a block.
+    """Limit OpenCV to one thread within a block.
 
-    The tracker looks at small regions: more threads make it no faster and keep other cores busy.
+    The tracker reads small image regions; more threads only occupy other cores.
     """
     import cv2
 
@@ -47,9 +47,9 @@ def one_opencv_thread() -> Iterator[None]:
 
 @contextmanager
 def quiet_opencv() -> Iterator[None]:
-    """Keep OpenCV's warnings off standard error for the length of a block.
+    """Suppress OpenCV's warnings on standard error within a block.
 
-    A disk that is full has it warn of every frame of a video.
+    With a full disk, OpenCV warns about every frame of a video.
     """
     import cv2
 

@@ -1,7 +1,7 @@
-"""Estimates, particles and states drawn into the image, as in the figures of the paper.
+"""The overlay: estimate, particles and state drawn into the image.
 
 Source: Li et al. 2007, figures: a large white box for the estimate, small white boxes for the
-particles, their place and size showing state and weight.
+particles. A particle's position shows its state, its size its weight.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ STATE_COLORS: dict[str, Color] = {
 }
 _OUTLINE: Color = (0, 0, 0)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
-# Sizes at an image height of 576 px, that of the paper.
+# Image height in the paper, pixels; the sizes below are for it.
 _NOMINAL_HEIGHT = 576.0
 _PARTICLE_SIDES = (2.0, 10.0)
 _FONT_SCALE = 0.7
-# Of a whole turn of the hue from one id to the next: any few that follow each other differ well.
+# Hue difference of successive ids, the golden angle as a fraction of a turn: near ids differ well.
 _HUE_STEP = 0.381966
 
 
@@ -44,13 +44,13 @@ def draw_tracked(
     *,
     multi_target: bool = False,
 ) -> NDArray[Any]:
-    """Draw what the tracker knows into a copy of the image.
+    """Draw the tracker's output into a copy of the image.
 
     Args:
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32.
-        targets: All that there are.
-        selected: Id of the one that is drawn stronger than others, 0 for none.
-        multi_target: Whether there may be several: then each is drawn in the color of its id.
+        targets: All tracked targets.
+        selected: Id of the target with the thicker box, 0 for none.
+        multi_target: Whether the tracker may have several targets. Each then has its own color.
 
     Returns:
         (H, W, 3) uint8 BGR.
@@ -67,10 +67,9 @@ def draw_overlay(image: NDArray[Any], estimate: Estimate | None, text: str = "")
 
     Args:
         image: As for `draw_tracked`.
-        estimate: Drawn as a large box, with its particles as small boxes whose side grows with
-            the weight from the lightest to the heaviest; its state gives the color. None draws
-            the text alone.
-        text: Written at the top left.
+        estimate: Drawn as a large box in the color of its state. A particle is a small square
+            whose side grows with its weight. None draws the text alone.
+        text: Caption at the top left.
 
     Returns:
         (H, W, 3) uint8 BGR.
@@ -95,8 +94,7 @@ def draw_multi_target(
 
     Args:
         image: As for `draw_tracked`.
-        targets: Drawn with their particles, boxes, ids and labels; the box of one that is not seen
-            is thin.
+        targets: Drawn with particles, box, id and label. Occluded and lost targets have a thin box.
         selected: As for `draw_tracked`.
 
     Returns:
@@ -114,26 +112,26 @@ def draw_multi_target(
         width += thickness if target.id == selected else 0
         draw_box(canvas, box, color, width)
         x, y = np.clip(box[:2], 0.0, canvas.shape[1::-1])
-        above = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)
-        _write(canvas, target_caption(target), (round(x), above), color, 0.8 * scale)
+        baseline = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)
+        _write(canvas, target_caption(target), (round(x), baseline), color, 0.8 * scale)
     return canvas
 
 
 def draw_box(canvas: NDArray[Any], box: NDArray[np.float64], color: Color, thickness: int) -> None:
-    """Draw a (4,) box into a BGR image, with a dark outline a pixel wide on either side."""
+    """Draw a (4,) box into a BGR image, with a dark outline of one pixel on both sides."""
     _draw_boxes(canvas, box[None], _OUTLINE, thickness + 2)
     _draw_boxes(canvas, box[None], color, thickness)
 
 
 def target_color(id: int) -> Color:
-    """The color of one of several targets, (blue, green, red)."""
+    """The color of a target id, (blue, green, red)."""
     hue = id * _HUE_STEP % 1.0
     red, green, blue = colorsys.hsv_to_rgb(hue, 0.75 if id % 2 else 0.55, 1.0)
     return round(255 * blue), round(255 * green), round(255 * red)
 
 
 def target_caption(target: TrackedTarget) -> str:
-    """The id and the label of one of several targets."""
+    """Id and label of a target."""
     return f"{target.id} {target.label}".rstrip()
 
 
@@ -141,7 +139,7 @@ def _write(
     canvas: NDArray[Any], text: str, origin: tuple[int, int], color: Color, scale: float
 ) -> None:
     thickness = max(1, round(2 * scale))
-    # OpenCV ends the process where a text cannot be encoded.
+    # OpenCV aborts the process on a text that cannot be encoded.
     text = text.encode("utf-8", "replace").decode("utf-8")
     for text_color, width in ((_OUTLINE, thickness + 2), (color, thickness)):
         cv2.putText(
@@ -153,14 +151,14 @@ def _canvas(image: NDArray[Any]) -> NDArray[Any]:
     if image.ndim == 3:
         return image.copy()
     if image.dtype != np.uint8:
-        # What people look at spans the values of this image, whatever the tracker saw before.
+        # The overlay spans the values of this image, not those of the tracker's frames before.
         values = sample(image)
         image = to_8_bit(image, range_of(values, margin=0.0) if values.size else (0.0, 1.0))
     return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
 
 
 def _particle_boxes(estimate: Estimate, scale: float) -> NDArray[np.float64]:
-    """(N, 4) squares at the particles' centers with sides by weight."""
+    """(N, 4) squares at the particles' centers; the side grows with the weight."""
     boxes = estimate.particle_boxes
     smallest, largest = (side * scale for side in _PARTICLE_SIDES)
     share = estimate.weights / estimate.weights.max()
@@ -173,7 +171,7 @@ def _draw_boxes(
     canvas: NDArray[Any], boxes: NDArray[np.float64], color: Color, thickness: int
 ) -> None:
     height, width = canvas.shape[:2]
-    # The last pixel inside [x, x + width); far outside is cut off, for OpenCV's integers.
+    # The last pixel inside [x, x + width). Clipped far outside, as OpenCV takes 32-bit integers.
     left, top = boxes[:, 0], boxes[:, 1]
     right, bottom = left + boxes[:, 2] - 1, top + boxes[:, 3] - 1
     x = np.clip(np.rint([left, right, right, left]), -width, 2 * width)

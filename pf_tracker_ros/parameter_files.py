@@ -1,4 +1,4 @@
-"""ROS parameter files, as far as they can be understood without ROS."""
+"""ROS parameter files, read without ROS."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 COMMON_PARAMETER_PREFIXES = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""How the names of parameters begin that every node, or each of its endpoints, has."""
+"""Name prefixes of the parameters that ROS declares in every node or for each endpoint."""
 
 _NODE_NAME = "pf_tracker"
 _TRACKER = declarations(TrackerParameters)
 _NODE = {name: one for name, one in declarations(NodeParameters).items() if name not in _TRACKER}
-# rcl's wildcards for parts of a node's name: any one, and any number of them.
+# rcl's wildcards for one token of a node's name and for any number of tokens.
 _WILDCARDS = {"*": "/[^/]+", "**": "(?:/[^/]+)*"}
 
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """What a parameter file says of the tracker itself, and not of the node around it.
+    """The tracker's own settings in a parameter file, without those of the node.
 
     Attributes:
-        preset: Name of the preset, None where the file gives none.
-        seed: None where it gives none.
-        parameters: Full name to value of what is given beside the preset. Whether such a parameter
-            exists, and takes that value, is for the tracker to judge.
-        other_node: The name above them, where no node of the tracker's usual name would take them.
+        preset: Name of the preset, None if absent.
+        seed: Seed, None if absent.
+        parameters: Full name to value of the other tracker parameters, unchecked.
+        other_node: Node name in the file if it does not match the tracker's default name, else
+            empty.
     """
 
     preset: str | None = None
@@ -42,16 +42,16 @@ class TrackerSettings:
 
 
 def read_parameter_file(path: Path | str) -> TrackerSettings:
-    """Read what a ROS parameter file says of the tracker, such as one that the console gives.
+    """Read the tracker settings of a ROS parameter file, such as one saved by the console.
 
-    Its sections for a node `pf_tracker` in any namespace are taken, a later one over an earlier
-    one; where there is only one section, whatever node it is for.
+    The sections for a node `pf_tracker` in any namespace are merged, later ones last. A single
+    section is read whatever its node.
 
     Args:
         path: The file.
 
     Raises:
-        ParameterError: It cannot be read, or has no parameters of a tracker.
+        ParameterError: The file cannot be read, or has no tracker parameters.
     """
     path = Path(path)
     try:
@@ -59,11 +59,11 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
     except YamlError as error:
         raise ParameterError(str(error)) from error
     values: dict[str, Any] = {}
-    sections = _sections_of_a_tracker(path, document)
+    sections = _tracker_sections(path, document)
     for _, section in sections:
         values |= _flat(section, "")
-    others = [name for name, _ in sections if not _is_usual(name)]
-    given = {name: _judged(path, name, values[name]) for name in _NODE if name in values}
+    others = [name for name, _ in sections if not _is_tracker(name)]
+    given = {name: _validated(path, name, values[name]) for name in _NODE if name in values}
     return TrackerSettings(
         given.get("preset"),
         given.get("seed"),
@@ -77,7 +77,7 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
 
 
 def parameter_names_for(document: Any, node_name: str) -> Iterator[str]:
-    """The full names of the parameters that a file gives a node, some of them several times.
+    """Full names of the parameters that a file sets in a node, with repetitions.
 
     Args:
         document: Content of the file.
@@ -89,39 +89,39 @@ def parameter_names_for(document: Any, node_name: str) -> Iterator[str]:
 
 
 def node_patterns(document: Any) -> list[str]:
-    """The patterns of node names that a file has parameters for, in its order."""
+    """The file's patterns of node names, in order."""
     return list(dict.fromkeys(pattern for pattern, _ in _sections(document, "")))
 
 
 def matches_node(pattern: str, node_name: str) -> bool:
-    """Whether a node's fully qualified name is one that rcl's pattern of names is for."""
+    """Whether a fully qualified node name matches a pattern by rcl's rules."""
     parts = pattern.strip("/").split("/")
     expression = "".join(_WILDCARDS.get(part, "/" + re.escape(part)) for part in parts)
     return re.fullmatch(expression, node_name) is not None
 
 
-def _is_usual(name: str) -> bool:
-    """Whether a pattern of names is for trackers of the usual name, in any namespace."""
-    return name.rpartition("/")[2] in (*_WILDCARDS, _NODE_NAME)
+def _is_tracker(pattern: str) -> bool:
+    """Whether a pattern of node names matches the tracker's default name in a namespace."""
+    return pattern.rpartition("/")[2] in (*_WILDCARDS, _NODE_NAME)
 
 
-def _sections_of_a_tracker(path: Path, document: Any) -> list[tuple[str, Any]]:
-    """Patterns of names and their parameters; only one where it is not a tracker's usual name."""
+def _tracker_sections(path: Path, document: Any) -> list[tuple[str, Any]]:
+    """Node patterns and parameters of the tracker's sections, or of the only section."""
     sections = list(_sections(document, ""))
     if not sections:
         raise ParameterError(
-            f"{path} is no ROS parameter file: it has no ros__parameters below the name of a node"
+            f"{path} is no ROS parameter file: it has no ros__parameters below a node name"
         )
     if len(sections) == 1:
         return sections
-    found = [(name, section) for name, section in sections if _is_usual(name)]
+    found = [(name, section) for name, section in sections if _is_tracker(name)]
     if not found:
         nodes = ", ".join(name for name, _ in sections)
         raise ParameterError(f"{path} has parameters of {nodes}; allowed: of {_NODE_NAME}")
     return found
 
 
-def _judged(path: Path, name: str, value: Any) -> Any:
+def _validated(path: Path, name: str, value: Any) -> Any:
     if isinstance(value, list):
         value = tuple(value)
     try:
@@ -131,7 +131,7 @@ def _judged(path: Path, name: str, value: Any) -> Any:
 
 
 def _sections(document: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Pattern of node names, and the parameters of those nodes."""
+    """Yield node patterns with their parameters."""
     for key, value in _items(document):
         if key == "ros__parameters":
             yield prefix, value

@@ -1,13 +1,12 @@
-"""Declared parameters: the one place where a tunable exists.
+"""Declared parameters: every tunable exists in one place.
 
-A group of tunables is a frozen dataclass whose fields are made by `declared`, which takes the
-default, the description, the unit and the range. Groups nest: the field `particles` of the group
-`filter` has the full name `filter.particles`. From the declarations follow the checks at start-up
-and at run time, the ROS descriptors, the preset files and the table in `docs/parameters.md`.
-
-Some tunables choose a part by its name, such as the motion model. The tunables of all parts of a
-registry are declared beside it by `parts`. All of them exist all the time; the description of each
-says while which part is chosen it counts.
+1. `declared` makes a tunable: a dataclass field with default, description, unit and range.
+2. `group` nests groups, which are frozen dataclasses: the field `particles` of the group `filter`
+   has the full name `filter.particles`.
+3. A tunable may select a part of a registry by name, such as the motion model. `parts` declares the
+   tunables of all its parts. They always exist; each description names the selection it needs.
+4. `declarations` lists them. The checks at start-up and at run time, the ROS descriptors, the
+   preset files and the table in `docs/parameters.md` are derived from this list.
 """
 
 from __future__ import annotations
@@ -36,21 +35,21 @@ _TYPE_NAMES = {
     tuple[float, ...]: "list of floats",
     tuple[str, ...]: "list of strings",
 }
-# Of a value, in a message.
+# Characters of a value quoted in a message.
 _LONGEST_QUOTE = 200
 _ELEMENTS = {tuple[float, ...]: float, tuple[str, ...]: str}
 
 
 class ParameterError(ValueError):
-    """A parameter that does not exist, or a value that it does not allow."""
+    """An unknown parameter, or a value that is not allowed."""
 
 
 class Condition(NamedTuple):
-    """That one of some parts is chosen.
+    """Condition under which a tunable is active.
 
     Attributes:
-        selector: Full name of the tunable that chooses.
-        choices: Its values, or elements of its value, with which the condition holds.
+        selector: Full name of another tunable.
+        choices: Values of the selector, or elements of a list, for which the condition holds.
     """
 
     selector: str
@@ -59,20 +58,20 @@ class Condition(NamedTuple):
 
 @dataclass(frozen=True)
 class Declaration:
-    """One tunable: its full name, type, default, range and what it is for.
+    """One tunable: its full name, type, default, range and purpose.
 
     Attributes:
         name: Full name, groups separated by dots.
         type: `bool`, `int`, `float`, `str`, `tuple[float, ...]` or `tuple[str, ...]`.
-        default: Value when nothing else is given.
-        description: What it does, when to change it, and while what it counts.
-        unit: Unit of the value, empty where it has none.
+        default: Default value.
+        description: Purpose, when to change it, and its condition.
+        unit: Unit of the value, empty for none.
         minimum: Smallest allowed number, inclusive; of each element for a list; -inf for others.
         maximum: Largest allowed number, inclusive; of each element for a list; inf for others.
         choices: Allowed strings; empty allows any. A list of strings holds each at most once.
         lengths: Allowed lengths of a list; empty allows any.
         read_only: Whether it is fixed once the tracker or node has started.
-        condition: While it counts; None where it always does.
+        condition: Condition under which it is active; None for always.
     """
 
     name: str
@@ -89,7 +88,7 @@ class Declaration:
 
     @property
     def type_name(self) -> str:
-        """The type as a user would write it, for example `list of floats`."""
+        """The type in words, for example `list of floats`."""
         return _TYPE_NAMES[self.type]
 
     @property
@@ -109,12 +108,12 @@ class Declaration:
         return text
 
     def is_active(self, values: Mapping[str, Any]) -> bool:
-        """Whether it does with some values: full name to value of every tunable."""
+        """Whether its condition holds, given full name to value of every tunable."""
         if self.condition is None:
             return True
         value = values[self.condition.selector]
-        chosen = value if isinstance(value, (list, tuple)) else (value,)
-        return not set(self.condition.choices).isdisjoint(chosen)
+        selected = value if isinstance(value, (list, tuple)) else (value,)
+        return not set(self.condition.choices).isdisjoint(selected)
 
     def validate(self, value: Any) -> Any:
         """Return `value` in the declared type.
@@ -126,8 +125,8 @@ class Declaration:
             The value converted to `type`.
 
         Raises:
-            ParameterError: The value has another type or is not allowed; the message names the
-                parameter, the value and what is allowed.
+            ParameterError: The value has the wrong type or is not allowed; the message names the
+                parameter, the value and the allowed values.
         """
         if self.type in _ELEMENTS:
             if not isinstance(value, (list, tuple)):
@@ -140,7 +139,7 @@ class Declaration:
         return self._element(value, self.type, value)
 
     def _element(self, element: Any, element_type: type, value: Any) -> Any:
-        """The element of a list, or a value that is none, in its type."""
+        """An element of a list, or a scalar value, converted to its type."""
         if element_type in (int, float):
             return self._number(element, element_type, value)
         if not isinstance(element, element_type):
@@ -152,7 +151,7 @@ class Declaration:
     def _number(self, element: Any, number_type: type, value: Any) -> Any:
         kind = getattr(getattr(element, "dtype", None), "kind", "")
         if kind and getattr(element, "ndim", 1) == 0:
-            # NumPy's scalars register as neither int nor bool; times and texts are no numbers.
+            # NumPy's scalars are neither int nor bool; its times and texts are no numbers.
             convert = {"i": int, "u": int, "f": float}.get(kind)
             if convert is None:
                 raise self._refusal(value)
@@ -160,7 +159,7 @@ class Declaration:
         integral = isinstance(element, int) and not isinstance(element, bool)
         if not integral and not (number_type is float and isinstance(element, float)):
             raise self._refusal(value)
-        # What is not a number is in no range.
+        # NaN is in no range.
         if not self.minimum <= element <= self.maximum:
             raise self._refusal(value)
         return number_type(element)
@@ -172,7 +171,7 @@ class Declaration:
 
 
 def quoted(value: Any) -> str:
-    """A value as a message quotes it, cut where it is long."""
+    """A value quoted for a message, shortened to 200 characters."""
     text = repr(value)
     return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}..."
 
@@ -191,14 +190,13 @@ def declared(
 ) -> Any:
     """Declare one tunable as a field of a frozen dataclass; arguments as in `Declaration`.
 
-    Choices may be a collection that still grows, such as a `Registry`. Where the tunable does not
-    always count, `only_with` has the name of the one that decides, as counted from the group around
-    the field, and the choices with which it does.
+    `choices` may be a collection that still grows, such as a `Registry`. `only_with` is the
+    condition: name of the selector relative to the enclosing group, and choices.
 
     Raises:
-        TypeError: A number without both ends of its range; the range keeps out NaN and infinity.
+        TypeError: A number without a finite range, which excludes NaN and infinity.
     """
-    # An empty list may be one of texts; `declarations` knows.
+    # An empty list may hold strings; `declarations` checks the type.
     numeric = (
         isinstance(default, int | float | tuple) and not isinstance(default, bool) and default != ()
     )
@@ -228,8 +226,8 @@ def group(
     """Declare a nested group of tunables as a field of a frozen dataclass.
 
     Args:
-        group_type: Of the tunables.
-        only_with: As for `declared`, of all of them; or what returns it, asked when it is needed.
+        group_type: Class of the group.
+        only_with: As for `declared`, for all its tunables; or a function returning that.
     """
     return dataclasses.field(default_factory=group_type, metadata={_CONDITION_KEY: only_with})
 
@@ -237,11 +235,11 @@ def group(
 def parts(by: str, registry: Registry[Any]) -> Any:
     """Declare the tunables of every part of a registry, as a field.
 
-    The field holds the built groups, by the names of the parts.
+    The field's value is a dictionary, part name to group.
 
     Args:
-        by: Name of the tunable that chooses among the parts, before the field in the same group.
-        registry: Of the parts.
+        by: Name of the selector, declared before this field in the same group.
+        registry: Registry of the parts.
     """
     return dataclasses.field(
         default_factory=lambda: {name: registry.parameters_of(name)() for name in registry},
@@ -252,7 +250,7 @@ def parts(by: str, registry: Registry[Any]) -> Any:
 def declarations(group_type: type) -> dict[str, Declaration]:
     """All tunables of a group, in order of declaration.
 
-    A choice among one is none, and not listed.
+    A selector with a single choice is omitted.
 
     Args:
         group_type: A frozen dataclass whose fields were made by `declared`, `group` and `parts`.
@@ -261,16 +259,16 @@ def declarations(group_type: type) -> dict[str, Declaration]:
         Full name to declaration.
 
     Raises:
-        TypeError: A field was made otherwise, or parts declare one name differently.
+        TypeError: A field was not made by these functions, or parts declare one name differently.
     """
     found: dict[str, Declaration] = {}
     for one in _walk(group_type, "", None):
         found[one.name] = _shared(found[one.name], one) if one.name in found else one
-    return {name: _explained(one, found) for name, one in found.items()}
+    return {name: _with_condition_described(one, found) for name, one in found.items()}
 
 
 def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
-    """Build a group from full names and values; what is not named keeps its default.
+    """Build a group from full names and values; other tunables keep their defaults.
 
     Args:
         group_type: As for `declarations`.
@@ -291,7 +289,7 @@ def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
 
 
 def why_unknown(group_type: type, name: str) -> str:
-    """Why there is no tunable of a name, and what to do, as a sentence."""
+    """Error message for an unknown name, with the closest or all known names."""
     known = declarations(group_type)
     close = difflib.get_close_matches(str(name), known, n=1)
     guess = f"did you mean '{close[0]}'?" if close else f"there are: {', '.join(known)}"
@@ -321,7 +319,7 @@ def _types(group_type: type) -> Mapping[str, Any]:
 
 
 def _walk(group_type: type, prefix: str, condition: Condition | None) -> Iterator[Declaration]:
-    """Every tunable of a group, with what parts share once for each of them."""
+    """Yield every tunable of a group; a tunable shared by parts appears once for each part."""
     types = _types(group_type)
     for field in dataclasses.fields(group_type):
         name = prefix + field.name
@@ -340,7 +338,7 @@ def _walk(group_type: type, prefix: str, condition: Condition | None) -> Iterato
         else:
             raise TypeError(
                 f"{group_type.__name__}.{field.name} is no tunable; make it by `declared`, with "
-                "its description and its range"
+                "description and range"
             )
 
 
@@ -355,27 +353,28 @@ def _declaration(
 
 
 def _shared(known: Declaration, other: Declaration) -> Declaration:
-    """The one tunable of several parts, with another part that declares it."""
+    """Add a part to a tunable that several parts declare."""
     mine, theirs = known.condition, other.condition
     if not mine or not theirs or dataclasses.replace(other, condition=mine) != known:
         among = ", ".join(choice for one in (mine, theirs) if one for choice in one.choices)
         raise TypeError(
-            f"'{known.name}' is declared in two ways by what belongs to {among}; declare it alike, "
-            "or give it a name of its own"
+            f"'{known.name}' is declared differently for {among}; declare it alike, or rename one"
         )
     choices = mine.choices + theirs.choices
     return dataclasses.replace(known, condition=mine._replace(choices=choices))
 
 
-def _explained(declaration: Declaration, known: Mapping[str, Declaration]) -> Declaration:
-    """The declaration whose description says while what it counts."""
+def _with_condition_described(
+    declaration: Declaration, known: Mapping[str, Declaration]
+) -> Declaration:
+    """Add the condition to the description; drop a condition that always holds."""
     if declaration.condition is None:
         return declaration
     name, choices = declaration.condition
     if name not in known or set(choices) == set(known[name].choices):
         return dataclasses.replace(declaration, condition=None)
-    verb = "is" if known[name].type is str else "holds"
-    description = f"{declaration.description} Counts while '{name}' {verb} {_listed(choices)}."
+    verb = "is" if known[name].type is str else "contains"
+    description = f"{declaration.description} Used only if '{name}' {verb} {_listed(choices)}."
     return dataclasses.replace(declaration, description=description)
 
 

@@ -1,4 +1,4 @@
-"""A progress bar with the rate and what is left, for people who wait."""
+"""A progress bar with rate and remaining time."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from contextlib import contextmanager
 _REDRAWN_EVERY = 0.1
 
 OnProgress = Callable[[str, int], None]
-"""Told what is worked on, and how much of it is done since it was told last."""
+"""Called with the name of the current item and the units done since the last call."""
 
 
 @contextmanager
 def progress_bar(total: int | None, unit: str = "frames", name: str = "") -> Iterator[OnProgress]:
-    """Show on standard error, if it is a terminal, how far the work is. Needs Rich.
+    """Show progress on standard error if it is a terminal. Needs Rich.
 
-    The bar is gone when the block ends, before a table or an error is printed.
+    The bar disappears at the end of the block.
 
     Args:
-        total: How many there are to do, None where that is unknown.
-        unit: What is counted.
-        name: Of what is worked on first.
+        total: Number of units to do, None if unknown.
+        unit: Name of the units.
+        name: Name of the first item.
 
     Yields:
-        What to call as it goes on.
+        Function that reports progress.
     """
     from rich.console import Console
     from rich.progress import (
@@ -46,7 +46,7 @@ def progress_bar(total: int | None, unit: str = "frames", name: str = "") -> Ite
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    # Rich would redraw from a thread of its own, whose CPU time would count as the tracker's.
+    # Rich's own refresh thread would add its CPU time to the tracker's.
     with Progress(
         *columns,
         console=console,

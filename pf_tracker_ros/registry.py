@@ -1,4 +1,4 @@
-"""Parts that are chosen by name, each registered where it is written."""
+"""Registries: parts selected by name, each registered in its own module."""
 
 from __future__ import annotations
 
@@ -23,20 +23,19 @@ class NoParameters:
 
 
 class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
-    """Name to what makes a part: a class or a function.
+    """Mapping of names to factories of parts, which are classes or functions.
 
-    Parts are in the order in which they registered. Other packages bring parts by entry points:
-    `NAME = "MODULE:MAKER"`, where the module registers the maker by that name. Their names come
-    last, in alphabetical order, and are known without importing anything; each is imported when it
-    is asked for. A part that cannot be used is reported in the log, and raises `ParameterError`
-    only when it is made.
+    Parts are in order of registration. Other packages add parts by entry points
+    `NAME = "MODULE:FACTORY"`, whose module registers the factory by that name. Their names come
+    last, in alphabetical order, and are known without an import; a part is imported on first
+    access. A part that cannot be imported is logged, and raises `ParameterError` when made.
 
     Args:
-        kind: What the parts are, for messages.
-        parameters: The group of tunables that those of every part are derived from.
-        group: Of the entry points.
-        prefix: How the names of a part's tunables begin in the group around them; empty where parts
-            share those that they declare alike.
+        kind: Kind of the parts, for messages.
+        parameters: Base class of the parts' groups of tunables.
+        group: Group of the entry points.
+        prefix: Prefix of the names of a part's tunables in the enclosing group. If empty, parts
+            share tunables of the same name.
     """
 
     def __init__(
@@ -51,7 +50,7 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         self._common = parameters
         self._group = group
         self.prefix = prefix
-        self._makers: dict[str, Callable[..., Part]] = {}
+        self._factories: dict[str, Callable[..., Part]] = {}
         self._parameters: dict[str, type] = {}
         self._loaded: set[str] = set()
         self._unusable: dict[str, str] = {}
@@ -59,29 +58,29 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
     def register(
         self, name: str, parameters: type | None = None
     ) -> Callable[[Registered], Registered]:
-        """Decorate a class, or a function, that makes a part.
+        """Decorate the factory of a part.
 
         Args:
-            name: That it is chosen by.
-            parameters: Its group of tunables; by default, those that every part has.
+            name: Name of the part.
+            parameters: Its group of tunables; by default the registry's base class.
 
         Raises:
             ValueError: The name is taken.
-            TypeError: The group lacks what every part has.
+            TypeError: The group is not derived from the base class.
         """
-        if name in self._makers:
+        if name in self._factories:
             raise ValueError(f"there is a {self._kind} '{name}' already; choose another name")
         own = parameters or self._common
         if self._common is not NoParameters and not issubclass(own, self._common):
             raise TypeError(
-                f"the parameters of the {self._kind} '{name}' have to be derived from "
+                f"the parameters of the {self._kind} '{name}' must be derived from "
                 f"{self._common.__name__}"
             )
 
-        def enter(maker: Registered) -> Registered:
-            self._makers[name] = maker
+        def enter(factory: Registered) -> Registered:
+            self._factories[name] = factory
             self._parameters[name] = own
-            return maker
+            return factory
 
         return enter
 
@@ -91,12 +90,12 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         return self._parameters[name]
 
     def check(self, name: str) -> None:
-        """Refuse a part of another package that cannot be used.
+        """Check that a part can be used.
 
         Raises:
-            ParameterError: Says why, and of which package it is.
+            ParameterError: It cannot; the message has the reason and its package.
         """
-        # What declares parameters knows of registries.
+        # Imported here: `parameters` imports this module.
         from pf_tracker_ros.parameters import ParameterError
 
         self._load(name)
@@ -104,85 +103,85 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
             raise ParameterError(self._unusable[name])
 
     def make(self, name: str, parameters: Any) -> Part:
-        """A part that is made of nothing but its group of tunables, or of nothing if it has none.
+        """Make a part from its group of tunables, or without arguments if it has none.
 
         Raises:
-            ParameterError: As `check`.
+            ParameterError: As for `check`.
         """
-        maker = self[name]
-        return maker() if isinstance(parameters, NoParameters) else maker(parameters)
+        factory = self[name]
+        return factory() if isinstance(parameters, NoParameters) else factory(parameters)
 
     def __getitem__(self, name: str) -> Callable[..., Part]:
         self._load(name)
-        return self._makers[name]
+        return self._factories[name]
 
     def __iter__(self) -> Iterator[str]:
-        yield from (name for name in tuple(self._makers) if name not in self._brought)
-        yield from self._brought
+        yield from (name for name in tuple(self._factories) if name not in self._entry_points)
+        yield from self._entry_points
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
     @cached_property
-    def _brought(self) -> Mapping[str, Sequence[EntryPoint]]:
-        """Name to the entry points of other packages; more than one is too many."""
-        # It takes as long as the rest of the library, and only lists of parts need it.
+    def _entry_points(self) -> Mapping[str, Sequence[EntryPoint]]:
+        """Name to the entry points of other packages; more than one is an error."""
+        # Imported here: it takes as long as the rest of the library, and only lists need it.
         from importlib.metadata import entry_points
 
-        brought: dict[str, list[EntryPoint]] = {}
+        by_name: dict[str, list[EntryPoint]] = {}
         found = sorted(entry_points(group=self._group), key=lambda point: (point.name, point.value))
         for point in found if self._group else ():
-            maker = self._makers.get(point.name)
-            if maker is None or _top_package(maker.__module__) == _top_package(point.value):
-                brought.setdefault(point.name, []).append(point)
+            factory = self._factories.get(point.name)
+            if factory is None or _top_package(factory.__module__) == _top_package(point.value):
+                by_name.setdefault(point.name, []).append(point)
             else:
                 self._report([point], f"there is a {self._kind} of that name already")
-        return brought
+        return by_name
 
     def _load(self, name: str) -> None:
-        """Import a part that another package brings, unless that was done before."""
-        if name in self._loaded or name not in self._brought:
+        """Import the part of another package on first use."""
+        if name in self._loaded or name not in self._entry_points:
             return
         self._loaded.add(name)
-        points = self._brought[name]
+        points = self._entry_points[name]
         try:
             if len(points) > 1:
-                raise ImportError("only one package may bring it; uninstall the others")
-            maker = points[0].load()
-            if self._makers.get(name) is not maker:
+                raise ImportError("only one package may provide it; uninstall the others")
+            factory = points[0].load()
+            if self._factories.get(name) is not factory:
                 raise ImportError(
                     f"it is not registered by that name; decorate it by .register('{name}')"
                 )
             self._check_parameters(name)
         except Exception as error:
-            # Whatever goes wrong in another package, a tracker without its part is to run.
+            # A broken package must not stop a tracker that does not use its part.
             self._unusable[name] = self._report(points, _in_one_line(error))
-            self._makers[name] = partial(self._refuse, name)
+            self._factories[name] = partial(self._refuse, name)
             self._parameters[name] = self._common
 
     def _refuse(self, name: str, *arguments: Any, **keywords: Any) -> Any:
-        """Make no part, and say why."""
+        """Factory of an unusable part: raises the reason."""
         self.check(name)
 
     def _check_parameters(self, name: str) -> None:
-        """Refuse tunables that cannot stand beside those of the other parts.
+        """Check a part's tunables against those of the other parts.
 
         Raises:
-            TypeError: What is wrong with them, and what would be right.
+            TypeError: A tunable is declared differently.
         """
         from pf_tracker_ros.parameters import declarations
 
         own = declarations(self._parameters[name])
-        for other in () if self.prefix else self._makers:
+        for other in () if self.prefix else self._factories:
             for declared, theirs in declarations(self._parameters[other]).items():
                 if own.get(declared, theirs) != theirs:
                     raise TypeError(
-                        f"its parameter '{declared}' is declared otherwise than that of '{other}'; "
-                        "declare it alike, or give it a name of its own"
+                        f"its parameter '{declared}' is declared differently than that of "
+                        f"'{other}'; declare it alike, or rename it"
                     )
 
     def _report(self, points: Sequence[EntryPoint], reason: str) -> str:
-        """Log that a part cannot be used; returns what it says."""
+        """Log that a part cannot be used; returns the message."""
         where = " and ".join(
             f"{point.dist.name if point.dist else 'unknown'} ({point.value})" for point in points
         )
@@ -200,11 +199,11 @@ def _in_one_line(error: Exception) -> str:
 
 
 def import_all(package: str, path: list[str]) -> None:
-    """Import every module of a package, so that what is in them registers itself.
+    """Import every module of a package, so that its parts are registered.
 
     Args:
-        package: Its name.
-        path: Its `__path__`.
+        package: Name of the package.
+        path: `__path__` of the package.
     """
     for module in sorted(found.name for found in pkgutil.iter_modules(path)):
         importlib.import_module(f"{package}.{module}")

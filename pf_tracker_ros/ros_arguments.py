@@ -1,4 +1,4 @@
-"""Which arguments of a command line are for ROS; imports nothing that takes time."""
+"""Splits a command line into the program's and ROS' arguments; imports only light modules."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 
 def split_ros_arguments(command_line: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Sort a command line as rcl does.
+    """Split a command line by rcl's rules.
 
     Args:
-        command_line: With stretches for ROS, each from `--ros-args` to `--` or to the end.
+        command_line: Arguments. Those from `--ros-args` to `--` or to the end are for ROS.
 
     Returns:
-        The program's own arguments and those for ROS, each in order and without the marks around
-        the stretches; a `--` outside of them is the program's own.
+        The program's own arguments and those for ROS, without the delimiters. A `--` outside of
+        ROS arguments is the program's own.
     """
     own: list[str] = []
     for_ros: list[str] = []

@@ -1,4 +1,4 @@
-"""A ROS domain in which nobody on this machine is, for replays and tests; needs no ROS."""
+"""Reserves a ROS domain that is unused on this machine, for replays and tests; needs no ROS."""
 
 from __future__ import annotations
 
@@ -6,22 +6,19 @@ import socket
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-# Of the RTPS standard: each participant of a domain has UDP ports of its own among these.
+# Port base and domain gain of the RTPS standard: the UDP ports of a domain's participants.
 _FIRST_PORT, _PORTS = 7400, 250
-# A TCP port for each domain, as ROS' package domain_coordinator has it: who has it, the domain is
-# reserved for.
+# Base of the TCP ports, one for each domain, by which ROS' domain_coordinator reserves a domain.
 _RESERVATIONS = 32768
 _DOMAINS = range(1, 101)
 
 
 @contextmanager
 def unused_domain(candidates: Iterable[int] = _DOMAINS) -> Iterator[int]:
-    """Reserve a ROS domain that has no participant on this machine, for the time of a block.
-
-    It stays reserved, against others who reserve theirs so, until the block ends.
+    """Reserve a ROS domain without participants on this machine until the block ends.
 
     Args:
-        candidates: Numbers of domains, 1 to 100; the first that is free is taken.
+        candidates: Domain ids, 1 to 100; the first free one is reserved.
 
     Raises:
         RuntimeError: None of them is free.
@@ -31,9 +28,7 @@ def unused_domain(candidates: Iterable[int] = _DOMAINS) -> Iterator[int]:
             if _bind(reservation, _RESERVATIONS + domain) and not _has_participants(domain):
                 yield domain
                 return
-    raise RuntimeError(
-        "there is no ROS domain without a node on this machine: end what runs in one of them"
-    )
+    raise RuntimeError("every ROS domain has a node on this machine; end the nodes of one domain")
 
 
 def _has_participants(domain: int) -> bool:
@@ -46,7 +41,7 @@ def _has_participants(domain: int) -> bool:
 
 
 def _bind(one: socket.socket, port: int) -> bool:
-    """Take a port; whether nobody else has it."""
+    """Bind a port; returns whether it was free."""
     try:
         one.bind(("", port))
     except OSError:

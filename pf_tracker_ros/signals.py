@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM, from the first moment of a process on; imports nothing that takes time."""
+"""Handling of SIGINT and SIGTERM from the start of a process; imports only light modules."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import Any
 
 @functools.cache
 def hold_signals() -> int:
-    """Keep SIGINT and SIGTERM from interrupting anything, from now on.
+    """Turn SIGINT and SIGTERM into bytes on a pipe.
 
-    rclpy's own handlers wake the executor before they shut its context down, so now and then it
-    waits again and misses the end; Python's raise an exception wherever the process happens to be.
+    rclpy's handlers wake the executor before they shut down its context, so it sometimes waits
+    again and misses the shutdown. Python's handlers raise an exception at an arbitrary line.
 
     Returns:
-        A file descriptor that can be read once a signal has come, also one from before the reading.
+        A file descriptor that becomes readable with the first signal.
     """
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
@@ -31,12 +31,12 @@ def hold_signals() -> int:
 
 @contextmanager
 def handled_signals(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
-    """Handle signals otherwise for the length of a block, where this is the main thread.
+    """Replace signal handlers within a block.
 
-    Only that may say what happens on a signal; in another one all stays as it is.
+    Only the main thread may do so; in another thread nothing changes.
 
     Args:
-        handlers: Signal to what `signal.signal` takes for it.
+        handlers: Signal to handler, as for `signal.signal`.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -50,10 +50,10 @@ def handled_signals(handlers: Mapping[signal.Signals, Any]) -> Iterator[None]:
 
 
 def ignore_signals() -> None:
-    """Let neither SIGINT nor SIGTERM end a process that is ending, by another exit code.
+    """Ignore SIGINT and SIGTERM while the process exits, so that its exit code stays.
 
-    As Python ends, it gives signals their default action back, but for those that are ignored. A
-    Ctrl-C in a terminal comes twice to what `ros2 launch` has started.
+    At exit Python restores the default action of signals unless they are ignored. Processes of
+    `ros2 launch` receive a Ctrl-C in a terminal twice.
     """
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""YAML files that a person writes, read so that no file can do harm."""
+"""Safe reading of YAML files: plain values only, without aliases."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ class YamlError(ValueError):
 def read_yaml(path: Path, what: str) -> Any:
     """The content of a YAML file of plain values.
 
-    An alias is refused, as rcl does: a few lines of them stand for more than any memory holds.
+    Aliases are refused, as in rcl: a few lines of them can expand beyond any memory.
 
     Args:
         path: The file.
-        what: What it should be, for the message, such as `target file`.
+        what: Kind of file for messages, such as `target file`.
 
     Raises:
-        YamlError: It is missing, may not be read, or is no such file.
+        YamlError: The file is missing, not readable or not such a YAML file.
         ModuleNotFoundError: PyYAML is not installed.
     """
-    # Only the commands that read such files need it.
+    # Imported here: only commands that read YAML files need PyYAML.
     import yaml
 
     try:
@@ -38,7 +38,6 @@ def read_yaml(path: Path, what: str) -> Any:
     except FootageError as error:
         raise YamlError(str(error)) from error
     except Exception as error:
-        # Besides its own errors PyYAML raises many others: of what is nested too deeply, or has a
-        # tag that does not suit it.
+        # PyYAML also raises other errors, as for deep nesting or an unsuitable tag.
         reason = " ".join(str(error).split())
         raise YamlError(f"{path} cannot be read as YAML ({reason})") from error

@@ -1,4 +1,4 @@
-"""Files come into place whole or not at all."""
+"""Atomic file writes."""
 
 import errno
 import os
@@ -21,7 +21,7 @@ def write(path, text="new", **options):
         draft.write_text(text)
 
 
-def test_what_was_there_stays_until_the_draft_is_whole(path):
+def test_the_former_file_stays_until_the_draft_is_complete(path):
     with atomic_write(path) as draft:
         draft.write_text("new")
         assert (draft.name, path.read_text()) == ("result.txt", "old")
@@ -42,9 +42,7 @@ def test_a_draft_that_fails_leaves_nothing(path):
 
 
 @pytest.mark.parametrize("has_links", [True, False], ids=["links", "no links"])
-def test_what_may_not_be_replaced_stays_also_if_it_comes_meanwhile(
-    tmp_path, monkeypatch, has_links
-):
+def test_an_existing_file_stays_without_may_replace(tmp_path, monkeypatch, has_links):
     def refuse(*_):
         raise OSError(errno.EPERM, "Operation not permitted")
 

@@ -15,18 +15,18 @@ from pf_tracker_ros.boxes import (
 BOXES = np.array([[0.0, 0.0, 4.0, 2.0], [2.0, 1.0, 4.0, 2.0], [9.0, 9.0, 1.0, 1.0]])
 
 
-def test_boxes_share_what_lies_in_both():
+def test_intersection_areas():
     assert intersection_areas(BOXES, BOXES).tolist() == [8.0, 8.0, 1.0]
     assert intersection_areas(BOXES[0], BOXES[1:]).tolist() == [2.0, 0.0]
 
 
-def test_pairs_overlap_by_the_shared_part_of_both_together_and_cover_by_that_of_the_first():
+def test_pairwise_iou_and_coverage():
     # 2 px^2 of 8 + 8 - 2.
     assert pairwise_iou(BOXES[:2], BOXES) == pytest.approx(np.array([[1, 1 / 7, 0], [1 / 7, 1, 0]]))
     assert pairwise_coverage(BOXES[:2], BOXES[:1]).tolist() == [[1.0], [0.25]]
 
 
-def test_a_box_is_the_one_around_its_corners():
+def test_a_box_is_the_bounding_box_of_its_corners():
     assert box_corners((1, 2, 3, 4)) == [(1, 2), (4, 2), (4, 6), (1, 6)]
     assert bounding_box(box_corners((1, 2, 3, 4))) == (1, 2, 3, 4)
     assert bounding_box([(5.0, -1.0)]) == (5, -1, 0, 0)
@@ -41,7 +41,7 @@ def test_a_box_is_the_one_around_its_corners():
         (math.nan, (4, 2)),
     ],
 )
-def test_the_box_around_a_turned_one_keeps_its_center(angle, sides):
+def test_the_bounding_box_of_a_rotated_box_keeps_its_center(angle, sides):
     width, height = sides
     expected = (10 - width / 2, 20 - height / 2, width, height)
     assert bounding_box_of_rotated((10, 20), (4, 2), angle) == pytest.approx(expected)

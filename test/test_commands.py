@@ -35,17 +35,17 @@ def test_help_tells_what_it_is_and_how_ros_gives_it_parameters(name):
         ("tracker", ["--preset", "li2007"], "tracker --ros-args -p preset:=li2007 ("),
         ("tracker", ["--preset=li2007"], "tracker --ros-args -p preset:=li2007 ("),
         ("tracker", ["preset:=li2007"], "tracker --ros-args -p NAME:=VALUE ("),
-        ("tracker", ["drive.mcap"], "there is no argument drive.mcap;"),
-        ("console", ["a.mcap", "b.mcap"], "there is no argument b.mcap;"),
+        ("tracker", ["drive.mcap"], "unknown argument drive.mcap;"),
+        ("console", ["a.mcap", "b.mcap"], "unknown argument b.mcap;"),
         ("console", ["a.mcap", "-r", "image:=/b"], "console --ros-args -r image:=/b ("),
         ("console", ["--port=80"], "console --ros-args -p port:=80 ("),
         ("replay", ["a.mcap", "--loop"], "replay --ros-args -p loop:=VALUE ("),
-        ("replay", ["a.mcap", "b.mcap"], "there is no argument b.mcap;"),
+        ("replay", ["a.mcap", "b.mcap"], "unknown argument b.mcap;"),
         ("replay", ["--rate=2", "--ros-args", "-p", "x:=1"], "-p rate:=2 ("),
         ("replay", ["--ros-args", "-p", "loop:=true", "--", "--rate=2"], "-p rate:=2 ("),
     ],
 )
-def test_an_argument_that_ros_would_have_to_be_given_is_refused_with_how(name, arguments, cure):
+def test_an_unknown_argument_is_refused_with_its_ros_form(name, arguments, cure):
     outcome = run(name, *arguments)
     assert outcome.returncode == 2
     assert outcome.stdout == ""
@@ -54,7 +54,7 @@ def test_an_argument_that_ros_would_have_to_be_given_is_refused_with_how(name, a
     assert cure in line
 
 
-def test_the_console_says_what_it_lacks():
+def test_the_console_reports_a_missing_package():
     code = (
         "import sys; sys.modules['aiohttp'] = None\n"
         "import pf_tracker_ros.commands as c; sys.exit(c.console())"
@@ -99,4 +99,4 @@ def test_replay_takes_a_path(ros_domain, moving_square_sequence):
 def test_a_path_that_is_not_utf_8_is_refused():
     outcome = run("replay", os.fsdecode(b"v\xe4.mp4"))
     assert outcome.returncode == 2
-    assert "is not UTF-8, which ROS needs; rename it" in outcome.stderr
+    assert "is not UTF-8, as ROS requires; rename the file" in outcome.stderr

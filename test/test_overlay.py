@@ -78,7 +78,7 @@ def test_the_text_stands_at_the_top_left(plain):
 
 
 def test_a_text_that_cannot_be_encoded_is_drawn_with_a_question_mark():
-    """OpenCV ends the process with it, so that this is asked of another one."""
+    """In another process, which OpenCV would abort."""
     program = """
 import numpy as np
 from pf_tracker_ros.overlay import draw_overlay

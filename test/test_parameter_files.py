@@ -1,4 +1,4 @@
-"""What a ROS parameter file says of the tracker, and what the commands make of it."""
+"""Tracker settings of a ROS parameter file."""
 
 import pytest
 
@@ -36,7 +36,7 @@ def file(tmp_path):
     return write
 
 
-def test_what_is_of_the_tracker_is_read_and_what_is_of_the_node_left_out(file):
+def test_parameters_of_the_tracker_are_read_without_those_of_the_node(file):
     assert read_parameter_file(file(TUNED)) == TrackerSettings(
         "zhang2015",
         4,
@@ -49,7 +49,7 @@ def test_what_is_of_the_tracker_is_read_and_what_is_of_the_node_left_out(file):
     )
 
 
-def test_the_library_takes_what_was_read(file):
+def test_the_library_accepts_the_settings(file):
     settings = read_parameter_file(file(TUNED))
     tracker = Tracker.from_preset(settings.preset, settings.seed, settings.parameters)
     assert tracker.parameters["particles"] == 50
@@ -70,7 +70,7 @@ def test_the_library_takes_what_was_read(file):
         ("pf_tracker:\n  ros__parameters:\n", {}),
     ],
 )
-def test_the_sections_of_a_tracker_are_taken(file, text, parameters):
+def test_the_sections_of_a_tracker_are_merged(file, text, parameters):
     assert read_parameter_file(file(text)).parameters == parameters
 
 
@@ -88,7 +88,7 @@ def test_every_value_of_a_preset_comes_back(file, preset):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("a: [", "own.yaml cannot be read as YAML"),
         ("- 1", "own.yaml is no ROS parameter file: it has no ros__parameters"),
@@ -102,13 +102,13 @@ def test_every_value_of_a_preset_comes_back(file, preset):
         ("/**:\n  ros__parameters: {target_box: [1]}\n", "own.yaml: parameter 'target_box' is"),
     ],
 )
-def test_what_is_no_parameter_file_of_a_tracker_is_refused(file, text, said):
+def test_a_file_without_parameters_of_a_tracker_is_refused(file, text, message):
     with pytest.raises(ParameterError, match=r"own\.yaml") as error:
         read_parameter_file(file(text))
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
-def test_a_file_that_is_not_there_or_none_is_refused(tmp_path):
+def test_a_missing_file_or_a_folder_is_refused(tmp_path):
     with pytest.raises(ParameterError, match="No such file"):
         read_parameter_file(tmp_path / "none.yaml")
     with pytest.raises(ParameterError, match="is a folder"):

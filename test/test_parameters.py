@@ -52,7 +52,7 @@ def test_names_are_full_and_in_order_of_declaration():
     assert (declaration.type, declaration.default, declaration.unit) == (float, 1.5, "kW")
 
 
-def test_what_is_not_named_keeps_its_default():
+def test_other_tunables_keep_their_defaults():
     car = build(Car, {"engine.power": 2})
     assert car == Car(engine=Engine(power=2.0))
     assert isinstance(car.engine.power, float)
@@ -90,19 +90,19 @@ def test_flatten_is_the_inverse_of_build():
         ("size", 1.0, "0 or 2 numbers"),
     ],
 )
-def test_a_refusal_names_the_parameter_the_value_and_what_is_allowed(name, value, allowed):
+def test_an_error_names_the_parameter_the_value_and_the_allowed_values(name, value, allowed):
     with pytest.raises(ParameterError) as refusal:
         build(Car, {name: value})
     for part in (f"'{name}'", repr(value), allowed):
         assert part in str(refusal.value)
 
 
-def test_an_unknown_name_is_refused_listing_those_there_are():
+def test_an_unknown_name_is_refused_with_all_names():
     with pytest.raises(ParameterError, match=r"'wheels'; there are: color, open"):
         build(Car, {"wheels": 4})
 
 
-def test_a_name_that_is_nearly_right_is_refused_with_the_right_one():
+def test_a_misspelled_name_is_refused_with_the_closest_name():
     with pytest.raises(ParameterError, match=r"'engine\.powr'; did you mean 'engine\.power'\?$"):
         build(Car, {"engine.powr": 1.0})
 
@@ -192,7 +192,7 @@ class Boat:
     ropes: tuple[str, ...] = declared((), "Ropes.", choices=("bow", "stern", "spring"))
 
 
-# Name to what has to be chosen for it to count.
+# Name to the condition under which it is active.
 CONDITIONS = {
     "name": None,
     "drive.kind": None,
@@ -213,7 +213,7 @@ BOAT = declarations(Boat)
 
 
 def boats():
-    """Any values, some of them left out."""
+    """Random values of some tunables."""
     some_devices = st.lists(st.sampled_from(list(DEVICES)), unique=True).map(tuple)
     possible = {"drive.kind": st.sampled_from(list(DRIVES)), "devices": some_devices}
     for name, declaration in BOAT.items():
@@ -224,32 +224,34 @@ def boats():
     return st.fixed_dictionaries({}, optional=possible)
 
 
-def test_those_of_all_parts_are_there_and_know_while_what_they_count():
+def test_tunables_of_all_parts_are_declared_with_their_conditions():
     assert {name: declaration.condition for name, declaration in BOAT.items()} == CONDITIONS
     assert list(BOAT) == list(CONDITIONS)
     assert all(name == declaration.name for name, declaration in BOAT.items())
-    # A choice among one is none.
+    # A selector with a single choice is omitted.
     assert "hull" not in BOAT
 
 
-def test_the_description_says_while_what_they_count():
+def test_the_description_contains_the_condition():
     described = {name: declaration.description for name, declaration in BOAT.items()}
     assert described["name"] == "Name."
-    assert described["drive.draft"] == "Draft. Counts while 'drive.kind' is 'sail' or 'diesel'."
-    assert described["spare.channel"] == "Channel. Counts while 'devices' holds 'spare'."
+    assert described["drive.draft"] == "Draft. Used only if 'drive.kind' is 'sail' or 'diesel'."
+    assert described["spare.channel"] == "Channel. Used only if 'devices' contains 'spare'."
 
 
 @given(boats())
-def test_what_counts_follows_from_what_is_chosen(values):
+def test_a_tunable_is_active_if_its_condition_holds(values):
     values = flatten(build(Boat, values))
     for name, condition in CONDITIONS.items():
-        chosen = values[condition[0]] if condition else ()
-        chosen = {chosen} if isinstance(chosen, str) else set(chosen)
-        assert BOAT[name].is_active(values) == (condition is None or bool(chosen & {*condition[1]}))
+        selected = values[condition[0]] if condition else ()
+        selected = {selected} if isinstance(selected, str) else set(selected)
+        assert BOAT[name].is_active(values) == (
+            condition is None or bool(selected & {*condition[1]})
+        )
 
 
 @given(boats())
-def test_flatten_is_the_inverse_of_build_whatever_is_chosen(values):
+def test_flatten_is_the_inverse_of_build_for_any_selection(values):
     flat = flatten(build(Boat, values))
     assert list(flat) == list(BOAT)
     assert flat == {name: values.get(name, one.default) for name, one in BOAT.items()}
@@ -257,7 +259,7 @@ def test_flatten_is_the_inverse_of_build_whatever_is_chosen(values):
     assert build(Boat, {}) == Boat()
 
 
-def test_parts_share_what_they_declare_alike_and_have_the_rest_for_themselves():
+def test_parts_share_tunables_that_they_declare_alike():
     boat = build(Boat, {"drive.draft": 3.0, "drive.area": 9.0, "spare.channel": 7})
     assert boat.drive.of_kinds["sail"] == Sail(area=9.0, draft=3.0)
     assert boat.drive.of_kinds["diesel"] == Diesel(draft=3.0)
@@ -265,7 +267,7 @@ def test_parts_share_what_they_declare_alike_and_have_the_rest_for_themselves():
     assert boat.of_devices["spare"] == Radio(channel=7)
 
 
-def test_what_every_part_has_always_counts():
+def test_a_tunable_of_every_part_is_always_active():
     drives = Registry("drive", prefix="")
 
     @dataclass(frozen=True)
@@ -292,7 +294,7 @@ class Balloon:
 
 
 @pytest.mark.parametrize(("other", "name"), [(Barge, "draft"), (Balloon, "height")])
-def test_one_name_for_two_things_is_refused(other, name):
+def test_one_name_for_two_tunables_is_refused(other, name):
     drives = Registry("drive", prefix="")
 
     @dataclass(frozen=True)
@@ -302,11 +304,13 @@ def test_one_name_for_two_things_is_refused(other, name):
         of_kinds: dict[str, Any] = parts("kind", drives)
 
     drives.register("sail", Sail)(dict)
-    # There is no choice yet, and so no condition.
+    # A single choice makes no condition.
     assert list(declarations(Machine)) == ["height", "area", "draft"]
     assert declarations(Machine)["draft"].condition is None
     drives.register("other", other)(dict)
-    with pytest.raises(TypeError, match=f"'{name}' is declared in two ways by .*other; declare it"):
+    with pytest.raises(
+        TypeError, match=f"'{name}' is declared differently for .*other; declare it"
+    ):
         declarations(Machine)
 
 
@@ -317,7 +321,7 @@ WHY_UNKNOWN = {
 
 
 @pytest.mark.parametrize("name", WHY_UNKNOWN)
-def test_why_a_name_is_not_there_is_told_with_what_to_do(name):
+def test_the_message_for_an_unknown_name(name):
     assert why_unknown(Boat, name) == WHY_UNKNOWN[name]
     with pytest.raises(ParameterError) as refusal:
         build(Boat, {name: 1.0})
@@ -327,7 +331,7 @@ def test_why_a_name_is_not_there_is_told_with_what_to_do(name):
 @pytest.mark.parametrize(
     "value", [("anchor",), ("bow", "bow"), "bow", ("bow", 1), (("bow",),), None, 1.0, (None,)]
 )
-def test_a_list_of_strings_holds_what_is_allowed_each_at_most_once(value):
+def test_a_list_of_strings_holds_each_allowed_string_at_most_once(value):
     with pytest.raises(ParameterError) as refusal:
         build(Boat, {"ropes": value})
     allowed = "list of strings, each at most once, 'bow' or 'stern' or 'spring'"
@@ -340,13 +344,13 @@ def test_a_list_of_strings_keeps_its_order():
 
 
 @pytest.mark.parametrize("name", ["drive.kind", "devices"])
-def test_a_wrong_choice_is_refused_with_what_can_be_chosen(name):
+def test_a_wrong_choice_is_refused_with_the_choices(name):
     with pytest.raises(ParameterError, match=f"'{name}' is .*; allowed: .*'(sail|radio)'"):
         build(Boat, {name: "kite"})
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_a_preset_names_only_what_counts_with_it(preset):
+def test_a_preset_names_only_active_tunables(preset):
     known = declarations(TrackerParameters)
     values = flatten(build(TrackerParameters, PRESETS[preset]))
     assert all(known[name].is_active(values) for name in PRESETS[preset])
@@ -368,7 +372,7 @@ def test_a_preset_names_only_what_counts_with_it(preset):
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_whatever_is_not_allowed_is_refused_in_few_words(name, value):
+def test_the_message_for_a_value_that_is_not_allowed_is_short(name, value):
     with pytest.raises(ParameterError) as refusal:
         build(Car, {name: value})
     assert len(str(refusal.value)) < 400

@@ -1,4 +1,4 @@
-"""Parts that are chosen by name: each registers itself, and is found where it is written."""
+"""Registries: parts selected by name, each registered in its own module."""
 
 import json
 import subprocess
@@ -38,7 +38,7 @@ def wheels():
     return registry, Wooden, pumped
 
 
-def test_a_name_leads_to_what_makes_the_part_and_to_its_parameters(wheels):
+def test_a_name_has_a_factory_and_parameters(wheels):
     registry, wooden, pumped = wheels
     assert registry["wooden"] is wooden
     assert registry["air"] is pumped
@@ -66,11 +66,11 @@ def test_a_name_that_is_taken_is_refused_and_keeps_its_part(wheels):
     assert list(registry) == ["wooden", "air"]
 
 
-def test_the_parameters_of_a_part_are_derived_from_those_that_every_part_has():
+def test_the_parameters_of_a_part_are_derived_from_the_base_class():
     registry = Registry("wheel", WheelParameters)
     registry.register("plain")(int)
     assert registry.parameters_of("plain") is WheelParameters
-    message = "parameters of the wheel 'odd' have to be derived from WheelParameters"
+    message = "parameters of the wheel 'odd' must be derived from WheelParameters"
     with pytest.raises(TypeError, match=message):
         registry.register("odd", NoParameters)
     assert "odd" not in registry
@@ -84,14 +84,14 @@ def test_a_part_is_made_of_its_parameters_if_it_has_any():
     assert registry.make("air", NoParameters()) == "pumped"
 
 
-def test_an_unknown_name_has_nothing(wheels):
+def test_an_unknown_name_raises_a_key_error(wheels):
     registry, _, _ = wheels
-    for ask in (registry.__getitem__, registry.parameters_of):
+    for look_up in (registry.__getitem__, registry.parameters_of):
         with pytest.raises(KeyError):
-            ask("steel")
+            look_up("steel")
 
 
-def test_two_registries_know_nothing_of_each_other(wheels):
+def test_registries_are_independent(wheels):
     other = Registry("wheel")
     assert list(other) == []
     other.register("wooden")(int)
@@ -134,7 +134,7 @@ def test_the_shipped_parts():
 
 
 def printed(code, *arguments):
-    """What a fresh interpreter prints, as JSON: nothing is registered there but by the code."""
+    """JSON output of a fresh interpreter, where only the code registers parts."""
     outcome = subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],
         capture_output=True,
@@ -189,7 +189,7 @@ print(json.dumps(list(CARS)))
     assert printed(code, tmp_path) == ["ant", "middle", "zebra"]
 
 
-def test_a_file_that_cannot_be_imported_is_not_passed_over(tmp_path):
+def test_a_file_that_cannot_be_imported_raises(tmp_path):
     package = tmp_path / "garage"
     package.mkdir()
     (package / "__init__.py").write_text(

@@ -1,4 +1,4 @@
-"""A command line is sorted as rcl sorts it."""
+"""Arguments are split by rcl's rules."""
 
 import pytest
 from rclpy.utilities import remove_ros_args
@@ -21,7 +21,7 @@ from pf_tracker_ros.ros_arguments import split_ros_arguments
         ("a -- --ros-args -p x:=1", "a --", "-p x:=1"),
     ],
 )
-def test_each_argument_goes_where_rcl_takes_it(command_line, own, for_ros):
+def test_arguments_are_split_as_in_rcl(command_line, own, for_ros):
     arguments = command_line.split()
     assert split_ros_arguments(arguments) == (own.split(), for_ros.split())
     # The first argument is the program's name to rclpy.

@@ -1,4 +1,4 @@
-"""The choice of a ROS domain in which nobody is."""
+"""Reservation of an unused ROS domain."""
 
 import itertools
 import os
@@ -10,7 +10,7 @@ from pf_tracker_ros.ros_domains import unused_domain
 
 
 def free_domains(count):
-    """Domains, in order, that are free by now."""
+    """The first free domains."""
     found = []
     while len(found) < count:
         with unused_domain(range(found[-1] + 1 if found else 1, 101)) as domain:
@@ -27,7 +27,7 @@ def test_a_domain_is_reserved_until_its_block_ends():
         assert again == one
 
 
-def test_what_a_block_raises_gets_through():
+def test_an_error_in_the_block_propagates():
     with pytest.raises(OSError, match="of the block"), unused_domain():
         raise OSError("of the block")
 
@@ -35,7 +35,7 @@ def test_what_a_block_raises_gets_through():
 # The RTPS standard: 7400 and 250 for each domain, 10 and 11 for the first participant, two more for
 # each other one.
 @pytest.mark.parametrize("offset", [0, 10, 11, 12, 201])
-def test_a_domain_with_a_participant_is_passed_over(offset):
+def test_a_domain_with_a_participant_is_skipped(offset):
     one, other = free_domains(2)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
         port.bind(("127.0.0.1", 7400 + 250 * one + offset))
@@ -43,18 +43,16 @@ def test_a_domain_with_a_participant_is_passed_over(offset):
             assert domain == other
 
 
-def test_where_every_domain_has_somebody_that_is_told_with_what_to_do():
+def test_no_free_domain_is_an_error():
     with (
         unused_domain() as domain,
-        pytest.raises(RuntimeError, match="end what runs"),
+        pytest.raises(RuntimeError, match="end the nodes of one domain"),
         unused_domain([domain]),
     ):
         pass
 
 
-def test_the_next_test_takes_no_domain_with_a_node_of_somebody_else(
-    monkeypatch, request, domain_numbers
-):
+def test_the_fixture_skips_a_domain_with_a_foreign_node(monkeypatch, request, domain_numbers):
     rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with unused_domain(itertools.islice(domain_numbers, 100)) as domain:

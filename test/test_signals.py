@@ -1,4 +1,4 @@
-"""Signals that a block handles otherwise."""
+"""Signal handlers replaced within a block."""
 
 import os
 import signal
@@ -7,23 +7,23 @@ import threading
 from pf_tracker_ros.signals import handled_signals
 
 
-def test_a_block_handles_signals_and_what_was_before_is_there_again():
-    heard = []
+def test_a_block_replaces_handlers_and_restores_them():
+    received = []
     before = signal.getsignal(signal.SIGTERM)
-    with handled_signals({signal.SIGTERM: lambda number, _: heard.append(number)}):
+    with handled_signals({signal.SIGTERM: lambda number, _: received.append(number)}):
         os.kill(os.getpid(), signal.SIGTERM)
-    assert heard == [signal.SIGTERM]
+    assert received == [signal.SIGTERM]
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_in_another_thread_all_stays_as_it_is():
+def test_in_another_thread_handlers_stay():
     found = []
 
-    def look():
+    def read():
         with handled_signals({signal.SIGTERM: signal.SIG_IGN}):
             found.append(signal.getsignal(signal.SIGTERM))
 
-    thread = threading.Thread(target=look)
+    thread = threading.Thread(target=read)
     thread.start()
     thread.join()
     assert found == [signal.getsignal(signal.SIGTERM)]

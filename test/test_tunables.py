@@ -1,4 +1,4 @@
-"""Every tunable that counts with a preset makes a difference there."""
+"""Every tunable that is active in a preset makes a difference there."""
 
 import cv2
 import numpy as np
@@ -12,19 +12,19 @@ from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 KNOWN = declarations(TrackerParameters)
 INTERVAL = 0.1
 SEEDS = range(3)
-DIM, HIDDEN, GONE = range(26, 30), range(18, 22), range(44, 66)
+DIM, OCCLUDED, ABSENT = range(26, 30), range(18, 22), range(44, 66)
 FIRST_BOX = (20, 30, 24, 24)
-TOLD = ("box", "state", "confidence", "covariance", "particles")
+COMPARED = ("box", "state", "confidence", "covariance", "particles")
 
-# What makes no difference by itself, and what has to be chosen beside it.
-BESIDE = {
-    # Another one does not suit the other choices of the preset.
+# Tunables without an effect of their own, and the settings that they need.
+NEEDS = {
+    # Other proposals do not fit the preset's motion model.
     ("li2007", "proposal.method"): {"motion.model": "affine"},
     # A single cue has all of the weight.
     ("zhang2015", "hog.weight"): {"cues": ("hog", "color_histogram")},
 }
 
-# What counts where a detector finds targets, and another value of it.
+# Tunables that need detections, with a value other than the default.
 OF_DETECTIONS = {
     "max_targets": 1,
     "track.reidentify_within": 0.0,
@@ -36,7 +36,7 @@ OF_DETECTIONS = {
 
 @pytest.fixture(scope="module")
 def scene():
-    """A square that grows and shrinks, in changing light, is hidden, lost, and back elsewhere."""
+    """A square grows and shrinks in changing light, is occluded, lost, and returns elsewhere."""
     generator = np.random.default_rng(3)
     coarse = generator.integers(40, 160, (12, 16, 3), dtype=np.uint8)
     ground = cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_CUBIC)
@@ -46,11 +46,11 @@ def scene():
     for index in range(74):
         image = ground.copy()
         side = round(24 * 1.012 ** max(min(index - 8, 36 - index), 0))
-        x, y = (20 + 2 * index, 30 + index) if index < GONE.stop else (2 * index - 102, 70)
-        if index not in GONE:
+        x, y = (20 + 2 * index, 30 + index) if index < ABSENT.stop else (2 * index - 102, 70)
+        if index not in ABSENT:
             patch = cv2.resize(target, (side, side), interpolation=cv2.INTER_NEAREST)
             image[y : y + side, x : x + side] = patch
-        if index in HIDDEN:
+        if index in OCCLUDED:
             image[:, 50:90] = 90
         if index in DIM:
             image = cv2.convertScaleAbs(image, alpha=0.93)
@@ -59,8 +59,8 @@ def scene():
     return images
 
 
-def follow(scene, preset, parameters, seed):
-    """The estimates, one by one."""
+def estimates_of(scene, preset, parameters, seed):
+    """Yield the estimates."""
     tracker = Tracker.from_preset(preset, seed, parameters)
     yield tracker.start(scene[0], FIRST_BOX)
     for image in scene[1:]:
@@ -68,27 +68,27 @@ def follow(scene, preset, parameters, seed):
 
 
 def differ(one, other):
-    return not all(np.array_equal(getattr(one, name), getattr(other, name)) for name in TOLD)
+    return not all(np.array_equal(getattr(one, name), getattr(other, name)) for name in COMPARED)
 
 
 @pytest.fixture(scope="module")
 def makes_a_difference(scene, other_values):
-    """Whether a parameter of a preset does, beside others that are set."""
+    """Function: whether a parameter of a preset makes a difference, given other settings."""
     known = {}
 
-    def usual(preset, beside, seed):
-        key = (preset, str(beside), seed)
+    def default_run(preset, settings, seed):
+        key = (preset, str(settings), seed)
         if key not in known:
-            known[key] = list(follow(scene, preset, beside, seed))
+            known[key] = list(estimates_of(scene, preset, settings, seed))
         return known[key]
 
-    def makes(preset, declaration, beside):
-        value = {**preset_parameters(preset), **beside}.get(declaration.name, declaration.default)
+    def makes(preset, declaration, settings):
+        value = {**preset_parameters(preset), **settings}.get(declaration.name, declaration.default)
         for seed in SEEDS:
             for other in other_values(declaration, value):
                 try:
-                    found = follow(scene, preset, {**beside, declaration.name: other}, seed)
-                    if any(map(differ, usual(preset, beside, seed), found)):
+                    found = estimates_of(scene, preset, {**settings, declaration.name: other}, seed)
+                    if any(map(differ, default_run(preset, settings, seed), found)):
                         return True
                 except ParameterError:
                     continue
@@ -98,8 +98,8 @@ def makes_a_difference(scene, other_values):
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_the_scene_has_it_all(scene, preset):
-    states = [estimate.state for estimate in follow(scene, preset, {}, seed=0)]
+def test_the_scene_covers_all_states(scene, preset):
+    states = [estimate.state for estimate in estimates_of(scene, preset, {}, seed=0)]
     assert set(states[:18]) == set(states[35:44]) == {"tracking"}
     assert "occluded" in states[18:22]
     assert "lost" in states[44:]
@@ -115,32 +115,34 @@ def test_the_scene_has_it_all(scene, preset):
     ],
 )
 def test_a_tunable_makes_a_difference(makes_a_difference, preset, name):
-    assert makes_a_difference(preset, KNOWN[name], BESIDE.get((preset, name), {}))
+    assert makes_a_difference(preset, KNOWN[name], NEEDS.get((preset, name), {}))
 
 
-def told_of_detections(scene, preset, parameters):
-    """Ids and boxes frame by frame: the square, and what the detector does not find for a while."""
+def tracks_with_detections(scene, preset, parameters):
+    """Ids and boxes of each frame: the square, and another object with a gap in its detections."""
     pytest.importorskip("scipy")
     tracker = MultiTracker.from_preset(preset, 0, {"max_targets": 4, **parameters})
-    told = []
+    tracks = []
     for index, image in enumerate(scene):
-        x, y = (20 + 2 * index, 30 + index) if index < GONE.stop else (2 * index - 102, 70)
-        found = [] if index in GONE else [((x, y, 24, 24), 0.95, "square")]
+        x, y = (20 + 2 * index, 30 + index) if index < ABSENT.stop else (2 * index - 102, 70)
+        found = [] if index in ABSENT else [((x, y, 24, 24), 0.95, "square")]
         if index not in range(15, 36):
             found.append(((20, 84, 24, 24), 0.6, "other"))
         seen = Detections(*zip(*found, strict=True)) if found else Detections([])
-        answer = tracker.update(image, INTERVAL, seen if index % 3 == 0 else None)
-        told.append([(target.id, target.estimate.box) for target in answer])
-    return told
+        targets = tracker.update(image, INTERVAL, seen if index % 3 == 0 else None)
+        tracks.append([(target.id, target.estimate.box) for target in targets])
+    return tracks
 
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_a_tunable_of_detections_makes_a_difference(scene, preset):
-    usual = told_of_detections(scene, preset, {})
+    default = tracks_with_detections(scene, preset, {})
     for name, value in OF_DETECTIONS.items():
-        assert told_of_detections(scene, preset, {name: value}) != usual, name
+        assert tracks_with_detections(scene, preset, {name: value}) != default, name
 
 
-@pytest.mark.parametrize(("preset", "name"), BESIDE)
-def test_what_needs_another_choice_makes_none_by_itself(makes_a_difference, preset, name):
+@pytest.mark.parametrize(("preset", "name"), NEEDS)
+def test_a_tunable_that_needs_another_setting_makes_none_by_itself(
+    makes_a_difference, preset, name
+):
     assert not makes_a_difference(preset, KNOWN[name], {})

@@ -1,7 +1,4 @@
-"""Writes what follows from the declared parameters: the preset files and their table.
-
-`make generate` writes `config/<preset>.yaml` for each preset, and `docs/parameters.md`.
-"""
+"""Generates files from the declared parameters: `config/<preset>.yaml` and `docs/parameters.md`."""
 
 from __future__ import annotations
 
@@ -34,14 +31,14 @@ def generated_files() -> dict[str, str]:
 
 
 def _preset_file(preset: str) -> str:
-    """A ROS parameter file that sets the preset, and names the others that count in comments."""
+    """A ROS parameter file that sets the preset, with its active parameters in comments."""
     values = {name: declaration.default for name, declaration in _NODE.items()}
     values |= preset_parameters(preset)
     lines = [
         f"# Parameters of the tracker node: the preset {preset}. To change a value, copy the file,",
-        "# take away the # in front of the parameter's name, and use the copy with",
+        "# uncomment the parameter, and use the copy with",
         "#   ros2 run pf_tracker_ros tracker --ros-args --params-file FILE",
-        "# What does not count with the preset is left out: see docs/parameters.md.",
+        "# Parameters without effect in this preset are omitted: see docs/parameters.md.",
         f"# (Written by `{_COMMAND}`.)",
         "/**:",
         "  ros__parameters:",
@@ -49,7 +46,7 @@ def _preset_file(preset: str) -> str:
     for name, declaration in (_NODE | _TRACKER).items():
         if not declaration.is_active(values):
             continue
-        fixed = "fixed while the node runs" if name in _NODE else "a change learns the target again"
+        fixed = "fixed while the node runs" if name in _NODE else "a change relearns the target"
         comment = f"{declaration.description} {_allowed(declaration, fixed)}."
         lines += textwrap.wrap(
             comment,
@@ -67,28 +64,27 @@ def _preset_file(preset: str) -> str:
 
 def _parameter_tables() -> str:
     presets = {preset: preset_parameters(preset) for preset in PRESETS}
-    choosers = dict.fromkeys(one.condition.selector for one in _TRACKER.values() if one.condition)
+    selectors = dict.fromkeys(one.condition.selector for one in _TRACKER.values() if one.condition)
     sections = [
         "# Parameters",
         f"Written by `{_COMMAND}` from the declarations in the code.",
-        "What changes at run time does so with `ros2 param set`; the rest is fixed once the node "
-        "runs.",
+        "Parameters marked *yes* can change at run time by `ros2 param set`; the others are fixed "
+        "once the node runs.",
         "## The node `pf_tracker`",
-        "A wrong value at start-up keeps the node from tracking, not from running: the log and "
-        "`~/status` say what is wrong, and it goes on as soon as every such parameter, also one "
-        "that is otherwise fixed, has been set rightly. A name that there is not is told of, and "
-        "has no effect.",
+        "With an invalid value at start-up the node runs, but does not track: the log and "
+        "`~/status` have the reason, and tracking starts once every such parameter, even a fixed "
+        "one, has a valid value. An unknown parameter is reported and has no effect.",
         _table(_NODE),
         "## The tracker",
-        "The same names in the node and in the library (`Tracker.from_preset`); one column for "
-        "each preset, of which `default` applies if none is chosen. All change at run time in the "
-        "node, and in the library with `set_parameters`; those marked *learns again* make it learn "
-        "every target again where it was last seen.",
-        f"{_listed(choosers)} choose what the tracker is made of. A parameter of a part is there "
-        "all the time, and counts while the part is chosen, as its description says.",
-        "With `max_targets` above 1 the presets have the same values but for "
-        f"{_different_for_several()}.",
-        _table(_TRACKER, presets, "learns again"),
+        "The names are the same in the node and in the library (`Tracker.from_preset`). Each "
+        "preset has a column; the preset is `default` unless set. All can change at run time in "
+        "the node, and in the library by `set_parameters`. Those marked *relearns* make the "
+        "tracker learn every target again where it was last seen.",
+        f"{_listed(selectors)} select parts of the tracker. The parameters of every part always "
+        "exist; each is used only if its part is selected, as its description says.",
+        "With `max_targets` above 1 the presets have the same values except for "
+        f"{_multi_target_differences()}.",
+        _table(_TRACKER, presets, "relearns"),
         "## The replay publisher `replay`",
         _table(declarations(ReplayParameters)),
         "## The console `console`",
@@ -97,19 +93,19 @@ def _parameter_tables() -> str:
     return "\n\n".join(sections) + "\n"
 
 
-def _different_for_several() -> str:
-    """Which values of which presets are others where several targets are followed."""
-    found = []
+def _multi_target_differences() -> str:
+    """The presets' values that differ for several targets, as a clause."""
+    differences = []
     for preset in PRESETS:
-        one, several = preset_parameters(preset), preset_parameters(preset, 2)
+        single, multi = preset_parameters(preset), preset_parameters(preset, 2)
         changed = [
             f"`{name}: {_yaml(value)}`"
-            for name, value in several.items()
-            if name != "max_targets" and one[name] != value
+            for name, value in multi.items()
+            if name != "max_targets" and single[name] != value
         ]
         if changed:
-            found.append(f"`{preset}`, which then has {', '.join(changed)}")
-    return " and ".join(found)
+            differences.append(f"`{preset}`, which then has {', '.join(changed)}")
+    return " and ".join(differences)
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -159,7 +155,7 @@ def _yaml(value: Any) -> str:
         return "[" + ", ".join(_yaml(element) for element in value) + "]"
     if isinstance(value, float):
         text = repr(value)
-        # Without a point, readers of YAML disagree on whether 1e-05 is a number.
+        # Without a decimal point, YAML readers disagree on whether 1e-05 is a number.
         return text.replace("e", ".0e") if "e" in text and "." not in text else text
     return json.dumps(value)
 
@@ -168,7 +164,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Write the generated files and print their paths."""
     parser = argparse.ArgumentParser(description="Write the preset files and their table.")
     parser.add_argument(
-        "directory", nargs="?", type=Path, default=Path(), help="the repository, by default here"
+        "directory", nargs="?", type=Path, default=Path(), help="the repository [.]"
     )
     directory: Path = parser.parse_args(arguments).directory
     if not (directory / "pf_tracker_ros").is_dir():

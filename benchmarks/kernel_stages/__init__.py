@@ -1,1 +1,1 @@
-"""What a frame is made of, each stage timed beside a floor of the same run."""
+"""The stages of a frame, each timed with a lower bound from the same run."""

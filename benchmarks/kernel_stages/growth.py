@@ -1,4 +1,4 @@
-"""How the cost of each stage grows, fitted and drawn."""
+"""Growth of each stage's cost, fitted and plotted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One `update` of `li2007` beside the same measurement made particle by particle."""
+"""An `update` of `li2007` compared with the same measurement in a loop over particles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ratios of the library's costs that must hold."""
+"""The ratios of the library's costs that have limits."""
 
 from __future__ import annotations
 

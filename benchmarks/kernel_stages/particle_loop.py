@@ -1,4 +1,4 @@
-"""The measurement of Li et al. 2007 as tutorials make it: particle by particle, with OpenCV."""
+"""The measurement of Li et al. 2007 as a loop over particles with OpenCV, as in tutorials."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much of an update of `default` is Python's overhead: calls, and arrays as such.
+"""Share of Python's overhead in an update of `default`: calls and array objects.
 
 The same sequence of calls is made with next to nothing in the arrays: 2 particles, a window of 4
 cells instead of 40, the smallest search, and an image of 64 x 48. What that takes is what calling

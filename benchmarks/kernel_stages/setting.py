@@ -1,4 +1,4 @@
-"""One setting: an image, a target in it, and particles around."""
+"""A setting: an image, a target and particles around it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every map, every cue's scoring and every preset's update, alone."""
+"""Timings of every map, every cue's scoring and every preset's update."""
 
 from __future__ import annotations
 

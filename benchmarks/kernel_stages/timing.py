@@ -1,4 +1,4 @@
-"""CPU times of calls that take turns, so that a busy machine slows all of them."""
+"""CPU times of alternating calls, so that other load slows all of them."""
 
 from __future__ import annotations
 

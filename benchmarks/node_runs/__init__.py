@@ -1,1 +1,1 @@
-"""Runs of the tracker node beside a bare subscriber, each kind of measurement in a file."""
+"""Runs of the tracker node and a bare subscriber, a module for each kind of measurement."""

@@ -1,4 +1,4 @@
-"""Answers every image with a polygon: what ROS takes for a frame, and nothing else.
+"""A bare subscriber: publishes a polygon for every image, which measures ROS' share of a frame.
 
 python benchmarks/node_runs/bare_subscriber.py reliable
 """

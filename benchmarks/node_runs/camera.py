@@ -1,4 +1,4 @@
-"""A camera that publishes frames at an even rate and notes when each is answered."""
+"""A camera that publishes frames at a constant rate and records the time of each answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames for the camera: a textured square that goes left and right over a textured ground."""
+"""Frames for the camera: a textured square that moves left and right over a textured image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes as processes of their own, and what they take of the machine."""
+"""Nodes as processes, and their CPU time and memory."""
 
 from __future__ import annotations
 

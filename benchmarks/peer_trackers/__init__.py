@@ -1,4 +1,4 @@
-"""Other people's trackers behind one interface, for the comparison in `peers.py`.
+"""Trackers of other libraries behind one interface, for the comparison in `peers.py`.
 
 One file a library; each tracker runs as its library ships it, save where its docstring says so.
 """

@@ -1,4 +1,4 @@
-"""The color particle filter of the tutorials: a loop over the particles, a histogram for each."""
+"""The color particle filter of tutorials: a loop over particles with a histogram for each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""OpenCV's MIL tracker, which Zhang Bo's comparison has as the family of machine learning."""
+"""OpenCV's MIL tracker, the machine learning family of Zhang Bo's comparison."""
 
 from __future__ import annotations
 

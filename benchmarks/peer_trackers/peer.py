@@ -1,4 +1,4 @@
-"""What all peers share: a name for the tables, and what they need."""
+"""Base class of the peers: name in the tables and requirements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A pedestrian in a street whose clutter is a number: the background's complexity under control.
+"""A pedestrian in a street with an adjustable level of clutter.
 
 Zhang Bo compares trackers as the background's complexity grows, and leaves open how it is measured.
 Here it is the level of clutter, 0 to 1: how sharp the street behind the target is, how much of it

@@ -1,4 +1,4 @@
-"""Sprites: small pictures with transparency, placed on a canvas at fractions of a pixel.
+"""Sprites: small images with transparency, placed on a canvas at subpixel positions.
 
 Bilinear interpolation keeps a sprite's total coverage and moves its centroid by exactly the shift,
 so what is drawn is where the ground truth says, whatever the fraction. OpenCV would round the shift

@@ -1,4 +1,4 @@
-"""A stage: a backdrop, actors that move in front of it, and a foreground that hides them."""
+"""A stage: a backdrop, actors that move in front of it, and a foreground that occludes them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random textures that surfaces in a scene are made of."""
+"""Random textures of surfaces in a scene."""
 
 from __future__ import annotations
 

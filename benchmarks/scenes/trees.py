@@ -1,4 +1,4 @@
-"""Trees in the foreground: trunks, branches and leaves that hide what walks behind them."""
+"""Trees in the foreground: trunks, branches and leaves that occlude the actors behind them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two umbrellas of like color and unlike texture that pass each other in a street.
+"""Two umbrellas of similar color and different texture that pass each other in a street.
 
 The scene of the second sequence in Li, Zhang, Li 2007: the target goes from left to right, another
 umbrella from right to left; trees hide them in part, the background is cluttered, the camera is

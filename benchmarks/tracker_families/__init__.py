@@ -1,4 +1,4 @@
-"""The seven families of trackers that Zhang Bo compares with, one tracker and one file each.
+"""The seven families of trackers in Zhang Bo's comparison, a tracker and a module for each.
 
 They are built from OpenCV's functions in the spirit of their families; Zhang Bo cites a paper for
 each and gives neither code nor parameters. All follow `FamilyTracker`: `start(image, box)`, then

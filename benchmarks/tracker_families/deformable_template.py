@@ -1,4 +1,4 @@
-"""Family 4, deformable template: an adaptive template is bent onto the image.
+"""Family 4, deformable template: an adaptive template is warped onto the image.
 
 A search by correlation finds the place; the affine map that aligns the template best is then
 found by maximizing the enhanced correlation coefficient; the aligned patch renews the template.

@@ -1,4 +1,4 @@
-"""What all families share: the rules for the box, and how parts of images are taken and matched."""
+"""Base class of the families: limits of the box, cropping and template matching."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class FamilyTracker(ColorImageTracker):
         self._first_size = np.array(first[2:])
         return first
 
-    def _within_reach(self, box: Array, image: Image) -> Array:
+    def _limited(self, box: Array, image: Image) -> Array:
         image_size = np.array([image.shape[1], image.shape[0]], float)
         least = np.minimum(np.maximum(_SIZE_RANGE[0] * self._first_size, 4.0), self._first_size)
         most = np.minimum(_SIZE_RANGE[1] * self._first_size, image_size)

@@ -1,4 +1,4 @@
-"""Family 3, feature points: corners in the box are followed by pyramidal Lucas-Kanade (KLT).
+"""Family 3, feature points: corners in the box are tracked by pyramidal Lucas-Kanade (KLT).
 
 Points that do not come back to where they were when tracked backward are dropped, and those that do
 not go along with the others, as points of the background in the box. The median motion moves the

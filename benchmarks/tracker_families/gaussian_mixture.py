@@ -1,4 +1,4 @@
-"""Family 1, contrast with the background: detection by a mixture of Gaussians a pixel.
+"""Family 1, contrast with the background: detection by a mixture of Gaussians per pixel.
 
 OpenCV's MOG2 tells foreground from background, the difference of images takes out of it what does
 not move: ghosts left where something stood in the first image. The foreground near where a Kalman

@@ -1,4 +1,4 @@
-"""Family 6, machine learning: target or background, told by a classifier that learns online.
+"""Family 6, machine learning: an online classifier of target and background.
 
 OpenCV's `TrackerMIL`: boosted Haar features, trained on bags of patches. It has no scale.
 

@@ -1,4 +1,4 @@
-"""Family 5, optical flow: the dense flow around the target is clustered, one cluster is the target.
+"""Family 5, optical flow: the dense flow around the target is clustered into target and background.
 
 DIS flow from the last image to this one, clustered by k-means over motion and place. The clusters
 that lie mostly in the box are the target's: their motion carries the box, what they span corrects

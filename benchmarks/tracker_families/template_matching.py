@@ -1,4 +1,4 @@
-"""Family 2, region matching: a template of brightness and edges is searched near the last place.
+"""Family 2, region matching: a template of brightness and edges is searched near the last box.
 
 Both are matched by normalized cross-correlation at three sizes. The template changes slowly, where
 it matches well.

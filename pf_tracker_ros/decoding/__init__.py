@@ -1,1 +1,1 @@
-"""From image messages to arrays."""
+"""Decodes image messages to arrays."""

@@ -1,4 +1,4 @@
-"""From any image message to the one array that the tracker sees."""
+"""Decodes raw and compressed image messages to the tracker's image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class ImageDecoder:
     """Decodes raw and compressed images.
 
     Attributes:
-        max_pixels: Most pixels of a compressed image.
+        max_pixels: Maximum number of pixels of a compressed image.
 
     Args:
         max_pixels: As the attribute.
@@ -26,12 +26,12 @@ class ImageDecoder:
 
         Returns:
             (height, width, 3) uint8 BGR, or (height, width) uint8, uint16 or float32; a read-only
-            view of the message's data where its layout allows.
+            view of the message's data if the layout allows.
 
         Raises:
-            ImageError: The message holds no such image.
+            ImageError: The message contains no such image.
         """
-        # Either type has fields that the other lacks.
+        # Only CompressedImage has this field.
         if hasattr(message, "format"):
             return decode_compressed(cast(CompressedImage, message), self.max_pixels)
         return decode_raw(message)

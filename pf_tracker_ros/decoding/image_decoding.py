@@ -1,4 +1,9 @@
-"""Image messages as arrays that the tracker takes, without a copy where the layout allows."""
+"""Decodes sensor_msgs/Image, without a copy if the layout allows.
+
+1. Check that sizes, step and length of the data agree.
+2. View the data as an array of pixels, or of rows for planar YUV.
+3. Convert color to BGR.
+"""
 
 from __future__ import annotations
 
@@ -16,13 +21,13 @@ from pf_tracker_ros.plurals import counted
 
 Pixels = NDArray[Any]
 
-# OpenCV's remap and warps take no larger images.
+# Limit of OpenCV's remap and warps.
 LARGEST_SIDE = 32766
 
-# What a message calls its encoding may be of any length.
+# Characters of an encoding in an error message.
 _LONGEST_QUOTE = 40
 
-# BT.601 video levels, as OpenCV takes them for the other YUV layouts: from (Y, U, V, 1) to B, G, R.
+# BT.601 video levels, as in OpenCV's other YUV conversions: (Y, U, V, 1) to (B, G, R).
 _YUV_TO_BGR = np.array(
     [
         [1.164, 2.018, 0.0, -276.928],
@@ -33,14 +38,14 @@ _YUV_TO_BGR = np.array(
 
 
 class RawImage(Protocol):
-    """What a sensor_msgs/Image tells, whoever deserialized it.
+    """The fields of a sensor_msgs/Image, from any deserializer.
 
     Attributes:
         height: Rows.
         width: Pixels in a row.
         encoding: One of `ENCODINGS`.
-        is_bigendian: Whether samples of several bytes begin with the highest.
-        step: Bytes of a row, padding included.
+        is_bigendian: Whether samples of several bytes are big endian.
+        step: Bytes of a row, including padding.
         data: The rows.
     """
 
@@ -62,11 +67,11 @@ class ImageError(ValueError):
     """An image message that cannot be decoded.
 
     Attributes:
-        field: The message's field that is wrong, for example `step`.
+        field: The invalid field, for example `step`.
 
     Args:
         field: As the attribute.
-        problem: What is wrong, for the message.
+        problem: Description for the error message.
     """
 
     def __init__(self, field: str, problem: str) -> None:
@@ -76,17 +81,17 @@ class ImageError(ValueError):
 
 @dataclass(frozen=True)
 class Encoding:
-    """How one encoding lays out its pixels, and how to make them a tracker's image.
+    """Pixel layout of an encoding, and its conversion to an image.
 
     Attributes:
-        sample_type: NumPy type of one sample, without its byte order.
+        sample_type: NumPy type of a sample, without byte order.
         channels: Samples per pixel.
-        to_image: From the message's pixels, (height, width) or (height, width, channels), in the
-            machine's byte order, to (height, width, 3) uint8 BGR or (height, width) uint8, uint16
-            or float32. With `chroma_rows` from whole rows, (rows, step), instead.
-        chroma_rows: Rows of color per row of the image that follow after the image's rows.
-        multiple_of: (width, height) of the smallest tile: the image's sides are multiples of it.
-        smallest_side: Least width and height.
+        to_image: Converts the message's pixels, (height, width) or (height, width, channels) in
+            native byte order, to (height, width, 3) uint8 BGR or (height, width) uint8, uint16 or
+            float32. With `chroma_rows` it receives whole rows, (rows, step).
+        chroma_rows: Rows of color per row of the image, stored after the image's rows.
+        multiple_of: (width, height) that the image's sides must be multiples of.
+        smallest_side: Minimum of width and height.
     """
 
     sample_type: str
@@ -102,7 +107,7 @@ def _unchanged(pixels: Pixels) -> Pixels:
 
 
 def _converted(code: int) -> Callable[[Pixels], Pixels]:
-    # A view with its channels reversed costs nothing here and ten times as much in every use.
+    # A view with reversed channels costs nothing here, but makes every use ten times as slow.
     return partial(cv2.cvtColor, code=code)
 
 
@@ -124,9 +129,9 @@ _YUYV = Encoding("u1", 2, _converted(cv2.COLOR_YUV2BGR_YUYV), multiple_of=(2, 1)
 
 
 def _bayer(pattern: str) -> dict[str, Encoding]:
-    """The encodings of one pattern of color filters.
+    """The encodings of a Bayer pattern.
 
-    16 bits become gray: the range in use is not known here, and the tracker finds that of gray.
+    16 bits become gray, as the tracker determines the range in use of gray images only.
     """
     color = getattr(cv2, f"COLOR_Bayer{pattern}2BGR")
     gray = getattr(cv2, f"COLOR_Bayer{pattern}2GRAY")
@@ -137,7 +142,7 @@ def _bayer(pattern: str) -> dict[str, Encoding]:
     }
 
 
-# Those that cameras send most come first: refusals list them in this order.
+# In the order of error messages, the most common ones first.
 ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
     {
         "bgr8": _BGR,
@@ -167,20 +172,18 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
 def decode_raw(message: RawImage) -> Pixels:
     """The image of a message.
 
-    Nothing is allocated before the message's sizes have been found to agree with its data, and
-    then no more than three times as much as that. Padded rows are honored; data after the last row
-    is ignored.
+    The sizes are checked against the data before anything is allocated; then at most three times
+    the size of the data. Data after the last row is ignored.
 
     Args:
         message: An image in one of `ENCODINGS`.
 
     Returns:
-        (height, width, 3) uint8 BGR, (height, width) uint8, uint16 or, from 32FC1, float32 in the
-        machine's byte order; read-only where it is a view of the message's data.
+        (height, width, 3) uint8 BGR, (height, width) uint8, uint16 or, from 32FC1, float32 in
+        native byte order; read-only if it is a view of the message's data.
 
     Raises:
-        ImageError: The encoding is not known, or the sizes do not agree with each other or with
-            the data.
+        ImageError: The encoding is unknown, or the sizes do not agree with each other or the data.
     """
     encoding = ENCODINGS.get(message.encoding)
     if encoding is None:
@@ -206,7 +209,7 @@ def decode_raw(message: RawImage) -> Pixels:
 
 
 def check_sides(width: int, height: int) -> None:
-    """Refuse sizes that no image has, or that OpenCV does not take.
+    """Check the sides of an image.
 
     Raises:
         ImageError: A side is 0 px or above `LARGEST_SIDE`.
@@ -217,34 +220,34 @@ def check_sides(width: int, height: int) -> None:
 
 
 def quote(text: str) -> str:
-    """A text from a message as an error quotes it: short, on one line, nothing a terminal obeys."""
-    shown = "".join(letter if letter.isprintable() else "?" for letter in text[:_LONGEST_QUOTE])
-    return f"'{shown}'"
+    """Quote a message's text in an error: shortened, without control characters."""
+    printable = "".join(letter if letter.isprintable() else "?" for letter in text[:_LONGEST_QUOTE])
+    return f"'{printable}'"
 
 
 def _checked_rows(message: RawImage, encoding: Encoding, pixel_size: int) -> int:
-    """The number of rows in the data, those of color included."""
+    """The number of rows in the data, including those of color."""
     check_sides(message.width, message.height)
     for field, divisor in zip(("width", "height"), encoding.multiple_of, strict=True):
-        value, least = getattr(message, field), encoding.smallest_side
-        if value % divisor or value < least:
-            allowed = f"multiples of {divisor}" if divisor > 1 else f"at least {least}"
+        value, minimum = getattr(message, field), encoding.smallest_side
+        if value % divisor or value < minimum:
+            allowed = f"multiples of {divisor}" if divisor > 1 else f"at least {minimum}"
             raise ImageError(
                 field, f"its {field} is {value} px; allowed in {message.encoding}: {allowed}"
             )
-    row = message.width * pixel_size
-    if message.step < row:
+    row_size = message.width * pixel_size
+    if message.step < row_size:
         raise ImageError(
             "step",
-            f"its step is {counted(message.step, 'byte')}; allowed: at least {row}, a row of "
+            f"its step is {counted(message.step, 'byte')}; allowed: at least {row_size}, a row of "
             f"{message.width} px in {message.encoding}",
         )
     rows = round(message.height * (1.0 + encoding.chroma_rows))
-    needed = rows * message.step
-    if len(message.data) < needed:
+    size = rows * message.step
+    if len(message.data) < size:
         raise ImageError(
             "data",
-            f"its data has {counted(len(message.data), 'byte')}; allowed: at least {needed}, "
+            f"its data has {counted(len(message.data), 'byte')}; allowed: at least {size}, "
             f"{counted(rows, 'row')} with a step of {counted(message.step, 'byte')}",
         )
     return rows

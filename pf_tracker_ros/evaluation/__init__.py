@@ -1,6 +1,6 @@
 """One-pass evaluation of trackers on sequences with ground truth.
 
-For a tracker of one's own, `evaluate_sequence` needs no more than `start` and `update`:
+`evaluate_sequence` evaluates any tracker with methods `start` and `update`:
 
     result = evaluate_sequence(read_sequence(folder), make_tracker, seeds=range(3))
     print(result.scores.success_auc)

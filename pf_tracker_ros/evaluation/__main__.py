@@ -1,4 +1,4 @@
-"""The command `evaluate`: a preset's scores on sequences with ground truth."""
+"""The command `evaluate`: scores of a preset on sequences with ground truth."""
 
 from __future__ import annotations
 
@@ -35,18 +35,17 @@ SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, NO_READER, TERMINATED = 0, 1, 2, 130,
 
 
 class _Termination(BaseException):
-    """The process was asked to end."""
+    """SIGTERM was received."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command.
 
     Args:
-        arguments: Command line without the program's name; None takes this process'.
+        arguments: Command line without program name; None for this process'.
 
     Returns:
-        Exit code, as `evaluate --help` lists them; for any but 0 and 141, lines on standard error
-        say why.
+        Exit code, see `evaluate --help`; for any but 0 and 141, standard error has the reason.
     """
     try:
         with handled_signals({signal.SIGTERM: _terminate}):
@@ -63,12 +62,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # What can be refused is refused before the first frame, not after an hour's work.
-    is_reported = options.report is not None
+    # All checks come before the first frame.
+    has_report = options.report is not None
     _require_packages(options)
-    if options.compare and not is_reported:
-        raise EvaluationError("--compare is for the report; allowed: with --report DIR")
-    report = EvaluationReport(options.report, options.compare) if is_reported else None
+    if options.compare and not has_report:
+        raise EvaluationError("--compare needs --report DIR")
+    report = EvaluationReport(options.report, options.compare) if has_report else None
     merge_parameter_file(options)
     parameters = parse_parameters(options.parameter)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
@@ -96,17 +95,17 @@ def _run(options: argparse.Namespace) -> int:
             for problem in outputs.write(_in_order(results)):
                 _complain(problem)
     for failure in unopened:
-        _complain(f"{failure.error}; it is left out, and the figures are of the others")
+        _complain(f"{failure.error}; the figures are without this sequence")
     if not results:
         _complain("no sequence could be evaluated")
         return INCOMPLETE
     evaluated = [(sequences[number], results[number]) for number in sorted(results)]
-    unreported = report.write(summary, parameters, evaluated) if report else None
-    if unreported is not None:
-        _complain(unreported)
+    report_error = report.write(summary, parameters, evaluated) if report else None
+    if report_error is not None:
+        _complain(report_error)
     runs = "1 seed" if options.seeds == 1 else f"mean of {options.seeds} seeds"
-    is_evaluated = not unopened and len(results) == len(sequences)
-    is_complete = is_evaluated and outputs.are_written and unreported is None
+    all_evaluated = not unopened and len(results) == len(sequences)
+    is_complete = all_evaluated and outputs.are_written and report_error is None
     try:
         print_table(f"preset {summary}; {runs}", _in_order(results))
     except BrokenPipeError:
@@ -121,8 +120,8 @@ def _in_order(results: dict[int, SequenceResult]) -> list[SequenceResult]:
     return [results[number] for number in sorted(results)]
 
 
-def _complain(what: Any) -> None:
-    print(f"evaluate: error: {' '.join(str(what).split())}", file=sys.stderr)
+def _complain(message: Any) -> None:
+    print(f"evaluate: error: {' '.join(str(message).split())}", file=sys.stderr)
 
 
 def _require_packages(options: argparse.Namespace) -> None:
@@ -137,13 +136,13 @@ def _require_packages(options: argparse.Namespace) -> None:
                 importlib.import_module(package)
         except ImportError as error:
             raise EvaluationError(
-                f"{package} is not installed: pip install {package}, or '.[evaluation]' in the "
-                "sources"
+                f"{package} is not installed: pip install {package} (or '.[evaluation]' in the "
+                "source folder)"
             ) from error
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:
-    """End what is being done as Ctrl-C does, with all that is cleaned up then."""
+    """Raise an exception, so that everything is cleaned up as after Ctrl-C."""
     raise _Termination
 
 

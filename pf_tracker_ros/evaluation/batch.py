@@ -1,4 +1,4 @@
-"""Evaluation on several sequences, one after the other or in several processes."""
+"""Evaluation on several sequences, sequentially or in parallel processes."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ def evaluate_each(
     jobs: int = 1,
     on_progress: OnProgress | None = None,
 ) -> Generator[tuple[int, SequenceResult | SequenceFailure], None, None]:
-    """Evaluate a tracker on several sequences, and go on after one that fails.
+    """Evaluate a tracker on several sequences; failures do not stop the others.
 
-    Processes end at once when the generator is closed.
+    Closing the generator ends its processes at once.
 
     Args:
-        sequences: The sequences, as `read_sequences` opens them.
+        sequences: The sequences, as from `read_sequences`.
         make_tracker: Called once for each sequence and seed; must be picklable for `jobs` > 1.
-        seeds: One run each.
-        jobs: Number of processes, each working on one sequence at a time. As they share the
-            machine's caches and memory, times are comparable only at 1.
+        seeds: Seeds, one run each.
+        jobs: Number of processes. They share caches and memory bandwidth, so times are comparable
+            only with one.
         on_progress: Called after each frame, or after each sequence for `jobs` > 1.
 
     Yields:
-        Number of a sequence, counted from 0, and its result, in the order in which they are done.
+        Index and result of a sequence, in order of completion.
     """
     if jobs == 1:
         for number, footage in enumerate(sequences):
             yield number, _attempt(footage, make_tracker, seeds, on_progress)
         return
     work = functools.partial(_attempt, make_tracker=make_tracker, seeds=seeds)
-    with closing(run_parallel(work, sequences, jobs)) as answers:
-        for number, answer in answers:
-            if isinstance(answer, WorkerEnded):
+    with closing(run_parallel(work, sequences, jobs)) as results:
+        for number, result in results:
+            if isinstance(result, WorkerEnded):
                 name = sequences[number].name
-                reason = f"{name}: one of {jobs} processes ended unexpectedly ({answer.reason})"
-                error = EvaluationError(f"{reason}; allowed: as many as memory permits")
+                reason = f"{name}: one of {jobs} processes ended unexpectedly ({result.reason})"
+                error = EvaluationError(f"{reason}; if memory is short, use fewer jobs")
                 yield number, SequenceFailure(name, error)
                 continue
-            if on_progress is not None and isinstance(answer, SequenceResult):
-                on_progress(answer.name, len(answer.true_boxes))
-            yield number, answer
+            if on_progress is not None and isinstance(result, SequenceResult):
+                on_progress(result.name, len(result.true_boxes))
+            yield number, result
 
 
 def evaluate_sequences(
@@ -62,7 +62,7 @@ def evaluate_sequences(
     jobs: int = 1,
     on_progress: OnProgress | None = None,
 ) -> list[SequenceResult]:
-    """Evaluate a tracker on several sequences, and stop at the first that fails.
+    """Evaluate a tracker on several sequences; the first failure is raised.
 
     Args:
         sequences: As for `evaluate_each`.
@@ -72,10 +72,10 @@ def evaluate_sequences(
         on_progress: As for `evaluate_each`.
 
     Returns:
-        One result a sequence, in their order.
+        The results, in order of the sequences.
 
     Raises:
-        EvaluationError: As `evaluate_sequence`, or a process ended unexpectedly.
+        EvaluationError: As for `evaluate_sequence`, or a process ended unexpectedly.
         FootageError: A frame cannot be read.
     """
     results: dict[int, SequenceResult] = {}

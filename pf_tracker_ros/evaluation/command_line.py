@@ -25,31 +25,31 @@ most 20 px, and the median CPU time of one update, averaged over the seeds.
 """
 
 _EXIT_CODES = """\
-The files of --output and --plot are written anew whenever a sequence is done, whole or not at all.
+The files of --output and --plot are rewritten after every sequence.
 
 exit codes:
-  0    all went well
-  1    a sequence failed or could not be opened, which takes no other with it, or results could
-       not be written; standard error says which
-  2    the request cannot be carried out; nothing was evaluated
+  0    success
+  1    a sequence could not be evaluated (the others were), or results could not be written; see
+       standard error
+  2    invalid request; nothing was evaluated
   130  interrupted (Ctrl-C)
-  141  nobody reads standard output any more
+  141  standard output was closed
   143  terminated
 """
 
 
 def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
-    """Values of parameters from texts `NAME=VALUE`, read by the type that is declared.
+    """Parse parameter assignments `NAME=VALUE` by the declared types.
 
-    A list is written with commas, with or without square brackets. Whether a name exists and a
-    value is allowed is for the tracker to judge, which names what would be.
+    Lists are separated by commas, square brackets are optional. Unknown names and values that do
+    not fit are passed on as strings; the tracker refuses them.
 
     Args:
         assignments: The texts.
-        option: Where they were given, for the message of an error.
+        option: Name of the option, for error messages.
 
     Returns:
-        Full parameter name to value; a text that does not fit the type is kept as a string.
+        Full parameter name to value.
 
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
@@ -82,42 +82,41 @@ def _parse_value(declaration: Declaration, text: str) -> Any:
 
 
 def _unquoted(text: str) -> str:
-    """A string as it is, or as YAML has it in a list."""
+    """A string without the quotes of a YAML list."""
     is_quoted = len(text) > 1 and text[0] == text[-1] and text[0] in "\"'"
     return text[1:-1] if is_quoted else text
 
 
 def add_tracker_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say which tracker it is: a preset, and what differs from it."""
+    """Add the options of the tracker's preset and parameters."""
     parser.add_argument("--preset", help=f"{', '.join(PRESETS)} (default: {_PRESET})")
     parser.add_argument(
         "--parameter",
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="another value than the preset's for a parameter; may be repeated",
+        help="set a parameter of the preset; may be repeated",
     )
     parser.add_argument(
         "--params-file",
         type=Path,
         metavar="FILE",
-        help="the node's parameter file, such as the console's: its preset and values, over which "
-        "--parameter goes",
+        help="ROS parameter file, such as one saved by the console; --parameter takes precedence",
     )
 
 
 def merge_parameter_file(options: argparse.Namespace) -> TrackerSettings:
-    """Put what `--params-file` gives into preset and parameters, as if it had been typed.
+    """Merge the file of `--params-file` into the options `--preset` and `--parameter`.
 
     Args:
-        options: With those of `add_tracker_options`, which are changed. They get the names that
-            came from the file, `from_file`.
+        options: Options of `add_tracker_options`, changed in place. The new attribute `from_file`
+            has the names of the parameters from the file.
 
     Returns:
-        What the file says; nothing without one.
+        The settings in the file; defaults without a file.
 
     Raises:
-        ParameterError: The file cannot be read, or is not for a tracker.
+        ParameterError: The file cannot be read, or has no tracker parameters.
         EvaluationError: A text has no `=`, or the preset is given twice.
     """
     settings = TrackerSettings()
@@ -126,16 +125,16 @@ def merge_parameter_file(options: argparse.Namespace) -> TrackerSettings:
         settings = read_parameter_file(options.params_file)
         if settings.other_node:
             print(
-                f"{options.params_file} is for {settings.other_node}, and taken for the tracker "
-                "here; a node takes it only by that name",
+                f"{options.params_file} is for the node {settings.other_node}, and is used for the "
+                "tracker here; a node reads it only under that name",
                 file=sys.stderr,
             )
         if options.preset and settings.preset:
             raise EvaluationError(
                 f"--preset {options.preset} and {options.params_file} (preset {settings.preset}) "
-                "both give the preset; leave --preset out, or take it out of the file"
+                "both set the preset; remove one of them"
             )
-        # Only the names are of interest here.
+        # Only the names are used.
         typed = parse_parameters(options.parameter)
         options.from_file = tuple(name for name in settings.parameters if name not in typed)
         options.parameter = [
@@ -151,10 +150,10 @@ def merge_parameter_file(options: argparse.Namespace) -> TrackerSettings:
 
 @contextmanager
 def errors_name_parameter_file(options: argparse.Namespace) -> Iterator[None]:
-    """Name the parameter file in what is said of a value that came from there.
+    """Prefix errors about parameters from the parameter file with its name.
 
     Args:
-        options: As `merge_parameter_file` left them.
+        options: As changed by `merge_parameter_file`.
 
     Raises:
         ParameterError: As in the block.
@@ -168,27 +167,27 @@ def errors_name_parameter_file(options: argparse.Namespace) -> Iterator[None]:
 
 
 def _as_typed(path: Path, name: str, value: Any) -> str:
-    """A value of a parameter file as `parse_parameters` takes it."""
+    """A value of a parameter file as text for `parse_parameters`."""
     if isinstance(value, bool):
         return str(value).lower()
     if not isinstance(value, tuple):
         return str(value)
     if any("," in str(element) for element in value):
         raise ParameterError(
-            f"{path}: parameter '{name}' is {list(value)}; allowed here: without commas"
+            f"{path}: parameter '{name}' is {list(value)}; allowed here: strings without commas"
         )
     return ",".join(map(str, value))
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of the command line, which refuses in one line."""
+    """The parser of the command line."""
     parser = Parser("evaluate", description=_DESCRIPTION, epilog=_EXIT_CODES)
     parser.add_argument(
         "sequences",
         nargs="+",
         metavar="SEQUENCE_DIR",
-        help="a sequence folder (groundtruth.txt or groundtruth_rect.txt, and frames), or a folder "
-        "of such folders",
+        help="sequence folder (groundtruth.txt or groundtruth_rect.txt, and frames), or folder of "
+        "such folders",
     )
     add_tracker_options(parser)
     parser.add_argument(
@@ -203,16 +202,16 @@ def parser() -> argparse.ArgumentParser:
         type=positive,
         default=1,
         metavar="N",
-        help="processes (default: %(default)s); CPU times are honest with one only, "
-        "as several compete for caches and memory",
+        help="processes (default: %(default)s); CPU times are comparable only with one, as several "
+        "compete for caches and memory",
     )
-    parser.add_argument("--output", type=Path, metavar="FILE.json", help="write the results here")
+    parser.add_argument("--output", type=Path, metavar="FILE.json", help="write the results")
     parser.add_argument(
         "--report",
         type=Path,
         metavar="DIR",
-        help="write report.html here at the end: plots and pictures of every sequence on one page "
-        "(needs Matplotlib and Jinja2)",
+        help="write DIR/report.html with plots and images of every sequence (needs Matplotlib and "
+        "Jinja2)",
     )
     parser.add_argument(
         "--compare",
@@ -220,14 +219,14 @@ def parser() -> argparse.ArgumentParser:
         action="append",
         default=[],
         metavar="FILE.json",
-        help="results of another run, which the report tells the differences to; may be repeated",
+        help="results of another run to compare with in the report; may be repeated",
     )
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw the success plot here")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw the success plot")
     return parser
 
 
 def positive(text: str) -> int:
-    """A whole number from 1, for an option."""
+    """Type of an option: a whole number from 1."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
     return int(text)

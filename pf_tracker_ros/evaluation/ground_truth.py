@@ -1,4 +1,4 @@
-"""Which ground truth an evaluation can use."""
+"""Checks the ground truth of a sequence before its evaluation."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from pf_tracker_ros.plurals import counted
 
 
 def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:
-    """The true boxes of a sequence that can be evaluated on.
+    """The true boxes of a sequence, checked for evaluation.
 
     Returns:
-        (frames, 4) x, y, width, height in pixels, that of the first frame known; in others the
-        target may be absent, see `metrics.has_target`.
+        (frames, 4) x, y, width, height in pixels. The first has a target; in later frames it may
+        be absent, see `metrics.has_target`.
 
     Raises:
-        EvaluationError: There is no ground truth, it is of fewer than 2 frames or of another number
-            than the footage announces, or the target is absent in the first frame.
+        EvaluationError: No ground truth, fewer than 2 frames, not as many boxes as frames, or no
+            target in the first frame.
     """
     if footage.ground_truth is None:
-        raise EvaluationError(f"{footage.name}: no ground truth; allowed: one box a frame")
+        raise EvaluationError(f"{footage.name}: no ground truth; expected a box for each frame")
     true_boxes = np.array(footage.ground_truth, dtype=np.float64)
     if true_boxes.ndim != 2 or true_boxes.shape[1] != 4 or len(true_boxes) < 2:
         raise EvaluationError(
@@ -32,8 +32,8 @@ def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:
         )
     if not metrics.has_target(true_boxes[0]):
         raise EvaluationError(
-            f"{footage.name}: the first true box is missing (the target is absent there), and "
-            "tracking starts on it; allowed: finite numbers, width and height above 0"
+            f"{footage.name}: the target is absent in the first frame, where tracking starts; "
+            "allowed: finite numbers, width and height above 0"
         )
     if footage.frame_count is not None and footage.frame_count != len(true_boxes):
         raise count_mismatch(footage.name, counted(footage.frame_count, "frame"), len(true_boxes))
@@ -41,6 +41,6 @@ def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:
 
 
 def count_mismatch(name: str, frames: str, boxes: int) -> EvaluationError:
-    """The error of a sequence that has another number of frames than of true boxes."""
+    """The error for different numbers of frames and true boxes."""
     true_boxes = counted(boxes, "true box", "true boxes")
-    return EvaluationError(f"{name}: {frames}, but {true_boxes}; allowed: as many")
+    return EvaluationError(f"{name}: {frames}, but {true_boxes}; expected a box for each frame")

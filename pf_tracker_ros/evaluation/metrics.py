@@ -1,12 +1,16 @@
-"""How well boxes fit: the measures of one-pass evaluation.
+"""Metrics of one-pass evaluation.
 
-The success plot and the precision plot are those of Wu, Lim and Yang 2013, "Online Object Tracking:
-A Benchmark" (OTB). Boxes are rows of x, y, width, height in pixels, (x, y) the top-left corner,
-covering [x, x + width) and [y, y + height).
+1. Overlap: intersection over union with the true box. Center error: distance of the centers.
+2. Success curve: share of frames with an overlap above each threshold. Success AUC is its mean.
+3. Precision: share of frames with a center error of at most 20 px.
 
-The true box of a frame counts as missing where one of its numbers is not finite or its width or
-height is not above 0, which is how sequences mark a target that is out of view. Such a frame has
-neither overlap nor center error (both NaN) and takes no part in any share of frames.
+Frames whose target is absent have no overlap and no center error (both NaN) and do not count.
+Sequences mark them by a true box with a number that is not finite, or a width or height of 0.
+
+Boxes are rows of x, y, width, height in pixels, (x, y) the top-left corner, covering
+[x, x + width) and [y, y + height).
+
+Source: Wu, Lim and Yang 2013, "Online Object Tracking: A Benchmark" (OTB).
 """
 
 from __future__ import annotations
@@ -19,10 +23,10 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.boxes import intersection_areas
 
 Measure = Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]
-"""How well boxes fit true boxes: a number for each pair."""
+"""Compares boxes with true boxes: a number for each pair."""
 
-# k / 20 is the double nearest to each threshold; a box that overlaps by exactly .15 is then not
-# above the threshold .15, which it would be with k * 0.05.
+# k / 20 is the nearest double to each threshold. With k * 0.05, an overlap of exactly .15 would be
+# above the threshold .15.
 SUCCESS_THRESHOLDS: NDArray[np.float64] = np.arange(21) / 20
 PRECISION_RADIUS = 20.0
 
@@ -31,22 +35,21 @@ def overlap(boxes: ArrayLike, true_boxes: ArrayLike) -> NDArray[np.float64]:
     """Intersection over union of each box with the true box of the same frame.
 
     Args:
-        boxes: (..., 4) x, y, width, height in pixels, finite; a box without area overlaps by 0.
+        boxes: (..., 4) x, y, width, height in pixels, finite; an empty box has overlap 0.
         true_boxes: (..., 4), broadcast against `boxes`.
 
     Returns:
-        (...) 0 (apart) to 1 (exactly 1.0 for equal boxes); NaN where the true box is missing.
+        (...) 0 to 1 (exactly 1.0 for equal boxes); NaN where the target is absent.
 
     Raises:
         ValueError: The last axis does not have 4 columns, or a number in `boxes` is not finite.
     """
-    first, second, known = _comparable(boxes, true_boxes)
+    first, second, is_present = _comparable(boxes, true_boxes)
     shared = intersection_areas(first, second)
-    # An area from width and height is rounded otherwise than one from corners, and equal boxes
-    # could come out a little above or below 1.
+    # Areas from corners and from width x height round differently; equal boxes must give 1.
     union = intersection_areas(first, first) + intersection_areas(second, second) - shared
     ratio = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return np.where(known, ratio, np.nan)
+    return np.where(is_present, ratio, np.nan)
 
 
 def center_errors(boxes: ArrayLike, true_boxes: ArrayLike) -> NDArray[np.float64]:
@@ -57,29 +60,27 @@ def center_errors(boxes: ArrayLike, true_boxes: ArrayLike) -> NDArray[np.float64
         true_boxes: (..., 4), broadcast against `boxes`.
 
     Returns:
-        (...) pixels; NaN where the true box is missing.
+        (...) pixels; NaN where the target is absent.
 
     Raises:
         ValueError: The last axis does not have 4 columns, or a number in `boxes` is not finite.
     """
-    first, second, known = _comparable(boxes, true_boxes)
+    first, second, is_present = _comparable(boxes, true_boxes)
     offset = (first[..., :2] + first[..., 2:] / 2) - (second[..., :2] + second[..., 2:] / 2)
-    return np.where(known, np.hypot(offset[..., 0], offset[..., 1]), np.nan)
+    return np.where(is_present, np.hypot(offset[..., 0], offset[..., 1]), np.nan)
 
 
 def has_target(true_boxes: ArrayLike) -> NDArray[np.bool_]:
-    """Which frames have a true box: (..., 4) boxes to (...) booleans; see the module's text."""
+    """Which frames have a target: (..., 4) true boxes to (...) booleans."""
     boxes = _as_boxes(true_boxes)
     return np.asarray(np.isfinite(boxes).all(axis=-1) & (boxes[..., 2:] > 0).all(axis=-1))
 
 
 def success_curve(ious: ArrayLike) -> NDArray[np.float64]:
-    """Share of frames whose overlap is above each of the 21 thresholds 0, .05, .. 1.
-
-    Above means strictly above: the value at threshold 1 is 0 even for a perfect tracker.
+    """Share of frames whose overlap is strictly above each of the 21 thresholds 0, .05, .. 1.
 
     Args:
-        ious: (frames,) overlaps; NaN frames are left out.
+        ious: (frames,) overlaps; NaN frames do not count.
 
     Returns:
         (21,) shares, not increasing.
@@ -95,11 +96,11 @@ def success_curve(ious: ArrayLike) -> NDArray[np.float64]:
 def success_auc(ious: ArrayLike) -> float:
     """Area under the success curve: its mean over the 21 thresholds.
 
-    Frame 1 counts with the box that the tracker was given, so with an overlap of 1. As no overlap
-    is above the threshold 1, a perfect tracker reaches 20/21 = .952.
+    The first frame counts with its given box, an overlap of 1. As no overlap is above the
+    threshold 1, a perfect tracker reaches 20/21 = .952.
 
     Args:
-        ious: (frames,) overlaps; NaN frames are left out.
+        ious: (frames,) overlaps; NaN frames do not count.
 
     Returns:
         0 to 20/21.
@@ -114,7 +115,7 @@ def precision(errors: ArrayLike, radius: float = PRECISION_RADIUS) -> float:
     """Share of frames whose center error is at most `radius` pixels.
 
     Args:
-        errors: (frames,) center errors in pixels; NaN frames are left out.
+        errors: (frames,) center errors in pixels; NaN frames do not count.
         radius: Pixels.
 
     Returns:
@@ -130,7 +131,7 @@ def precision_curve(errors: ArrayLike) -> NDArray[np.float64]:
     """Share of frames whose center error is at most 0, 1, .. 50 pixels.
 
     Args:
-        errors: (frames,) center errors in pixels; NaN frames are left out.
+        errors: (frames,) center errors in pixels; NaN frames do not count.
 
     Returns:
         (51,) shares, not decreasing.
@@ -157,14 +158,14 @@ def _comparable(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     estimated, true = _as_boxes(boxes), _as_boxes(true_boxes)
     if not np.isfinite(estimated).all():
-        raise ValueError("boxes hold NaN or infinity; allowed: finite numbers of pixels")
-    known = has_target(true)
-    return estimated, np.where(known[..., None], true, 0.0), known
+        raise ValueError("boxes contain NaN or infinity; allowed: finite numbers of pixels")
+    is_present = has_target(true)
+    return estimated, np.where(is_present[..., None], true, 0.0), is_present
 
 
 def _known(values: ArrayLike, what: str) -> NDArray[np.float64]:
     array = np.asarray(values, dtype=np.float64).ravel()
     known: NDArray[np.float64] = array[~np.isnan(array)]
     if known.size == 0:
-        raise ValueError(f"no {what} is known: every frame lacks its true box")
+        raise ValueError(f"there is no {what}: every frame lacks its true box")
     return known

@@ -1,4 +1,9 @@
-"""One-pass evaluation: a tracker gets the first true box and has to follow it to the end."""
+"""One-pass evaluation: a tracker starts on the first true box and tracks to the end.
+
+There are no restarts. While the tracker reports the target as lost, its last box counts.
+
+Source: Wu, Lim and Yang 2013, "Online Object Tracking: A Benchmark" (OTB).
+"""
 
 from __future__ import annotations
 
@@ -26,33 +31,33 @@ Image = NDArray[Any]
 
 
 class BoxEstimate(Protocol):
-    """What a tracker says of one frame; an `Estimate` is one."""
+    """A tracker's output for one frame, such as `Estimate`."""
 
     @property
     def box(self) -> Box:
-        """(x, y, width, height) in pixels; not looked at while the target is lost."""
+        """(x, y, width, height) in pixels; ignored while lost."""
         ...
 
     @property
     def state(self) -> str:
-        """The word "lost" while the tracker knows that it has no box, any other otherwise."""
+        """The word "lost" while the target is lost, otherwise any other."""
         ...
 
 
 class BoxTracker(Protocol):
-    """Whatever can be evaluated: `Tracker`, or an adapter of a few lines around another one."""
+    """A tracker to evaluate: `Tracker`, or an adapter of another one."""
 
     def start(self, image: Image, box: Box, /) -> object:
-        """Start on the first frame; the returned value is not looked at."""
+        """Start on the first frame."""
         ...
 
     def update(self, image: Image, dt: float | None, /) -> BoxEstimate:
-        """Track into the next frame, `dt` seconds after the last; the image is read-only."""
+        """Track in the next frame, `dt` seconds after the last; the image is read-only."""
         ...
 
 
 TrackerFactory = Callable[[int], BoxTracker]
-"""Makes a tracker from a seed, which one without randomness may ignore."""
+"""Makes a tracker from a seed."""
 
 
 def evaluate_sequence(
@@ -61,27 +66,23 @@ def evaluate_sequence(
     seeds: Sequence[int],
     on_progress: OnProgress | None = None,
 ) -> SequenceResult:
-    """Run one tracker for each seed over a sequence, side by side.
+    """Run one tracker for each seed over a sequence, in parallel frame by frame.
 
-    The frames are read once and are not kept, whatever the number of seeds. There are no restarts:
-    a tracker that calls the target lost keeps its last box until it finds the target again.
-
-    Times are CPU time of this process during `update`, with OpenCV held to one thread, so a tracker
-    that starts threads of its own pays for them.
+    Each frame is read once and not kept. Times are CPU times of this process during `update`, with
+    OpenCV limited to one thread; they include the tracker's own threads.
 
     Args:
-        footage: A sequence with ground truth, its first true box known.
+        footage: A sequence with ground truth and a target in its first frame.
         make_tracker: Called once for each seed.
-        seeds: One run each.
+        seeds: Seeds, one run each.
         on_progress: Called after each frame.
 
     Returns:
         The boxes and times of all runs.
 
     Raises:
-        EvaluationError: No seeds; no usable ground truth; another number of frames than of true
-            boxes; a tracker that refuses the first box or a frame, or answers with a box that is
-            not finite.
+        EvaluationError: No seeds; no usable ground truth; not as many frames as true boxes; the
+            tracker refuses the first box or a frame, or returns a box that is not finite.
         FootageError: A frame cannot be read.
     """
     true_boxes = usable_ground_truth(footage)
@@ -92,31 +93,31 @@ def evaluate_sequence(
     boxes = np.empty((len(seeds), frames, 4))
     lost = np.zeros((len(seeds), frames), dtype=bool)
     cpu_seconds = np.empty((len(seeds), frames - 1))
-    told: list[_Told] = []
+    outputs: list[_TrackerOutput] = []
     done, last_stamp = 0, 0
     with one_opencv_thread():
         for index, frame in enumerate(footage.frames()):
             if index >= frames:
                 raise count_mismatch(footage.name, f"more than {counted(frames, 'frame')}", frames)
-            # The trackers share the image: one that drew into it would change what the next sees.
+            # Read-only, because the trackers share the image.
             image = frame.image.view()
             image.flags.writeable = False
             _wait_for_other_threads()
             for run, tracker in enumerate(trackers):
-                with _naming(footage.name, index):
+                with _errors_name_frame(footage.name, index):
                     if index == 0:
-                        begun = tracker.start(image, as_box(true_boxes[0]))
+                        first = tracker.start(image, as_box(true_boxes[0]))
                         boxes[run, 0] = true_boxes[0]
-                        told += [_told(begun)] if run == 0 else []
+                        outputs += [_tracker_output(first)] if run == 0 else []
                         continue
                     dt = (frame.stamp - last_stamp) / NANOSECONDS
                     before = time.process_time()
-                    answer = tracker.update(image, dt)
+                    estimate = tracker.update(image, dt)
                     cpu_seconds[run, index - 1] = time.process_time() - before
-                    told += [_told(answer)] if run == 0 else []
-                    lost[run, index] = answer.state == "lost"
+                    outputs += [_tracker_output(estimate)] if run == 0 else []
+                    lost[run, index] = estimate.state == "lost"
                     boxes[run, index] = (
-                        boxes[run, index - 1] if lost[run, index] else _finite(answer.box)
+                        boxes[run, index - 1] if lost[run, index] else _finite(estimate.box)
                     )
             last_stamp = frame.stamp
             done = index + 1
@@ -124,12 +125,12 @@ def evaluate_sequence(
                 on_progress(footage.name, 1)
     if done != frames:
         raise count_mismatch(footage.name, counted(done, "frame"), frames)
-    details = FrameDetails.of(told)
+    details = FrameDetails.of(outputs)
     return SequenceResult(footage.name, tuple(seeds), true_boxes, boxes, lost, cpu_seconds, details)
 
 
-class _Told(NamedTuple):
-    """What a tracker told of one frame besides its box, as far as it knows such."""
+class _TrackerOutput(NamedTuple):
+    """A tracker's output for one frame besides the box."""
 
     state: str
     confidence: float
@@ -137,26 +138,26 @@ class _Told(NamedTuple):
     cue_weights: Mapping[str, float]
 
 
-def _told(answer: object) -> _Told:
-    # Of the answer itself no more is kept than this: it may hold all particles.
-    return _Told(
-        str(getattr(answer, "state", "")),
-        float(getattr(answer, "confidence", math.nan)),
-        float(getattr(answer, "effective_sample_size", math.nan)),
-        dict(getattr(answer, "cue_weights", {})),
+def _tracker_output(estimate: object) -> _TrackerOutput:
+    # Keeping the estimate itself would keep all its particles.
+    return _TrackerOutput(
+        str(getattr(estimate, "state", "")),
+        float(getattr(estimate, "confidence", math.nan)),
+        float(getattr(estimate, "effective_sample_size", math.nan)),
+        dict(getattr(estimate, "cue_weights", {})),
     )
 
 
 def _finite(box: Sequence[float]) -> NDArray[np.float64]:
     array = np.asarray(box, dtype=np.float64)
     if array.shape != (4,) or not np.isfinite(array).all():
-        raise ValueError(f"the tracker answered with the box {box}; allowed: 4 finite numbers")
+        raise ValueError(f"the tracker returned the box {box}; allowed: 4 finite numbers")
     return array
 
 
 @contextmanager
-def _naming(sequence: str, index: int) -> Iterator[None]:
-    """Say in which sequence and frame a tracker refused what it was given."""
+def _errors_name_frame(sequence: str, index: int) -> Iterator[None]:
+    """Prefix a tracker's errors with sequence and frame."""
     try:
         yield
     except ValueError as error:
@@ -164,24 +165,24 @@ def _naming(sequence: str, index: int) -> Iterator[None]:
 
 
 def _wait_for_other_threads() -> None:
-    """Wait until this process' other threads rest, for at most 50 ms.
+    """Wait until this process' other threads are idle, for at most 50 ms.
 
-    A video decoder reads ahead in threads of its own; their CPU time would count as the tracker's.
-    Only Linux tells which threads are at work; elsewhere this returns at once.
+    The CPU time of a video decoder's threads, which read ahead, would count as the tracker's.
+    Thread states are available only on Linux; elsewhere this returns at once.
     """
     deadline = time.monotonic() + 0.05
-    while _others_work() and time.monotonic() < deadline:
+    while _others_run() and time.monotonic() < deadline:
         time.sleep(2e-4)
 
 
-def _others_work() -> bool:
+def _others_run() -> bool:
     own = str(threading.get_native_id())
     for status in Path("/proc/self/task").glob("*/stat"):
         if status.parent.name == own:
             continue
-        # A thread may have ended since it was listed.
+        # The thread may have ended since.
         with suppress(OSError):
-            # "number (name) state ...", R for running or waiting for a processor.
+            # "number (name) state ...", R for running or runnable.
             if status.read_text().rpartition(")")[2].split()[0] == "R":
                 return True
     return False

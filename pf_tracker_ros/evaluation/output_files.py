@@ -1,4 +1,4 @@
-"""Files of results, each written anew whenever there is more to tell."""
+"""Result files that are rewritten after each result."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from pf_tracker_ros.evaluation.results import EvaluationError
 
 
 class OutputFile:
-    """A file that is written anew with each result; what was there last stays until then.
+    """A file that is replaced atomically by each write.
 
     Attributes:
-        error: Why the last writing failed, in a sentence; None if it did not.
+        error: Error message of the last write, None if it succeeded.
 
     Args:
-        path: The file; whether it can be written is tried at once.
+        path: The file. The constructor checks that it can be written.
 
     Raises:
-        EvaluationError: It cannot be written; the message says why.
+        EvaluationError: It cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -31,7 +31,7 @@ class OutputFile:
             if not path.parent.is_dir():
                 raise EvaluationError(f"no folder {path.parent} to write {path.name} into")
             if path.exists() and not path.is_file():
-                # To put a file in its place would do away with a device.
+                # Replacing a device by a file would remove the device.
                 raise EvaluationError(f"{path} is no regular file; allowed: a file to write")
             if path.exists():
                 path.open("r+b").close()
@@ -41,21 +41,20 @@ class OutputFile:
             raise EvaluationError(_failure(path, error)) from error
 
     def write(self, write: Callable[[Path], object]) -> str | None:
-        """Write it anew.
+        """Replace the file.
 
         Args:
-            write: Writes into the path that it is given, which has this file's ending.
+            write: Writes to the path in its argument, which has the file's suffix.
 
         Returns:
-            Why that failed, where the last writing did not fail for the same reason; None if all
-            went well or nothing is to be said anew.
+            Error message; None on success, or if the last write had the same error.
         """
         before, self.error = self.error, None
         try:
             with atomic_write(self._path) as draft:
                 write(draft)
         except OSError as error:
-            self.error = f"{_failure(self._path, error)}; what was written before is kept"
+            self.error = f"{_failure(self._path, error)}; its last version is kept"
         return self.error if self.error != before else None
 
 

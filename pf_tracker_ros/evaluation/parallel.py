@@ -1,7 +1,7 @@
-"""Work spread over processes that never outlive the one that wants it.
+"""Parallel tasks in worker processes.
 
-Unlike a pool of `concurrent.futures`, this tells at which task a process has ended, goes on with
-the others, and does not wait for tasks that nobody wants any more.
+Unlike a pool of `concurrent.futures`, this reports the task at which a worker ended, continues with
+the others, and kills the workers when the consumer stops. Workers never outlive their parent.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class WorkerEnded:
-    """Stands for the answer of a worker that ended at its work.
+    """Result of a task whose worker process ended.
 
     Attributes:
-        reason: As a clause of a sentence.
+        reason: A clause for an error message.
     """
 
     reason: str
@@ -36,64 +36,63 @@ class WorkerEnded:
 def run_parallel(
     work: Callable[[Task], Result], tasks: Sequence[Task], processes: int
 ) -> Generator[tuple[int, Result | WorkerEnded], None, None]:
-    """Do tasks in several processes, each one task at a time.
+    """Run tasks in several processes.
 
-    The processes end at once when the generator is closed, by an exception such as Ctrl-C too, and
-    when this process ends, however it does. Signals that end a program reach this process only:
-    it is the one to say so.
+    The workers are killed when the generator is closed, also by an exception such as Ctrl-C, and
+    when this process ends in any way. SIGINT and SIGTERM reach only this process.
 
     Args:
-        work: Does one task; must be picklable, as tasks and answers must.
-        tasks: What there is to do.
-        processes: How many, from 1.
+        work: Function of a task; must be picklable, like tasks and results.
+        tasks: The tasks.
+        processes: Number of processes, from 1.
 
     Yields:
-        Number of a task and its answer, in the order in which they are done.
+        Index and result of a task, in order of completion.
     """
-    waiting = list(enumerate(tasks))[::-1]
-    # What answers, to who does the task of which number.
+    pending = list(enumerate(tasks))[::-1]
+    # Process and index of its task, by connection.
     workers: dict[Connection, tuple[SpawnProcess, int]] = {}
 
-    def give(connection: Connection, process: SpawnProcess) -> None:
-        number, task = waiting.pop()
+    def send_task(connection: Connection, process: SpawnProcess) -> None:
+        number, task = pending.pop()
         workers[connection] = process, number
-        # One that has ended is noticed when its answer is taken.
+        # `_receive` notices an ended worker.
         with suppress(BrokenPipeError, ConnectionResetError):
             connection.send(task)
 
     try:
-        while waiting or workers:
-            while waiting and len(workers) < processes:
-                with _signals_held_back():
-                    give(*_started(work))
+        while pending or workers:
+            while pending and len(workers) < processes:
+                with _signals_blocked():
+                    send_task(*_start_worker(work))
             for ready in wait(list(workers)):
                 assert isinstance(ready, Connection)
                 process, number = workers[ready]
-                answer = _answer(ready, process)
-                if waiting and not isinstance(answer, WorkerEnded):
-                    give(ready, process)
+                result = _receive(ready, process)
+                if pending and not isinstance(result, WorkerEnded):
+                    send_task(ready, process)
                 else:
-                    _end(ready, process)
+                    _kill(ready, process)
                     del workers[ready]
-                yield number, answer
+                yield number, result
     finally:
         for connection, (process, _) in workers.items():
-            _end(connection, process)
+            _kill(connection, process)
 
 
-def _started(work: Callable[[Task], Result]) -> tuple[Connection, SpawnProcess]:
+def _start_worker(work: Callable[[Task], Result]) -> tuple[Connection, SpawnProcess]:
     # Forked processes would inherit OpenCV's and NumPy's threads in an undefined state.
     context = get_context("spawn")
     connection, other_end = context.Pipe()
-    # Once the process has ended, nobody holds the other end, which is how that is noticed.
+    # Closed here, so that the connection reports EOF when the worker ends.
     with other_end:
         process = context.Process(target=_serve, args=(other_end, work))
         process.start()
     return connection, process
 
 
-def _answer(connection: Connection, process: SpawnProcess) -> Any:
-    """What a process answers; waits for it."""
+def _receive(connection: Connection, process: SpawnProcess) -> Any:
+    """Wait for the result of a worker."""
     try:
         return connection.recv()
     except (EOFError, ConnectionResetError):
@@ -103,20 +102,20 @@ def _answer(connection: Connection, process: SpawnProcess) -> Any:
         return WorkerEnded(f"its process {ended}")
 
 
-def _end(connection: Connection, process: SpawnProcess) -> None:
-    """End a process now; it holds nothing that could get lost."""
+def _kill(connection: Connection, process: SpawnProcess) -> None:
+    """Kill a worker."""
     connection.close()
     process.kill()
     process.join()
 
 
 @contextmanager
-def _signals_held_back() -> Iterator[None]:
-    """Let a process that is started meanwhile never see a signal that asks it to end."""
+def _signals_blocked() -> Iterator[None]:
+    """Block SIGINT and SIGTERM for a process started within the block."""
     if sys.platform == "win32":
         yield
         return
-    # Spawning starts this process first, which ends the holding back of both signals.
+    # Otherwise spawning starts the resource tracker, which unblocks both signals.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
@@ -126,13 +125,13 @@ def _signals_held_back() -> Iterator[None]:
 
 
 def _serve(connection: Connection, work: Callable[[Task], Result]) -> None:
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
             connection.send(work(connection.recv()))
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
     parent = parent_process()
     assert parent is not None
     wait([parent.sentinel])

@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from pf_tracker_ros.evaluation.metrics import SUCCESS_THRESHOLDS
 from pf_tracker_ros.evaluation.results import EvaluationError
 
-_MOST_WITH_LEGEND_INSIDE = 4
+_MAX_CURVES_WITH_INNER_LEGEND = 4
 
 
 def check_plot_format(path: str | Path) -> None:
-    """Refuse a file that `save_success_plot` could not write.
+    """Check that `save_success_plot` supports a file's format.
 
     Raises:
-        EvaluationError: Matplotlib does not know the ending; the message lists those it knows.
+        EvaluationError: Matplotlib does not support the suffix.
     """
     from matplotlib.backend_bases import FigureCanvasBase
 
     known = FigureCanvasBase.get_supported_filetypes()
     if Path(path).suffix.lower().removeprefix(".") not in known:
         raise EvaluationError(
-            f"'{path}' is no image file; allowed: an ending out of {', '.join(sorted(known))}"
+            f"'{path}' is no image file; allowed suffixes: {', '.join(sorted(known))}"
         )
 
 
@@ -37,24 +37,23 @@ def save_success_plot(
 ) -> None:
     """Draw success curves into an image file.
 
-    The legend gives each curve's area under it, highest first; it stands beside the plot where it
-    would hide some of many curves.
+    The legend has the area under each curve, highest first. With many curves it is beside the plot.
 
     Args:
-        path: The file; its ending decides on the format (.png, .pdf, .svg, ...).
-        curves: Label to (21,) success curve, for example one of each tracker.
-        details: Curves of single sequences, in thin gray behind the others.
-        dashed: Labels of `curves` to draw as dashed lines, for example of what one compares with.
+        path: The file; its suffix selects the format (.png, .pdf, .svg, ...).
+        curves: Label to (21,) success curve, for example one for each tracker.
+        details: Curves of single sequences, drawn in thin gray behind the others.
+        dashed: Labels of `curves` to draw as dashed lines, for example baselines.
 
     Raises:
-        EvaluationError: Matplotlib does not know the ending.
+        EvaluationError: Matplotlib does not support the suffix.
         OSError: The file cannot be written.
     """
     check_plot_format(path)
-    # A Figure of its own, not pyplot's: no window system, no figures left open.
+    # Not pyplot's: needs no window system and leaves no figures open.
     from matplotlib.figure import Figure
 
-    is_crowded = len(curves) > _MOST_WITH_LEGEND_INSIDE
+    is_crowded = len(curves) > _MAX_CURVES_WITH_INNER_LEGEND
     figure = Figure(figsize=(9.0 if is_crowded else 6.4, 4.8), layout="constrained")
     axes = figure.add_subplot(
         xlabel="overlap threshold",
@@ -64,10 +63,10 @@ def save_success_plot(
         title="success",
     )
     axes.grid(alpha=0.3)
-    # A single one is the mean of itself.
-    behind = list(details.values()) if details and len(details) > 1 else []
-    for number, curve in enumerate(behind):
-        # One of them stands for all in the legend.
+    # A single sequence equals the mean.
+    sequences = list(details.values()) if details and len(details) > 1 else []
+    for number, curve in enumerate(sequences):
+        # One legend entry for all.
         label = None if number else "single sequences"
         axes.plot(SUCCESS_THRESHOLDS, curve, color="0.75", linewidth=0.8, label=label)
     areas = {label: float(np.mean(curve)) for label, curve in curves.items()}

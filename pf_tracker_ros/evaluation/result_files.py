@@ -1,4 +1,4 @@
-"""The files that `evaluate` writes: results and plot, kept up to date while sequences get done."""
+"""The files that `evaluate` updates after each sequence: results and plot."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from pf_tracker_ros.evaluation.summary import result_document
 
 
 class ResultFiles:
-    """The files that were asked for; whether they can be written is tried at once.
+    """The requested files. The constructor checks that they can be written.
 
     Args:
-        document: JSON file of the results; None for none.
-        plot: Image file of the success plot; None for none.
-        preset: The preset that is evaluated.
-        parameters: Where it differs from the preset.
-        label: Of the curve in the plot.
+        document: JSON file of the results, None for none.
+        plot: Image file of the success plot, None for none.
+        preset: The evaluated preset.
+        parameters: Parameters that differ from the preset.
+        label: Label of the curve in the plot.
 
     Raises:
-        EvaluationError: One cannot be written, or the plot's format is unknown.
+        EvaluationError: A file cannot be written, or the plot's format is not supported.
     """
 
     def __init__(
@@ -43,22 +43,22 @@ class ResultFiles:
         self._label = label
         if plot is not None:
             check_plot_format(plot)
-        wanted = ((document, self._write_document), (plot, self._draw))
-        self._files = [(OutputFile(path), write) for path, write in wanted if path is not None]
+        requested = ((document, self._write_document), (plot, self._draw))
+        self._files = [(OutputFile(path), write) for path, write in requested if path is not None]
 
     @property
     def are_written(self) -> bool:
-        """Whether the files hold what was to be written last."""
+        """Whether the last write of every file succeeded."""
         return all(file.error is None for file, _ in self._files)
 
     def write(self, results: Sequence[SequenceResult]) -> list[str]:
-        """Write the files anew.
+        """Rewrite the files.
 
         Args:
-            results: Those of all sequences that are done, in the order of the sequences.
+            results: All results so far, in the order of the sequences.
 
         Returns:
-            A sentence for each file that cannot be written, unless it was said before.
+            New error messages.
         """
         failures = [file.write(functools.partial(write, results)) for file, write in self._files]
         return [failure for failure in failures if failure is not None]

@@ -1,4 +1,4 @@
-"""What an evaluation found out: boxes, times and scores of a sequence, and means over sequences."""
+"""Results of an evaluation: boxes, times and scores of a sequence, and means over sequences."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pf_tracker_ros.evaluation import metrics
 
 
 class EvaluationError(ValueError):
-    """An evaluation that cannot be carried out as asked; the message says why."""
+    """An evaluation that cannot be carried out; the message has the reason."""
 
 
 @dataclass(frozen=True)
@@ -24,8 +24,8 @@ class Scores:
     Attributes:
         success_auc: Area under the success curve, 0 to 20/21; see `metrics.success_auc`.
         precision_20px: Share of frames with a center error of at most 20 px, 0 to 1.
-        cpu_ms_median: Median CPU time of one `update`, in milliseconds.
-        frames: Number of frames, the first included.
+        cpu_ms_median: Median CPU time of an `update`, in milliseconds.
+        frames: Number of frames, including the first.
     """
 
     success_auc: float
@@ -36,11 +36,11 @@ class Scores:
 
 @dataclass(frozen=True)
 class SequenceFailure:
-    """Stands for the result of a sequence that could not be evaluated.
+    """Result of a sequence that could not be evaluated.
 
     Attributes:
         name: The sequence's name.
-        error: Why; its text names the sequence or the file.
+        error: The reason; its message names the sequence or the file.
     """
 
     name: str
@@ -49,12 +49,12 @@ class SequenceFailure:
 
 @dataclass(frozen=True, eq=False)
 class FrameDetails:
-    """What a tracker that knows more than a box told of each frame.
+    """A tracker's output for each frame besides the box.
 
     Attributes:
-        states: (frames,) as the tracker calls them, empty where it did not tell.
-        confidence: (frames,) 0 to 1, NaN where it did not tell.
-        effective_sample_size: (frames,), NaN where it did not tell.
+        states: (frames,) track states, empty if unknown.
+        confidence: (frames,) 0 to 1, NaN if unknown.
+        effective_sample_size: (frames,), NaN if unknown.
         cue_weights: Name of a cue to its (frames,) weight.
     """
 
@@ -65,7 +65,7 @@ class FrameDetails:
 
     @classmethod
     def of(cls, each: Sequence[Any]) -> FrameDetails:
-        """Those of frames, each with such attributes of its own."""
+        """Collect the details from an object for each frame."""
         names = dict.fromkeys(name for one in each for name in one.cue_weights)
         return cls(
             tuple(one.state for one in each),
@@ -79,19 +79,17 @@ class FrameDetails:
 class SequenceResult:
     """One pass over one sequence, once for each seed.
 
-    Frames whose true box is missing (`metrics.has_target`) are tracked but take no part in the
-    scores.
+    Frames without target (`metrics.has_target`) are tracked but not scored.
 
     Attributes:
         name: The sequence's name.
         seeds: The seeds, in the order of the first axis of the arrays.
-        true_boxes: (frames, 4) x, y, width, height in pixels; a row of NaN where the target is
-            absent.
-        boxes: (seeds, frames, 4) the tracker's boxes; the first is the true one that it was given,
-            and while the tracker calls the target lost, the last one before.
-        lost: (seeds, frames) whether the tracker called the target lost.
+        true_boxes: (frames, 4) x, y, width, height in pixels; a row of NaN for an absent target.
+        boxes: (seeds, frames, 4) the tracker's boxes. The first is the true box; while the target
+            is lost, the last box is repeated.
+        lost: (seeds, frames) whether the tracker reported the target as lost.
         cpu_seconds: (seeds, frames - 1) CPU time of each `update`.
-        details: What the tracker of the first seed told besides; None where nobody asked it.
+        details: Further output for the first seed, None if unknown.
     """
 
     name: str
@@ -104,12 +102,12 @@ class SequenceResult:
 
     @cached_property
     def overlaps(self) -> NDArray[np.float64]:
-        """(seeds, frames) intersection over union; NaN where the true box is missing."""
+        """(seeds, frames) intersection over union; NaN where the target is absent."""
         return metrics.overlap(self.boxes, self.true_boxes)
 
     @cached_property
     def center_errors(self) -> NDArray[np.float64]:
-        """(seeds, frames) pixels; NaN where the true box is missing."""
+        """(seeds, frames) pixels; NaN where the target is absent."""
         return metrics.center_errors(self.boxes, self.true_boxes)
 
     @property
@@ -136,7 +134,7 @@ class SequenceResult:
 
     @property
     def scores(self) -> Scores:
-        """The sequence's figures: each is computed for every seed, then averaged."""
+        """The sequence's figures, averaged over the seeds."""
         return Scores(
             success_auc=float(self.success_aucs.mean()),
             precision_20px=float(np.mean([metrics.precision(row) for row in self.center_errors])),
@@ -146,7 +144,7 @@ class SequenceResult:
 
 
 def mean_scores(results: Sequence[SequenceResult]) -> Scores:
-    """Mean over sequences of every figure, `frames` included; long sequences weigh no more.
+    """Unweighted mean over sequences of every figure, including `frames`.
 
     Raises:
         ValueError: There is no result.

@@ -1,4 +1,4 @@
-"""Finding and opening the sequences to evaluate on."""
+"""Finds and opens the sequences of an evaluation."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from pf_tracker_ros.footage.sequences import IMAGE_FOLDER
 
 
 def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
-    """Open the sequence folders among `folders` and directly inside them, all of them.
+    """Open the sequence folders among `folders` and directly inside them; failures are raised.
 
     Args:
         folders: As for `find_sequences`.
 
     Returns:
-        The sequences with their ground truth, frames not yet read.
+        The sequences with ground truth; frames are not read yet.
 
     Raises:
-        EvaluationError: As for `open_sequences`; or a sequence cannot be evaluated on, for example
+        EvaluationError: As for `open_sequences`; or a sequence cannot be evaluated, for example
             because its target is absent in the first frame.
-        FootageError: A sequence lacks a part, or its ground truth is broken.
+        FootageError: A sequence lacks a part, or its ground truth is invalid.
     """
     sequences, failures = open_sequences(folders)
     for failure in failures:
@@ -36,17 +36,16 @@ def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
 def open_sequences(
     folders: Iterable[str | Path],
 ) -> tuple[list[Footage], list[SequenceFailure]]:
-    """Open the sequence folders among `folders` and directly inside them, as far as that works.
+    """Open the sequence folders among `folders` and directly inside them; failures are returned.
 
     Args:
         folders: As for `find_sequences`.
 
     Returns:
-        The sequences with their ground truth, frames not yet read; and why others are not there.
+        The sequences with ground truth, frames not read yet; and the failures.
 
     Raises:
-        EvaluationError: As for `find_sequences`; or two sequences share a name and could not be
-            told apart in the results.
+        EvaluationError: As for `find_sequences`; or two sequences have the same name.
         FootageError: As for `find_sequences`.
     """
     sequences: dict[str, Footage] = {}
@@ -60,7 +59,7 @@ def open_sequences(
             continue
         if footage.name in sequences:
             raise EvaluationError(
-                f"more than one sequence is named '{footage.name}', the last one in {folder}; "
+                f"several sequences are named '{footage.name}', the last one in {folder}; "
                 "allowed: different names"
             )
         sequences[footage.name] = footage
@@ -70,9 +69,9 @@ def open_sequences(
 def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
     """The sequence folders among `folders` and directly inside them.
 
-    A folder with a `groundtruth.txt` or `groundtruth_rect.txt` is a sequence; of any other folder,
-    the sequences are those of its subfolders that have one, or frames in `img`, in the order of
-    their names: one that lacks its ground truth is to be told of. A sequence met twice counts once.
+    A folder with a `groundtruth.txt` or `groundtruth_rect.txt` is a sequence. In any other folder,
+    the subfolders with such a file, or with frames in `img` (to report missing ground truth), are
+    sequences, in order of their names. Duplicates are removed.
 
     Args:
         folders: Sequence folders, or folders of sequence folders.
@@ -81,8 +80,8 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
         Absolute paths, in the order given.
 
     Raises:
-        EvaluationError: A folder does not exist or holds no sequence.
-        FootageError: A folder may not be looked into.
+        EvaluationError: A folder does not exist or contains no sequence.
+        FootageError: A folder is not accessible.
     """
     found: dict[Path, None] = {}
     for given in folders:
@@ -110,13 +109,13 @@ def _sequences_of(folder: Path) -> list[Path]:
     if ground_truth_file(folder) is not None:
         return [folder]
     subfolders = (entry for entry in entries(folder) if is_folder(entry))
-    return sorted(entry.resolve() for entry in subfolders if _is_meant_as_one(entry))
+    return sorted(entry.resolve() for entry in subfolders if _looks_like_sequence(entry))
 
 
-def _is_meant_as_one(folder: Path) -> bool:
+def _looks_like_sequence(folder: Path) -> bool:
     images = folder / IMAGE_FOLDER
     try:
         return ground_truth_file(folder) is not None or (exists(images) and images.is_dir())
     except FootageError:
-        # Told of with the sequences that cannot be evaluated on.
+        # Reported when it is opened.
         return True

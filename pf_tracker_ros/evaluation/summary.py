@@ -20,9 +20,8 @@ def result_document(
 ) -> dict[str, Any]:
     """The results as a JSON object.
 
-    `preset`; `seeds`, their number; `sequences`, of each name the four figures of `Scores`; `mean`,
-    the same four, `frames` included, averaged over the sequences. Only where parameters differ from
-    the preset are they listed too, under `parameters`.
+    Its keys are `preset`, `parameters` (only if some differ from the preset), `seeds` (number),
+    `sequences` (name to the four figures of `Scores`) and `mean` (the same four).
 
     Raises:
         ValueError: There is no result.
@@ -42,17 +41,17 @@ def print_table(title: str, results: Sequence[SequenceResult]) -> None:
     """Print the figures of each sequence, and their means, on standard output.
 
     The column after the success AUC is its standard deviation over the seeds, empty for one seed.
-    What the output's encoding lacks is written in ASCII. Needs Rich.
+    Characters outside the output's encoding are escaped. Needs Rich.
 
     Raises:
         ValueError: There is no result.
-        BrokenPipeError: Nobody reads the output; all further output goes nowhere.
-        OSError: It cannot be written for another reason; likewise.
+        BrokenPipeError: The output was closed; further output is discarded.
+        OSError: Another error of the output; likewise.
     """
     from rich.console import Console
 
     if sys.stdout is None:
-        # The output was closed before the program began; print() says nothing then either.
+        # The output was closed before the start; print() is silent then, too.
         return
     console = Console()
     encoding = sys.stdout.encoding or "utf-8"
@@ -63,10 +62,10 @@ def print_table(title: str, results: Sequence[SequenceResult]) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
     except OSError:
-        # Python writes at its end what is still held back, and would complain again.
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
-        os.close(nowhere)
+        # Python flushes its buffer at exit, and would raise again.
+        null_device = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null_device, sys.stdout.fileno())
+        os.close(null_device)
         raise
 
 
@@ -80,22 +79,22 @@ def _table(title: str, results: Sequence[SequenceResult], encoding: str) -> Tabl
     plus_minus = "±" if "±".encode(encoding, "ignore") else "+-"
     for heading in ("frames", "AUC", plus_minus, "precision 20 px", "CPU ms"):
         table.add_column(heading, justify="right")
-    # Names go in as Text: square brackets in a plain string are markup to Rich.
+    # As Text, because square brackets in a string are markup in Rich.
     for result in results:
         table.add_row(
             Text(result.name), *_cells(result.scores, result.success_auc_std, frames=".0f")
         )
     table.add_section()
-    deviation = sum(result.success_auc_std for result in results) / len(results)
-    table.add_row("mean", *_cells(mean, deviation, frames=".1f"), style="bold")
+    mean_std = sum(result.success_auc_std for result in results) / len(results)
+    table.add_row("mean", *_cells(mean, mean_std, frames=".1f"), style="bold")
     return table
 
 
-def _cells(scores: Scores, deviation: float, frames: str) -> list[str]:
+def _cells(scores: Scores, success_auc_std: float, frames: str) -> list[str]:
     return [
         format(scores.frames, frames),
         f"{scores.success_auc:.3f}",
-        "" if math.isnan(deviation) else f"{deviation:.3f}",
+        "" if math.isnan(success_auc_std) else f"{success_auc_std:.3f}",
         f"{scores.precision_20px:.3f}",
         f"{scores.cpu_ms_median:.2f}",
     ]

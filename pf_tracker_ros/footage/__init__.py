@@ -1,4 +1,4 @@
-"""Recorded pictures as frames with stamps: videos, folders of images, sequences and bags."""
+"""Recorded images as stamped frames: videos, folders of images, sequence folders and bags."""
 
 from pf_tracker_ros.footage.bag_writing import BagWriter, write_footage
 from pf_tracker_ros.footage.bags import BagImage, ImageBag, is_bag, open_bag

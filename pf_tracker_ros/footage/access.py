@@ -1,7 +1,7 @@
-"""Whether files and folders can be read, told before anything opens them.
+"""Checks that files and folders can be read, made before they are opened.
 
-Opening a FIFO or a device may block forever, and OpenCV does not tell a file that it may not read
-from one that it cannot decode.
+Opening a FIFO or a device may block forever, and OpenCV reports a missing permission as a decoding
+error.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ _KINDS: dict[str, Callable[[int], bool]] = {
 
 
 def check_file(path: Path, what: str) -> None:
-    """Refuse what is not a regular file that this user may read.
+    """Check that a path is a readable regular file.
 
     Args:
         path: The file.
-        what: What it should be, for the message, such as `video`.
+        what: Kind of file for messages, such as `video`.
 
     Raises:
-        FootageError: It is missing, of another kind, or may not be read.
+        FootageError: It is missing, not a regular file, or not readable.
     """
     try:
         mode = path.stat().st_mode
@@ -38,12 +38,12 @@ def check_file(path: Path, what: str) -> None:
             return
     except OSError as error:
         raise unreadable(path, what, error) from error
-    kind = next((name for name, applies in _KINDS.items() if applies(mode)), "no file")
+    kind = next((name for name, is_kind in _KINDS.items() if is_kind(mode)), "no file")
     raise FootageError(f"{what} {path} is {kind}; accepted are regular files")
 
 
 def entries(folder: Path) -> list[Path]:
-    """What is in a folder.
+    """Entries of a folder.
 
     Raises:
         FootageError: It cannot be listed.
@@ -55,10 +55,10 @@ def entries(folder: Path) -> list[Path]:
 
 
 def exists(path: Path) -> bool:
-    """Whether there is something at a path, of any kind.
+    """Whether a path exists, following links.
 
     Raises:
-        FootageError: This user may not look there.
+        FootageError: A parent folder is not accessible.
     """
     try:
         return path.exists()
@@ -67,16 +67,16 @@ def exists(path: Path) -> bool:
 
 
 def lexists(path: Path) -> bool:
-    """Whether there is something at a path, be it a link that leads to nothing.
+    """Whether a path exists, also as a broken link.
 
     Raises:
-        FootageError: This user may not look there.
+        FootageError: A parent folder is not accessible.
     """
     return exists(path) or path.is_symlink()
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path is a folder, as far as this user may look; what cannot be one is none."""
+    """Whether a path is a folder; False also if a parent folder is not accessible."""
     try:
         return path.is_dir()
     except OSError:
@@ -84,16 +84,16 @@ def is_folder(path: Path) -> bool:
 
 
 def resolved(path: Path) -> Path:
-    """The absolute path without links in it, but for such as lead in a circle, to nowhere."""
+    """The absolute path with links resolved, except those in a loop."""
     return Path(os.path.realpath(path))
 
 
 def unreadable(path: Path, what: str, error: OSError) -> FootageError:
-    """The error of a file or folder that the system does not let one read."""
+    """The FootageError for a file or folder that raised an OSError."""
     reason = error.strerror or type(error).__name__
     if isinstance(error, PermissionError):
         return FootageError(
-            f"{what} {path} may not be read by this user ({reason}); change its permissions, those "
-            "of the folders above it, or the user"
+            f"{what} {path} may not be read by this user ({reason}); change its permissions or "
+            "those of the folders above it"
         )
     return FootageError(f"{what} {path} cannot be read ({reason})")

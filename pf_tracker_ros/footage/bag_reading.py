@@ -1,7 +1,4 @@
-"""Bags as lists of topics and serialized messages, whichever library reads them.
-
-A ROS from apt brings `rosbag2_py`; elsewhere `rosbags` from PyPI does the same.
-"""
+"""Bags as topics and serialized messages, read by `rosbag2_py` of ROS, or by `rosbags` of PyPI."""
 
 from __future__ import annotations
 
@@ -20,7 +17,7 @@ if TYPE_CHECKING:
     from pf_tracker_ros.footage.bag_reading_rosbags import RosbagsReader
 
 BagReader: TypeAlias = "Rosbag2Reader | RosbagsReader"
-"""An open bag; whatever is wrong with it may be raised as any exception."""
+"""An open bag. A damaged bag may raise any exception."""
 
 METADATA_FILE = "metadata.yaml"
 BAG_SUFFIXES = (".mcap", ".db3")
@@ -33,7 +30,7 @@ class BagTopic:
     Attributes:
         name: Full topic name.
         message_type: For example `sensor_msgs/msg/Image`.
-        message_count: Number of messages on it, as far as the bag tells; 0 if it does not.
+        message_count: Number of messages according to the bag; 0 if unknown.
     """
 
     name: str
@@ -42,7 +39,7 @@ class BagTopic:
 
 
 def topics_of(counts: Iterable[tuple[str, str, int]]) -> list[BagTopic]:
-    """Topics out of names, types and counts; one may be there several times, such as once a QoS."""
+    """Topics from names, types and counts. The counts of repeated topics, as one a QoS, add up."""
     sums: dict[tuple[str, str], int] = {}
     for name, message_type, count in counts:
         sums[name, message_type] = sums.get((name, message_type), 0) + count
@@ -51,17 +48,16 @@ def topics_of(counts: Iterable[tuple[str, str, int]]) -> list[BagTopic]:
 
 @contextmanager
 def reading(path: Path) -> Iterator[BagReader]:
-    """Open a bag for the length of a block; errors of the block's reading become FootageErrors.
+    """Open a bag within a block; reading errors become FootageErrors.
 
     Args:
         path: A rosbag2 folder or a storage file.
 
     Raises:
-        FootageError: The bag cannot be read, or nothing is installed to read it with.
+        FootageError: The bag cannot be read, or no library for it is installed.
     """
     _check_files(path)
-    # A corrupt file can make the readers of YAML, SQLite, MCAP and zstd raise nearly anything;
-    # to the user it is all one: this bag cannot be read.
+    # On a corrupt file the readers of YAML, SQLite, MCAP and zstd raise nearly any exception.
     try:
         reader = _open(path)
         try:
@@ -78,12 +74,12 @@ def _open(path: Path) -> BagReader:
     from pf_tracker_ros.footage.bag_reading_rosbag2 import Rosbag2Reader
     from pf_tracker_ros.footage.bag_reading_rosbags import RosbagsReader
 
-    for make in (Rosbag2Reader, RosbagsReader):
+    for reader_type in (Rosbag2Reader, RosbagsReader):
         with suppress(ImportError):
-            return make(path)
+            return reader_type(path)
     raise FootageError(
-        "reading a bag needs rosbag2_py, which apt has in ros-jazzy-rosbag2-py, or the Python "
-        "package rosbags: pip install rosbags"
+        "reading a bag needs rosbag2_py (apt: ros-jazzy-rosbag2-py) or the Python package rosbags "
+        "(pip install rosbags)"
     )
 
 

@@ -1,7 +1,7 @@
-"""Reads bags with `rosbag2_py`, which comes with a ROS from apt.
+"""Bag reader for `rosbag2_py`, a package of ROS.
 
-Written against the interface that rosbag2 documents for Jazzy (`rosbag2_py` 0.26: its bindings and
-its tests), as no package index has it to run here.
+Written against the interface of Jazzy (bindings and tests of `rosbag2_py` 0.26). It is on no
+package index, so the tests run against a stand-in.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import Any
 
 from pf_tracker_ros.footage.bag_reading import BagTopic, topics_of
 
-# A folder's metadata.yaml names its storage.
+# For bare files; a folder's metadata.yaml names its storage.
 _STORAGE_BY_SUFFIX = {".mcap": "mcap", ".db3": "sqlite3"}
 
 
 class Rosbag2Reader:
-    """A bag read by `rosbag2_py`, as `RosbagsReader` reads it.
+    """An open bag, with the interface of `RosbagsReader`.
 
     Args:
-        path: The bag, opened at once.
+        path: The bag.
 
     Raises:
         ImportError: `rosbag2_py` is not installed.
@@ -43,7 +43,7 @@ class Rosbag2Reader:
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """See `RosbagsReader.messages`."""
-        # A reader goes through its bag once.
+        # A reader iterates over its bag only once.
         reader = self._open()
         reader.set_filter(self._library.StorageFilter(topics=[topic]))
         while reader.has_next():
@@ -51,11 +51,11 @@ class Rosbag2Reader:
             yield log_time, message
 
     def close(self) -> None:
-        """See `RosbagsReader.close`; the library closes a file with the reader that has it open."""
+        """See `RosbagsReader.close`; the library closes a file when its reader is deleted."""
 
     def _open(self) -> Any:
         is_folder = self._path.is_dir()
-        # The plain reader hands compressed messages out as they are.
+        # The plain reader does not decompress messages.
         is_compressed = is_folder and bool(
             self._library.MetadataIo().read_metadata(str(self._path)).compression_format
         )

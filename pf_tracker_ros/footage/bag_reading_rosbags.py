@@ -1,4 +1,4 @@
-"""Reads bags with `rosbags`, a package of PyPI that needs no ROS."""
+"""Bag reader for `rosbags`, a package of PyPI that needs no ROS."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from pf_tracker_ros.footage.bag_reading import BagTopic, topics_of
 
 
 class RosbagsReader:
-    """A bag read by `rosbags`.
+    """An open bag.
 
     Args:
-        path: The bag, opened at once.
+        path: The bag.
 
     Raises:
         ImportError: `rosbags` is not installed.
@@ -25,7 +25,7 @@ class RosbagsReader:
         self._reader.open()
 
     def topics(self) -> list[BagTopic]:
-        """The topics, each name and type once."""
+        """The topics, one for each name and type."""
         connections = self._reader.connections
         return topics_of((each.topic, each.msgtype, each.msgcount) for each in connections)
 
@@ -36,5 +36,5 @@ class RosbagsReader:
             yield log_time, bytes(message)
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._reader.close()

@@ -1,4 +1,4 @@
-"""Write MCAP recordings that `ros2 bag` plays, without ROS installed."""
+"""Writes MCAP bags for `ros2 bag`; needs no ROS."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.atomic_files import hidden_folder
 from pf_tracker_ros.footage.base import Footage, FootageError
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
-from pf_tracker_ros.stamps import parts
+from pf_tracker_ros.stamps import split_stamp
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
@@ -23,16 +23,16 @@ Reliability = Literal["reliable", "best_effort"]
 
 
 class BagWriter:
-    """Writes one MCAP bag; a context manager, finished when left without an error.
+    """Context manager that writes one MCAP bag. The bag appears when the block ends without error.
 
     A path that ends in `.mcap` becomes a single file, any other a rosbag2 folder with
     metadata.yaml.
 
     Args:
-        path: Where it will be once finished.
+        path: Path of the bag.
 
     Raises:
-        FootageError: Something is there already, or the package rosbags is missing.
+        FootageError: The path exists, or the package rosbags is missing.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -45,28 +45,28 @@ class BagWriter:
             ) from error
         self._path = Path(path)
         if self._path.exists():
-            raise FootageError(f"{self._path} exists already; a bag does not overwrite anything")
-        self._make = partial(Writer, version=9, storage_plugin=StoragePlugin.MCAP)
+            raise FootageError(f"bag {self._path} exists already; remove it or choose another path")
+        self._make_writer = partial(Writer, version=9, storage_plugin=StoragePlugin.MCAP)
         self._typestore: Typestore = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Connection] = {}
-        self._blank: dict[str, dict[str, Any]] = {}
+        self._field_defaults: dict[str, dict[str, Any]] = {}
 
     def __enter__(self) -> BagWriter:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
             folder = stack.enter_context(hidden_folder(self._path.parent, ".bag_"))
-            self._writer = self._make(folder / self._path.stem)
+            self._writer = self._make_writer(folder / self._path.stem)
             self._writer.open()
-            self._workplace = stack.pop_all()
+            self._staging_folder = stack.pop_all()
         return self
 
     def __exit__(self, *error: Any) -> None:
-        with self._workplace:
+        with self._staging_folder:
             self._writer.__exit__(*error)
             if error[0] is None:
-                self._put_in_place()
+                self._move_into_place()
 
-    def _put_in_place(self) -> None:
+    def _move_into_place(self) -> None:
         finished = self._writer.path
         if self._path.suffix == ".mcap":
             finished = finished / f"{self._path.stem}.mcap"
@@ -80,7 +80,7 @@ class BagWriter:
         reliability: Reliability = "reliable",
         depth: int = 10,
     ) -> None:
-        """Add a topic of the common interfaces, with the QoS profile that a player shall offer.
+        """Add a topic of a standard message type, with the QoS profile for its playback.
 
         Args:
             topic: Full topic name.
@@ -96,7 +96,7 @@ class BagWriter:
         )
 
     def write(self, topic: str, log_time: int, message: bytes) -> None:
-        """Write a message that is serialized already.
+        """Write a serialized message.
 
         Args:
             topic: One of the added topics.
@@ -111,36 +111,38 @@ class BagWriter:
         Args:
             topic: One of the added topics.
             log_time: Nanoseconds.
-            message: Of the topic's type.
+            message: Message of the topic's type.
         """
         octets = self._typestore.serialize_cdr(message, self._connections[topic].msgtype)
         self.write(topic, log_time, bytes(octets))
 
     def write_image(self, topic: str, stamp: int, image: NDArray[Any]) -> None:
-        """Write an image as sensor_msgs/msg/Image, with the frame "camera" and its log time.
+        """Write an image as sensor_msgs/msg/Image with the frame id "camera".
 
         Args:
             topic: One of the added topics.
-            stamp: Nanoseconds.
+            stamp: Stamp and log time in nanoseconds.
             image: As for `image_message`.
         """
         self.write_message(topic, stamp, image_message(self.new, self.header(stamp), image))
 
     def header(self, stamp: int, frame_id: str = "camera") -> Any:
         """A header with a stamp in nanoseconds."""
-        seconds, nanoseconds = parts(stamp)
+        seconds, nanoseconds = split_stamp(stamp)
         time = self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
         return self.new("std_msgs/msg/Header", stamp=time, frame_id=frame_id)
 
     def new(self, message_type: str, /, **fields: Any) -> Any:
-        """A message; what is left out is 0 or empty."""
-        if message_type not in self._blank:
+        """Make a message; other fields are 0 or empty."""
+        if message_type not in self._field_defaults:
             _, declared = self._typestore.fielddefs[message_type]
-            self._blank[message_type] = {name: self._usual(*kind) for name, kind in declared}
-        return self._typestore.types[message_type](**{**self._blank[message_type], **fields})
+            defaults = {name: self._default(*kind) for name, kind in declared}
+            self._field_defaults[message_type] = defaults
+        values = {**self._field_defaults[message_type], **fields}
+        return self._typestore.types[message_type](**values)
 
-    def _usual(self, kind: Any, details: Any) -> Any:
-        """What a field is in a blank message, by its declaration in the type store."""
+    def _default(self, kind: Any, details: Any) -> Any:
+        """Default of a field, from its declaration in the type store."""
         if kind.name == "NAME":
             return self.new(details)
         if kind.name == "BASE":
@@ -157,16 +159,16 @@ def write_footage(
     ground_truth_topic: str = "/ground_truth",
     frame_id: str = "camera",
 ) -> int:
-    """Write footage into an MCAP bag, with its ground truth where there is one.
+    """Write footage and its ground truth, if any, into an MCAP bag.
 
-    A frame whose target is absent gets no message with a box.
+    Frames without target get no ground-truth message.
 
     Args:
-        footage: What to write.
-        path: The bag; a single file if it ends in `.mcap`, else a rosbag2 folder.
+        footage: The footage.
+        path: As for `BagWriter`.
         topic: Image topic.
         ground_truth_topic: Topic of the boxes.
-        frame_id: Frame of all headers.
+        frame_id: Frame id of all headers.
 
     Returns:
         The number of frames written.
@@ -201,7 +203,7 @@ def _qos(reliability: Reliability, depth: int) -> Qos:
         QosTime,
     )
 
-    # What the ROS middleware interface calls an infinite duration.
+    # RMW_DURATION_INFINITE.
     unlimited = QosTime(sec=9_223_372_036, nsec=854_775_807)
     return Qos(
         history=QosHistory.KEEP_LAST,

@@ -1,8 +1,7 @@
-"""Images in rosbag2 recordings, as the serialized messages that were recorded.
+"""Image topics of rosbag2 recordings, as serialized messages.
 
 Reads folders with metadata.yaml (sqlite3 or MCAP, with or without zstd compression by file or by
-message) and bare .mcap and .db3 files. Nothing is deserialized: a message goes out again as the
-bytes that came in.
+message) and bare .mcap and .db3 files. Messages keep their recorded bytes.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ class BagImage:
 
     Attributes:
         stamp: Stamp of the header in nanoseconds.
-        log_time: When it was recorded, in nanoseconds.
+        log_time: Time of recording in nanoseconds.
         message: The message in CDR, as recorded.
         ground_truth: The PolygonStamped in CDR with the same stamp, None without one.
     """
@@ -50,10 +49,10 @@ class ImageBag:
 
     Attributes:
         path: The bag.
-        image_topic: Topic that the images come from.
+        image_topic: Topic of the images.
         image_type: `sensor_msgs/msg/Image` or `sensor_msgs/msg/CompressedImage`.
-        image_count: Number of messages on it, as far as the bag tells; 0 if it does not.
-        ground_truth_topic: Topic that the boxes come from, None without one.
+        image_count: Number of images according to the bag; 0 if unknown.
+        ground_truth_topic: Topic of the true boxes, None without one.
     """
 
     path: Path
@@ -78,12 +77,12 @@ class ImageBag:
         """
         with reading(self.path) as reader:
             ground_truth = self._read_ground_truth(reader)
-            found = False
+            is_empty = True
             for log_time, message in reader.messages(self.image_topic):
                 stamp = header_stamp(message)
                 yield BagImage(stamp, log_time, message, ground_truth.get(stamp))
-                found = True
-        if not found:
+                is_empty = False
+        if is_empty:
             raise FootageError(f"bag {self.path} has no message on topic {self.image_topic}")
 
     def _read_ground_truth(self, reader: BagReader) -> dict[int, bytes]:
@@ -99,7 +98,7 @@ def is_bag(path: Path) -> bool:
     """Whether a path is a rosbag2 folder or a storage file of one.
 
     Raises:
-        FootageError: This user may not look there.
+        FootageError: A parent folder is not accessible.
     """
     if exists(path) and path.is_dir():
         return exists(path / METADATA_FILE)
@@ -111,15 +110,15 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
 
     Args:
         path: A rosbag2 folder or a .mcap file.
-        topic: Image topic; empty takes the only one that there is.
-        ground_truth_topic: Topic of type PolygonStamped with a box for each image; empty takes
-            the only one whose name ends with `ground_truth`, if there is one.
+        topic: Image topic; empty for the only one.
+        ground_truth_topic: Topic of type PolygonStamped with a box for each image; empty for the
+            only one whose name ends with `ground_truth`, if any.
 
     Returns:
-        What is there; the messages are read by `ImageBag.images`.
+        The topics; `ImageBag.images` reads the messages.
 
     Raises:
-        FootageError: The bag cannot be read, or the topic is missing or not the only one.
+        FootageError: The bag cannot be read, or the topic is missing or ambiguous.
     """
     bag = Path(path)
     with reading(bag) as reader:
@@ -129,19 +128,19 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
     if not images:
         raise FootageError(
             f"bag {bag} has no topic of type {IMAGE_TYPE} or {COMPRESSED_IMAGE_TYPE}; there are: "
-            f"{all_topics or 'no topics at all'}"
+            f"{all_topics or 'no topics'}"
         )
     names = ", ".join(sorted(images))
     if topic and topic not in images:
         raise FootageError(f"bag {bag} has no image topic {topic}; image topics are: {names}")
     if not topic and len(images) > 1:
-        raise FootageError(f"bag {bag} has several image topics, choose one: {names}")
-    chosen = images[topic] if topic else next(iter(images.values()))
+        raise FootageError(f"bag {bag} has several image topics; choose one: {names}")
+    selected = images[topic] if topic else next(iter(images.values()))
     return ImageBag(
         path=bag,
-        image_topic=chosen.name,
-        image_type=chosen.message_type,
-        image_count=chosen.message_count,
+        image_topic=selected.name,
+        image_type=selected.message_type,
+        image_count=selected.message_count,
         ground_truth_topic=_choose_ground_truth(bag, topics, ground_truth_topic),
     )
 
@@ -181,7 +180,7 @@ def _choose_ground_truth(bag: Path, topics: list[BagTopic], topic: str) -> str |
     named = [name for name in polygons if name.endswith(GROUND_TRUTH_SUFFIX)]
     if len(named) > 1:
         raise FootageError(
-            f"bag {bag} has several topics with ground truth, choose one: {', '.join(named)}"
+            f"bag {bag} has several topics with ground truth; choose one: {', '.join(named)}"
         )
     return named[0] if named else None
 

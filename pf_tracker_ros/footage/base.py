@@ -1,4 +1,4 @@
-"""What all footage has in common: frames in order, each with a stamp."""
+"""The interface of all footage: frames in order, each with a stamp."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ DEFAULT_FRAME_RATE = 25.0
 
 
 class FootageError(ValueError):
-    """A source that cannot be read; the message says what is wrong and what would be accepted."""
+    """A source that cannot be read; the message has the reason and what is accepted."""
 
 
 class Footage(Protocol):
@@ -24,11 +24,10 @@ class Footage(Protocol):
 
     Attributes:
         name: Short name for messages and tables.
-        frame_count: Number of frames as far as the source tells, else None.
+        frame_count: Number of frames, None if unknown.
         nominal_interval: Seconds from one frame to the next.
         ground_truth: (frames, 4) boxes x, y, width, height in pixels, (x, y) the top-left corner
-            counted from 0, a row of NaN where the target is absent; None where the source has no
-            ground truth.
+            counted from 0; a row of NaN where the target is absent. None without ground truth.
     """
 
     @property
@@ -55,7 +54,7 @@ class Footage(Protocol):
 def frame_stamp(index: int, interval: float) -> int:
     """Stamp of a frame in nanoseconds.
 
-    The first frame is at 1 s, because a stamp of 0 means "no stamp" to ROS.
+    The first frame is at 1 s, because a stamp of 0 means "no stamp" in ROS.
 
     Args:
         index: Position of the frame, counted from 0.
@@ -65,6 +64,6 @@ def frame_stamp(index: int, interval: float) -> int:
 
 
 def describe_image(image: NDArray[Any]) -> str:
-    """Size and kind of an image in words, for messages."""
+    """Size, channels and type of an image, for messages."""
     channels = 1 if image.ndim == 2 else image.shape[2]
     return f"{image.shape[1]}x{image.shape[0]}, {channels} channel(s) of {image.dtype}"

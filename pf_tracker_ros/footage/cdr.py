@@ -1,8 +1,9 @@
-"""Serialized ROS messages of the few types that recordings are read for, without any ROS.
+"""Deserializes the ROS message types read from recordings; needs no ROS.
 
-A CDR message begins with four bytes of encapsulation, of which the second tells the byte order;
-a message whose first field is a std_msgs/Header goes on with its stamp: int32 seconds, uint32
-nanoseconds.
+1. A CDR message begins with four bytes of encapsulation; the second is the byte order.
+2. In a message that begins with a std_msgs/Header, the stamp follows: int32 seconds, uint32
+   nanoseconds.
+3. Each number begins at a multiple of its size, counted from the end of the encapsulation.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 
 from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.stamps import join
+from pf_tracker_ros.stamps import join_stamp
 
 # Plain CDR of version 1 and 2 (OMG DDS-XTYPES 1.3, table 60): big endian, little endian.
 _STAMP_LAYOUTS = {
@@ -22,7 +23,7 @@ _STAMP_LAYOUTS = {
     b"\x00\x06": ">iI",
     b"\x00\x07": "<iI",
 }
-# In those of version 2, larger numbers begin at multiples of four as well.
+# In version 2 the alignment is at most four bytes.
 _VERSION_2 = (b"\x00\x06", b"\x00\x07")
 _ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
 _ENCAPSULATION_SIZE = 4
@@ -42,8 +43,8 @@ def header_stamp(message: bytes) -> int:
     """
     if message[:4] == _ZSTANDARD_MAGIC:
         raise FootageError(
-            "the messages are compressed one by one, which only metadata.yaml tells; give the "
-            "rosbag2 folder instead of the file"
+            "the messages are compressed one by one, as only metadata.yaml says; give the rosbag2 "
+            "folder instead of the file"
         )
     layout = _STAMP_LAYOUTS.get(bytes(message[:2]))
     if layout is None or len(message) < _ENCAPSULATION_SIZE + struct.calcsize(layout):
@@ -53,18 +54,18 @@ def header_stamp(message: bytes) -> int:
             "order"
         )
     seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
-    return join(seconds, nanoseconds)
+    return join_stamp(seconds, nanoseconds)
 
 
 def deserialize_image(message: bytes) -> Any:
     """A serialized sensor_msgs/Image.
 
     Returns:
-        The fields of the message, of its header `stamp` in nanoseconds and `frame_id`; `data` is a
-        view of the serialized message.
+        The fields of the message, with `stamp` in nanoseconds and `frame_id` of its header. `data`
+        is a view of the serialized message.
 
     Raises:
-        FootageError: This is not such a message, or it is cut off.
+        FootageError: This is not such a message, or it is truncated.
     """
     fields = _Fields(message)
     return SimpleNamespace(
@@ -83,7 +84,7 @@ def deserialize_compressed_image(message: bytes) -> Any:
     """A serialized sensor_msgs/CompressedImage; see `deserialize_image`.
 
     Raises:
-        FootageError: This is not such a message, or it is cut off.
+        FootageError: This is not such a message, or it is truncated.
     """
     fields = _Fields(message)
     return SimpleNamespace(
@@ -95,7 +96,7 @@ def deserialize_polygon(message: bytes) -> list[tuple[float, float]]:
     """The points (x, y) of a serialized geometry_msgs/PolygonStamped.
 
     Raises:
-        FootageError: This is not such a message, or it is cut off.
+        FootageError: This is not such a message, or it is truncated.
     """
     fields = _Fields(message)
     fields.text()
@@ -107,13 +108,13 @@ def deserialize_polygon(message: bytes) -> list[tuple[float, float]]:
 
 
 def deserialize_detections(message: bytes) -> SimpleNamespace:
-    """A serialized vision_msgs/Detection2DArray, as far as it tells of boxes.
+    """Boxes and hypotheses of a serialized vision_msgs/Detection2DArray.
 
     Returns:
-        `stamp` in nanoseconds, and `detections` with `bbox` and `results` as the message has them.
+        `stamp` in nanoseconds, and `detections` with the fields `bbox` and `results`.
 
     Raises:
-        FootageError: This is not such a message, or it is cut off.
+        FootageError: This is not such a message, or it is truncated.
     """
     fields = _Fields(message)
     fields.text()
@@ -123,13 +124,13 @@ def deserialize_detections(message: bytes) -> SimpleNamespace:
 
 
 def _detection(fields: _Fields) -> SimpleNamespace:
-    # Its header.
+    # Header.
     fields.numbers("iI")
     fields.text()
     results = [_hypothesis(fields) for _ in range(fields.number("I"))]
     x, y, theta, size_x, size_y = fields.numbers("ddddd")
     center = SimpleNamespace(position=SimpleNamespace(x=x, y=y), theta=theta)
-    # Its id.
+    # Id.
     fields.text()
     bbox = SimpleNamespace(center=center, size_x=size_x, size_y=size_y)
     return SimpleNamespace(results=results, bbox=bbox)
@@ -137,13 +138,13 @@ def _detection(fields: _Fields) -> SimpleNamespace:
 
 def _hypothesis(fields: _Fields) -> SimpleNamespace:
     hypothesis = SimpleNamespace(class_id=fields.text(), score=fields.number("d"))
-    # A pose of seven numbers, and its covariance.
+    # Pose of seven numbers, and its covariance.
     fields.numbers("d" * (7 + 36))
     return SimpleNamespace(hypothesis=hypothesis)
 
 
 class _Fields:
-    """The fields of a message that begins with a header, one after the other.
+    """Reads the fields of a message with a header in order.
 
     Args:
         message: The message in CDR, encapsulation included.
@@ -153,51 +154,51 @@ class _Fields:
         self.stamp = header_stamp(message)
         layout = _STAMP_LAYOUTS[bytes(message[:2])]
         self._order = layout[0]
-        self._most_aligned = 4 if bytes(message[:2]) in _VERSION_2 else 8
+        self._max_alignment = 4 if bytes(message[:2]) in _VERSION_2 else 8
         self._message = message
-        self._at = _ENCAPSULATION_SIZE + struct.calcsize(layout)
+        self._offset = _ENCAPSULATION_SIZE + struct.calcsize(layout)
 
     def number(self, kind: str) -> Any:
-        """The next field, of a type of `struct`; each begins at a multiple of its size."""
+        """The next field, a number with a format character of `struct`."""
         layout = self._order + kind
         size = struct.calcsize(layout)
-        begin = self._at + (_ENCAPSULATION_SIZE - self._at) % min(size, self._most_aligned)
+        padding = (_ENCAPSULATION_SIZE - self._offset) % min(size, self._max_alignment)
+        begin = self._offset + padding
         if begin + size > len(self._message):
-            raise self._cut_off()
-        self._at = begin + size
+            raise self._truncated()
+        self._offset = begin + size
         return struct.unpack_from(layout, self._message, begin)[0]
 
     def numbers(self, kinds: str) -> list[Any]:
-        """The next fields, each of a type of `struct`."""
+        """The next fields, numbers with format characters of `struct`."""
         return [self.number(kind) for kind in kinds]
 
     def check_end(self) -> None:
-        """Refuse a message with more in it than was read, but for padding.
+        """Check that only padding is left.
 
         Raises:
-            FootageError: It is of another type.
+            FootageError: The message is longer than its type.
         """
-        left = len(self._message) - self._at
+        left = len(self._message) - self._offset
         if left >= _ENCAPSULATION_SIZE:
             raise FootageError(
-                f"a message of {len(self._message)} bytes has {left} more than its topic's type "
-                "takes; it is of another type or version"
+                f"a message of {len(self._message)} bytes is {left} bytes longer than its topic's "
+                "type; it is of another type or version"
             )
 
     def octets(self) -> memoryview:
         """The next field, a sequence of octets."""
         length = self.number("I")
-        if self._at + length > len(self._message):
-            raise self._cut_off()
-        begin, self._at = self._at, self._at + length
-        return memoryview(self._message)[begin : self._at]
+        if self._offset + length > len(self._message):
+            raise self._truncated()
+        begin, self._offset = self._offset, self._offset + length
+        return memoryview(self._message)[begin : self._offset]
 
     def text(self) -> str:
-        """The next field, a string; what is no UTF-8 in it is replaced."""
+        """The next field, a string; invalid UTF-8 is replaced."""
         return bytes(self.octets()).rstrip(b"\0").decode("utf-8", "replace")
 
-    def _cut_off(self) -> FootageError:
+    def _truncated(self) -> FootageError:
         return FootageError(
-            f"a message of {len(self._message)} bytes is cut off, or of another type than its "
-            "topic says"
+            f"a message of {len(self._message)} bytes is truncated, or not of its topic's type"
         )

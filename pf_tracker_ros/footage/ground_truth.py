@@ -1,4 +1,4 @@
-"""Ground-truth files: one line `x,y,width,height` a frame, absent targets included."""
+"""Ground-truth files: one line `x,y,width,height` for each frame, also for an absent target."""
 
 from __future__ import annotations
 
@@ -12,20 +12,17 @@ from pf_tracker_ros.footage.access import check_file, exists
 from pf_tracker_ros.footage.base import FootageError
 
 GROUND_TRUTH_FILE = "groundtruth.txt"
-# The second name is that of the OTB sequences.
+# The second name is used by the OTB sequences.
 GROUND_TRUTH_FILES = (GROUND_TRUTH_FILE, "groundtruth_rect.txt")
 
 _ABSENT = (np.nan, np.nan, np.nan, np.nan)
 
 
 def ground_truth_file(folder: Path) -> Path | None:
-    """The ground truth of a sequence folder: the first of `GROUND_TRUTH_FILES` that is there.
-
-    Returns:
-        Its path, whatever kind of file it is; None without one.
+    """The first of `GROUND_TRUTH_FILES` that exists in a folder, of any kind; None without one.
 
     Raises:
-        FootageError: This user may not look into the folder.
+        FootageError: The folder is not accessible.
     """
     return next((folder / name for name in GROUND_TRUTH_FILES if exists(folder / name)), None)
 
@@ -37,12 +34,11 @@ def parse_box(line: str) -> tuple[float, float, float, float]:
         line: Four numbers separated by commas, semicolons or white space.
 
     Returns:
-        (x, y, width, height) in pixels; four NaN where the target is absent, which is written as
-        a `nan` among the numbers or as a width or height of 0.
+        (x, y, width, height) in pixels; four NaN for an absent target, whose line has a `nan` or a
+        width or height of 0.
 
     Raises:
-        FootageError: There are not exactly four numbers, one is infinite, or the width or height
-            is negative.
+        FootageError: Not exactly four numbers, an infinite one, or a negative width or height.
     """
     try:
         values = [float(part) for part in re.split(r"\s*[,;]\s*|\s+", line.strip())]
@@ -52,8 +48,8 @@ def parse_box(line: str) -> tuple[float, float, float, float]:
         return _ABSENT
     if len(values) != 4 or not np.isfinite(values).all() or min(values[2:]) < 0:
         raise FootageError(
-            f"{line.strip()!r} is not a box; expected x,y,width,height in pixels, four finite "
-            "numbers, width and height above 0, or nan for all where the target is absent"
+            f"{line.strip()!r} is not a box; expected x,y,width,height in pixels with width and "
+            "height above 0, or four nan for an absent target"
         )
     return (values[0], values[1], values[2], values[3]) if min(values[2:]) > 0 else _ABSENT
 
@@ -72,11 +68,11 @@ def read_ground_truth(path: Path) -> NDArray[np.float64]:
         lines = path.read_text(encoding="utf-8-sig").rstrip().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise FootageError(
-            f"ground truth {path} cannot be read ({error}); expected a text file with one line "
-            "x,y,width,height a frame"
+            f"ground truth {path} cannot be read ({error}); expected a text file with a line "
+            "x,y,width,height for each frame"
         ) from error
     if not lines:
-        raise FootageError(f"ground truth {path} is empty; expected one box a frame")
+        raise FootageError(f"ground truth {path} is empty; expected a box for each frame")
     boxes = []
     for number, line in enumerate(lines, start=1):
         try:

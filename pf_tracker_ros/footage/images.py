@@ -22,19 +22,16 @@ from pf_tracker_ros.frames import Frame
 
 IMAGE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff", ".webp")
 
-# Depth and color stay as stored; a turn noted by the camera would swap width and height against
-# ground truth, which counts pixels as stored.
+# Depth and color stay as stored. A rotation by the EXIF orientation would not fit ground truth,
+# which counts pixels as stored.
 _READ_FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIENTATION
 
 
 def natural_order(name: str) -> tuple[tuple[str | int, ...], str]:
-    """Sorting key under which runs of digits compare as numbers.
+    """Sorting key that compares digits as numbers, then case and leading zeros.
 
     Args:
         name: A file name.
-
-    Returns:
-        The key; names that differ only in case or leading zeros still get different keys.
     """
     # re.split with a group alternates text and digits, so equal positions hold equal types.
     parts = re.split(r"([0-9]+)", name.casefold())
@@ -42,11 +39,10 @@ def natural_order(name: str) -> tuple[tuple[str | int, ...], str]:
 
 
 def image_paths(folder: Path) -> list[Path]:
-    """The images of a folder in natural order, hidden files left out.
+    """The images of a folder in natural order, without hidden files.
 
     Raises:
-        FootageError: The folder cannot be listed, or something has the name of an image but is
-            neither a file that this user may read nor a folder.
+        FootageError: The folder cannot be listed, or an image is not a readable regular file.
     """
     found = [
         entry
@@ -61,22 +57,22 @@ def image_paths(folder: Path) -> list[Path]:
 
 
 def read_image(path: Path) -> NDArray[Any]:
-    """Read one image file as it is stored.
+    """Read an image file as stored.
 
     Returns:
         (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
 
     Raises:
-        FootageError: The file does not decode, or has another depth.
+        FootageError: The file cannot be decoded, or has another depth.
     """
     check_file(path, "image")
-    # Not by its name, which OpenCV takes as UTF-8 alone.
+    # OpenCV opens only file names in UTF-8.
     octets = np.fromfile(path, dtype=np.uint8)
     reason = ""
     try:
         image = cv2.imdecode(octets, _READ_FLAGS) if octets.size else None
     except cv2.error as error:
-        # More pixels than OpenCV or the memory takes.
+        # Too many pixels for OpenCV or the memory.
         image, reason = None, f" ({' '.join(error.err.split())})"
     if image is None:
         raise FootageError(
@@ -95,11 +91,11 @@ def read_image(path: Path) -> NDArray[Any]:
 class ImageFolderFootage:
     """The images of a folder, in natural order of their names.
 
-    The first image is read at once, so that errors show.
+    The constructor reads the first image, to report errors early.
 
     Args:
         folder: The folder.
-        frame_rate: Frames a second; images do not tell.
+        frame_rate: Frames per second.
 
     Raises:
         FootageError: There are no images, or the first one cannot be read.
@@ -126,7 +122,7 @@ class ImageFolderFootage:
             expected = describe_image(image) if expected is None else expected
             if describe_image(image) != expected:
                 raise FootageError(
-                    f"image {path} is {describe_image(image)}, but the first image of the folder is "
+                    f"image {path} is {describe_image(image)}, but the folder's first image is "
                     f"{expected}; all must be alike"
                 )
             yield Frame(image, frame_stamp(index, self.nominal_interval))

@@ -1,4 +1,4 @@
-"""Open footage of any kind by its path."""
+"""Opens footage of any kind by its path."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def existing_path(path: str | Path) -> Path:
     """The path of a source with `~` expanded.
 
     Raises:
-        FootageError: There is nothing there, or this user may not look.
+        FootageError: The path does not exist or is not accessible.
     """
     if not str(path):
         raise FootageError(f"no source is given; {ACCEPTED}")
@@ -41,18 +41,18 @@ def open_footage(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) ->
     """Open a video file, a folder of images or a sequence folder.
 
     Args:
-        path: Where it is.
-        frame_rate: Frames a second, used where the source does not tell (folders of images).
+        path: The source.
+        frame_rate: Frames per second of a source without a rate of its own (images).
 
     Returns:
-        The footage, its first frame known to decode.
+        The footage; its first frame has been decoded successfully.
 
     Raises:
-        FootageError: It cannot be read; the message names what and what would be accepted.
+        FootageError: It cannot be read; the message has the reason and what is accepted.
     """
     source = existing_path(path)
     if is_bag(source):
-        raise FootageError(f"{source} is a bag, which holds messages; open it with open_bag")
+        raise FootageError(f"{source} is a bag; open it with open_bag")
     if not source.is_dir():
         return VideoFootage(source, frame_rate=frame_rate)
     if ground_truth_file(source) is not None:
@@ -62,10 +62,7 @@ def open_footage(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) ->
         names = ", ".join(entry.name for entry in storage)
         raise FootageError(
             f"folder {source} has {names} but no metadata.yaml, so it is not a rosbag2 folder; "
-            + (
-                recovery_advice(source)
-                or "`ros2 bag reindex` writes one, or give the .mcap file itself"
-            )
+            + (recovery_advice(source) or "run `ros2 bag reindex`, or give the .mcap file itself")
         )
     if not image_paths(source):
         raise FootageError(

@@ -1,4 +1,4 @@
-"""Reading ahead in a thread, so that a slow frame does not delay the ones before it."""
+"""Prefetching in a thread, so that reading a slow frame does not delay the frames before it."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _END: Any = object()
 
 
 class Prefetch(Generic[Item]):
-    """Iterates over items that a thread of its own reads a few steps ahead.
+    """Iterator over items that another thread reads ahead.
 
-    An error of the source is raised where the item that it replaces would have come. The source
-    is opened, read and closed in the one thread.
+    An error of the source is raised in place of the item. The source is opened, read and closed in
+    that one thread.
 
     Args:
-        items: What to read.
-        depth: How many items at most wait to be taken.
+        items: The source.
+        depth: Largest number of items read ahead.
     """
 
     def __init__(self, items: Generator[Item, None, None], depth: int = 4) -> None:

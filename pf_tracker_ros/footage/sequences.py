@@ -1,10 +1,9 @@
 """Sequence folders: frames and a ground-truth box for each.
 
-A sequence folder has `groundtruth.txt` or, without it, `groundtruth_rect.txt`: one line
-`x,y,width,height` a frame in pixels, (x, y) the top-left corner counted from 0, `nan` for all four
-where the target is absent; and the frames, either as images in `img/` or, where `meta.json` has
-`video`, as a stretch of that file (path relative to the folder) from frame `first_frame`, counted
-from 0.
+- Ground truth: `groundtruth.txt` or `groundtruth_rect.txt` has a line `x,y,width,height` for each
+  frame in pixels, (x, y) the top-left corner counted from 0; four `nan` for an absent target.
+- Frames: images in `img/`, or the video that `video` in `meta.json` names (path relative to the
+  folder), from frame `first_frame`, counted from 0.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class SequenceFootage:
     """Frames with a ground-truth box for each.
 
     Args:
-        frames: Where the pictures come from, as many as there are boxes.
+        frames: The images, as many as boxes.
         name: Name of the sequence.
         ground_truth: (frames, 4) boxes; a row of NaN where the target is absent.
     """
@@ -59,19 +58,19 @@ def read_sequence(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) -
 
     Args:
         path: The folder.
-        frame_rate: Frames a second, used where the source does not tell.
+        frame_rate: Frames per second of a source without a rate of its own (images).
 
     Returns:
         The footage, with ground truth.
 
     Raises:
-        FootageError: A part is missing or unreadable, or there are not as many boxes as frames.
+        FootageError: A part is missing or unreadable, or the numbers of boxes and frames differ.
     """
     folder = Path(path)
     if not (exists(folder) and folder.is_dir()):
         raise FootageError(
-            f"{folder} is not a folder; a sequence is a folder with {GROUND_TRUTH_FILE} and the "
-            f"frames in {IMAGE_FOLDER}/ or in the video that {META_FILE} names"
+            f"{folder} is not a folder; a sequence is a folder with {GROUND_TRUTH_FILE} and frames "
+            f"in {IMAGE_FOLDER}/ or in the video of {META_FILE}"
         )
     boxes_file = ground_truth_file(folder) or folder / GROUND_TRUTH_FILE
     ground_truth = read_ground_truth(boxes_file)
@@ -90,7 +89,7 @@ def read_sequence(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) -
         boxes = counted(len(ground_truth), "box", "boxes")
         raise FootageError(
             f"sequence {folder} has {counted(frames.frame_count or 0, 'frame')} but {boxes} in "
-            f"{boxes_file.name}; expected one box a frame"
+            f"{boxes_file.name}; expected a box for each frame"
         )
     return SequenceFootage(frames, str(meta.get("name", folder.resolve().name)), ground_truth)
 
@@ -104,7 +103,7 @@ def _read_meta(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise FootageError(f"{path} cannot be read as JSON: {error}") from error
     if not isinstance(meta, dict):
-        raise FootageError(f"{path} holds {type(meta).__name__}; expected a JSON object")
+        raise FootageError(f"{path} contains {type(meta).__name__}; expected a JSON object")
     return meta
 
 

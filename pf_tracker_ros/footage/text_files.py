@@ -1,6 +1,6 @@
-"""Text files told from videos by their content.
+"""Distinguishes text files from videos by their content.
 
-FFmpeg plays texts as what a terminal would show, and playlists by opening whatever they name.
+FFmpeg plays a text as terminal output, and a playlist by opening the files and addresses in it.
 """
 
 from __future__ import annotations
@@ -10,19 +10,18 @@ from pathlib import Path
 
 _HEAD_SIZE = 4096
 
-# Raw frames behind a line of text, which dark gray ones continue.
+# A line of text before raw frames, which contain no byte of 0 if they are dark gray.
 _TEXT_HEADED_VIDEO = b"YUV4MPEG2 "
 
-# What FFmpeg takes for HLS, a list of files to join, a session description or DASH, even among
-# other bytes.
+# Playlists of FFmpeg: HLS, lists of files, session descriptions and DASH, even among other bytes.
 _PLAYLIST = re.compile(rb"\A\W*(#EXTM3U|ffconcat)|^c=IN IP|<MPD\b", re.IGNORECASE | re.MULTILINE)
 _WIDE_TEXT = (b"\xff\xfe", b"\xfe\xff")
 
 
 def is_text(path: Path) -> bool:
-    """Whether a file is a text, playlists included.
+    """Whether a file is a text or a playlist.
 
-    Videos hold bytes of 0 near their beginning, texts do not.
+    Videos have bytes of 0 near their beginning, texts do not.
 
     Raises:
         OSError: The file cannot be read.

@@ -1,4 +1,4 @@
-"""Video files, read in order from the start: seeking in compressed video is not exact."""
+"""Video files, read in order from the start, as seeking in compressed video is not exact."""
 
 from __future__ import annotations
 
@@ -19,26 +19,24 @@ _ACCEPTED = (
     "accepted are video files (mp4, avi, mkv, ...), folders of images, sequence folders and bags"
 )
 
-# What FFmpeg decodes texts with; it goes by the name of a file as well as by its content.
+# FFmpeg's decoder of texts, which it may also choose by the file name.
 _TERMINAL_CODEC = int.from_bytes(b"ansi", "little")
 
 
 class VideoFootage:
-    """The frames of a video file, or a stretch of them.
+    """The frames of a video file, or a range of them.
 
-    The frame rate is the file's; stamps are index x interval, not the container's, so that they
-    are the same with every decoder.
-
-    The first frame is decoded at once, so that errors show.
+    Stamps are index x interval instead of the container's, so that all decoders agree. The
+    constructor decodes the first frame, to report errors early.
 
     Args:
         path: The file.
-        first_frame: Where to begin, counted from 0.
-        frame_count: How many frames there must be from there; None reads to the end.
-        frame_rate: Frames a second, used if the file does not tell.
+        first_frame: First frame to read, counted from 0.
+        frame_count: Required number of frames from there; None reads to the end.
+        frame_rate: Frames per second if the file has no rate.
 
     Raises:
-        FootageError: The file cannot be read, or is not a video that OpenCV can decode.
+        FootageError: The file cannot be read, or OpenCV cannot decode it.
     """
 
     ground_truth = None
@@ -60,14 +58,14 @@ class VideoFootage:
             rate = capture.get(cv2.CAP_PROP_FPS)
             count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
             if not capture.grab():
-                raise FootageError(f"video {path}: not one frame can be decoded")
+                raise FootageError(f"video {path}: no frame can be decoded")
         finally:
             capture.release()
         rate_is_known = math.isfinite(rate) and 0.01 <= rate <= 10_000
         self.nominal_interval = 1.0 / (rate if rate_is_known else frame_rate)
         self.name = path.stem
-        announced = int(count) - first_frame if math.isfinite(count) and count > 0 else None
-        self.frame_count = frame_count if frame_count is not None else announced
+        declared = int(count) - first_frame if math.isfinite(count) and count > 0 else None
+        self.frame_count = frame_count if frame_count is not None else declared
 
     def frames(self) -> Iterator[Frame]:
         """Read the frames in order; see `Footage.frames`."""
@@ -78,8 +76,8 @@ class VideoFootage:
                     raise self._too_short(0)
             index = 0
             while self._required_count is None or index < self._required_count:
-                decoded, image = capture.read()
-                if not decoded:
+                is_decoded, image = capture.read()
+                if not is_decoded:
                     if self._required_count is not None or index == 0:
                         raise self._too_short(index)
                     return
@@ -94,13 +92,13 @@ class VideoFootage:
                 raise self._is_text()
         except OSError as error:
             raise unreadable(self._path, "video", error) from error
-        # An absolute path is never taken for the address of a stream.
+        # FFmpeg takes an absolute path for no network address.
         name = str(self._path.absolute())
         try:
             name.encode()
         except UnicodeEncodeError as error:
             raise FootageError(
-                f"video {name!a} has a name that OpenCV cannot take; rename it, in UTF-8"
+                f"video {name!a}: OpenCV needs a file name in UTF-8; rename the file"
             ) from error
         capture = cv2.VideoCapture(name)
         if not capture.isOpened():
@@ -123,8 +121,8 @@ class VideoFootage:
 
     def _too_short(self, frames_read: int) -> FootageError:
         count = self._required_count
-        wanted = "some frames" if count is None else counted(count, "frame")
+        expected = "some frames" if count is None else counted(count, "frame")
         return FootageError(
-            f"video {self._path}: {wanted} expected from frame {self._first_frame} "
+            f"video {self._path}: {expected} expected from frame {self._first_frame} "
             f"(counted from 0), only {frames_read} could be decoded"
         )

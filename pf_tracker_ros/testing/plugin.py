@@ -1,4 +1,4 @@
-"""What the plugin adds to pytest: the fixture `tracked_recording`, and two options."""
+"""The pytest plugin: the fixture `tracked_recording` and two options."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class TrackRecording:
     """Tracks recordings for a test; see `tracked_recording`.
 
     Attributes:
-        folder: That sources are relative to.
-        reports: Folder for what a check that fails leaves behind.
-        updates_baseline: Whether what is found is stored as the result to compare with.
+        folder: Folder that sources are relative to.
+        reports: Folder for the reports of failed checks.
+        updates_baseline: Whether the result is stored as the baseline.
     """
 
     folder: Path
@@ -44,7 +44,7 @@ class TrackRecording:
         baseline: str | Path | None = None,
         bag_topic: str = "",
     ) -> TrackedRun:
-        """Track one; see `tracked_recording`."""
+        """Track a recording; see `tracked_recording`."""
         recording = open_recording(self.folder / source, bag_topic=bag_topic)
         target = choose_target(recording, box)
         if backend == "library":
@@ -65,25 +65,29 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--update",
         action="store_true",
-        help="store what the replay tests find as the results to compare with",
+        help="store the results of replay tests as their baselines",
     )
     group.addoption(
         "--tracking-reports",
         metavar="DIR",
-        help="where replay tests that fail leave report and pictures, such as a folder that CI "
-        "keeps; by default the test's temporary folder",
+        help="folder for reports and images of failed replay tests, such as a CI artifact "
+        "(default: the test's temporary folder)",
     )
 
 
 @pytest.fixture
 def tracked_recording(request: pytest.FixtureRequest, tmp_path: Path) -> TrackRecording:
-    """A function that tracks a recording and returns what came of it, to be checked.
+    """A function that tracks a recording and returns a `TrackedRun`.
 
-    Its arguments: `source`, relative to the test's file; the target's `box`, by default that of the
-    target file beside the source, or of its ground truth; `preset`, `parameters` and `seed` of the
-    tracker; `backend` "library", which is fast, or "node", which replays it in lockstep over DDS
-    into the real node; `baseline`, a file of boxes to compare with in place of the truth, which
-    `pytest --update` writes; `bag_topic`, the image topic of a bag that has several.
+    Its arguments:
+
+    - `source`: the recording, relative to the test's file.
+    - `box`: the target, by default from the source's target file or ground truth.
+    - `preset`, `parameters`, `seed`: of the tracker.
+    - `backend`: "library", which is fast, or "node", a replay in lockstep over DDS.
+    - `baseline`: file of boxes to compare with instead of the ground truth, written by
+      `pytest --update`.
+    - `bag_topic`: image topic of a bag with several.
     """
     given = request.config.getoption("--tracking-reports")
     reports = tmp_path

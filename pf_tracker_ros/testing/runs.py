@@ -1,4 +1,4 @@
-"""One run over a recording, and what may be asked of it."""
+"""A tracker's run over a recording, and its checks."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ _REFERENCE_COLOR = (80, 220, 80)
 
 @dataclass(frozen=True, eq=False)
 class TrackedRun:
-    """What a tracker made of a recording.
+    """A tracker's result on a recording.
 
     Attributes:
-        recording: What it was.
-        frames: What was found, in order.
-        preset: That tracked.
-        through: "library" or "node".
+        recording: The recording.
+        frames: The result of each frame, in order.
+        preset: The preset.
+        backend: "library" or "node".
         baseline: File of boxes to compare with; None compares with the ground truth.
-        reports: Folder for the report and the pictures of a check that fails.
+        reports: Folder for the report and the image of a failed check.
     """
 
     recording: Recording
@@ -56,50 +56,50 @@ class TrackedRun:
 
     @property
     def final_state(self) -> str:
-        """The state after the last frame that was looked at."""
+        """The state after the last processed frame."""
         return self._states[-1]
 
     @property
     def mean_overlap(self) -> float:
-        """Mean overlap with the reference, 0 to 1; a box that is missing overlaps by 0.
+        """Mean overlap with the reference, 0 to 1; a missing box has overlap 0.
 
-        Of all frames from the target's start on that have a reference; NaN where none has.
+        Over all frames with a reference from the target's start on; NaN without any.
         """
         compared = self.overlaps[~np.isnan(self.overlaps)]
         return float(compared.mean()) if compared.size else math.nan
 
     @cached_property
     def overlaps(self) -> NDArray[np.float64]:
-        """(frames,) overlap with the reference, NaN where there is none to compare with."""
+        """(frames,) overlap with the reference, NaN without reference."""
         boxes = np.array([each.box or (0.0, 0.0, 0.0, 0.0) for each in self.frames])
-        found = metrics.overlap(boxes, self.reference)
-        began = next((i for i, state in enumerate(self._states) if state != "idle"), None)
-        found[:began] = np.nan
-        return found
+        overlaps = metrics.overlap(boxes, self.reference)
+        start = next((i for i, state in enumerate(self._states) if state != "idle"), None)
+        overlaps[:start] = np.nan
+        return overlaps
 
     @cached_property
     def reference(self) -> NDArray[np.float64]:
-        """(frames, 4) the stored boxes, or the true ones; a row of NaN where there is none."""
+        """(frames, 4) boxes of the baseline, or true boxes; a row of NaN without box."""
         if self.baseline is None:
             return np.array([each.true_box or ABSENT for each in self.frames], dtype=np.float64)
         boxes = _read_boxes(self.baseline)
         if len(boxes) != len(self.frames):
             pytest.fail(
-                f"{self.baseline} holds {counted(len(boxes), 'frame')}, and {self.recording.path} "
-                f"has {len(self.frames)}: it is of another recording; pytest --update stores it "
-                "anew",
+                f"{self.baseline} has {counted(len(boxes), 'frame')}, but {self.recording.path} "
+                f"has {len(self.frames)}: it belongs to another recording; pytest --update "
+                "replaces it",
                 pytrace=False,
             )
         return boxes
 
     @property
     def longest_loss(self) -> float:
-        """Seconds of the longest time without the target, 0 if it was never lost."""
+        """Duration of the longest loss in seconds, 0 without any."""
         return max((seconds for seconds, _ in self._losses), default=0.0)
 
     @property
     def milliseconds_per_frame(self) -> float:
-        """What the tracker takes for a frame, the median; NaN if it tracked none."""
+        """Median processing time of a frame; NaN if none was tracked."""
         seconds = np.array([each.seconds for each in self.frames])
         return math.nan if np.isnan(seconds).all() else 1e3 * float(np.nanmedian(seconds))
 
@@ -111,46 +111,47 @@ class TrackedRun:
         longest_loss: float | None = None,
         milliseconds_per_frame: float | None = None,
     ) -> None:
-        """Fail the test where the run falls short; what is not given is not asked.
+        """Fail the test if the run misses a limit; None sets no limit.
 
-        A failure names the frame, and leaves a report and a picture of that frame.
+        A failure names the frame, and writes a report and an image of that frame.
 
         Args:
             final_state: State after the last frame, for example "tracking".
-            mean_overlap: Least mean overlap with the stored boxes, or without such the true ones.
-            longest_loss: Most seconds in a row for which the target may be lost.
-            milliseconds_per_frame: Most milliseconds that a frame may take, in the median.
+            mean_overlap: Minimum of the mean overlap with the baseline or the ground truth.
+            longest_loss: Maximum duration of a loss in seconds.
+            milliseconds_per_frame: Maximum of the median processing time.
         """
         problems: list[str] = []
-        pictured: int | None = None
+        shown_frame: int | None = None
         if final_state is not None and self.final_state != final_state:
-            problems.append(f"the state at the end is {self.final_state}, expected {final_state}")
-            pictured = len(self.frames) - 1
+            problems.append(f"the final state is {self.final_state}, expected {final_state}")
+            shown_frame = len(self.frames) - 1
         if longest_loss is not None and self.longest_loss > longest_loss:
             seconds, (first, last) = max(self._losses, key=lambda loss: loss[0])
             problems.append(
                 f"lost for {seconds:.3g} s in frames {first} to {last}, expected at most "
                 f"{longest_loss:g} s"
             )
-            pictured = first
+            shown_frame = first
         if mean_overlap is not None and not self.mean_overlap >= mean_overlap:
-            problem, pictured = self._short_overlap(mean_overlap)
+            problem, shown_frame = self._overlap_problem(mean_overlap)
             problems.append(problem)
         if (
             milliseconds_per_frame is not None
             and not self.milliseconds_per_frame <= milliseconds_per_frame
         ):
             problems.append(
-                f"a frame takes {self.milliseconds_per_frame:.3g} ms, expected at most {milliseconds_per_frame:g} ms"
+                f"a frame takes {self.milliseconds_per_frame:.3g} ms, expected at most "
+                f"{milliseconds_per_frame:g} ms"
             )
         if problems:
-            left = self._leave_behind(pictured)
-            what = f"{self.recording.path} with {self.preset} through the {self.backend}"
-            lines = [f"{what}:", *(f"- {each}" for each in problems), *left]
+            files = self._write_report(shown_frame)
+            run = f"{self.recording.path} with preset {self.preset}, backend {self.backend}"
+            lines = [f"{run}:", *(f"- {each}" for each in problems), *files]
             pytest.fail("\n".join(lines), pytrace=False)
 
     def store(self) -> None:
-        """Write the boxes as the result to compare with, whole or not at all."""
+        """Write the boxes as the baseline."""
         if self.baseline is None:
             return
         self.baseline.parent.mkdir(parents=True, exist_ok=True)
@@ -164,7 +165,7 @@ class TrackedRun:
 
     @cached_property
     def _states(self) -> list[str]:
-        """The states; of a frame that was not looked at, the one before."""
+        """State of each frame; a skipped frame has the last state."""
         states: list[str] = []
         for each in self.frames:
             last = states[-1] if states else "idle"
@@ -173,7 +174,7 @@ class TrackedRun:
 
     @property
     def _losses(self) -> list[tuple[float, FrameRange]]:
-        """Seconds of each loss up to the frame after it, and its frames."""
+        """Duration in seconds, up to the next frame, and frames of each loss."""
         stamps = [each.stamp for each in self.frames]
         ends = [*stamps[1:], stamps[-1]]
         return [
@@ -181,28 +182,29 @@ class TrackedRun:
             for loss in frame_ranges(self._states, "lost")
         ]
 
-    def _short_overlap(self, expected: float) -> tuple[str, int | None]:
-        kind = "the stored result" if self.baseline else "the truth"
+    def _overlap_problem(self, expected: float) -> tuple[str, int | None]:
+        """Message about a low mean overlap, and the worst frame."""
+        kind = "the baseline" if self.baseline else "the ground truth"
         if math.isnan(self.mean_overlap):
             problem = f"no frame could be compared with {kind}, expected {expected:g}"
             if self.baseline is None:
-                problem += "; without a truth give baseline='drive.boxes.csv', and pytest --update"
+                problem += "; set baseline='drive.boxes.csv' and run pytest --update"
             return problem, None
         worst = int(np.nanargmin(self.overlaps))
         return (
-            f"the overlap with {kind} is {self.mean_overlap:.3f}, expected at least {expected:g}; it is "
-            f"least in frame {worst} ({self.overlaps[worst]:.2f})"
+            f"the overlap with {kind} is {self.mean_overlap:.3f}, expected at least {expected:g}; "
+            f"it is lowest in frame {worst} ({self.overlaps[worst]:.2f})"
         ), worst
 
-    def _leave_behind(self, pictured: int | None) -> list[str]:
-        """Write report and picture, and tell where they are."""
+    def _write_report(self, shown_frame: int | None) -> list[str]:
+        """Write the image of a frame and the report; returns lines with their paths."""
         self.reports.mkdir(parents=True, exist_ok=True)
-        left = []
-        if pictured is not None and (picture := self._picture(pictured)) is not None:
-            path = self.reports / f"frame_{pictured:05d}.png"
-            # Not by its name, which OpenCV takes as UTF-8 alone.
-            path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
-            left.append(f"frame {pictured}: {path}")
+        lines = []
+        if shown_frame is not None and (image := self._drawn_frame(shown_frame)) is not None:
+            path = self.reports / f"frame_{shown_frame:05d}.png"
+            # OpenCV writes only file names in UTF-8.
+            path.write_bytes(cv2.imencode(path.suffix, image)[1].tobytes())
+            lines.append(f"frame {shown_frame}: {path}")
         if find_spec("jinja2") and find_spec("matplotlib"):
             has_reference = bool(np.isfinite(self.reference).any())
             page = recording_page(
@@ -214,23 +216,25 @@ class TrackedRun:
             )
             path = self.reports / REPORT_FILE
             path.write_text(page, encoding="utf-8", errors="replace")
-            left.append(f"report: {path}")
+            lines.append(f"report: {path}")
         else:
-            left.append("no report: pip install jinja2 matplotlib")
-        return left
+            lines.append("no report: pip install jinja2 matplotlib")
+        return lines
 
-    def _picture(self, index: int) -> NDArray[Any] | None:
+    def _drawn_frame(self, index: int) -> NDArray[Any] | None:
         """A frame with the reference in green and the estimate in the color of its state."""
         with closing(self.recording.frames()) as frames:
             image = next((each.image for each in frames if each.index == index), None)
         if image is None:
             return None
         canvas = draw_overlay(image, None)
-        found = self.frames[index]
-        color = STATE_COLORS.get(self._states[index], STATE_COLORS["tracking"])
-        for box, drawn in ((self.reference[index], _REFERENCE_COLOR), (found.box, color)):
+        state_color = STATE_COLORS.get(self._states[index], STATE_COLORS["tracking"])
+        for box, color in (
+            (self.reference[index], _REFERENCE_COLOR),
+            (self.frames[index].box, state_color),
+        ):
             if box is not None and np.isfinite(box).all():
-                draw_box(canvas, np.asarray(box, np.float64), drawn, 2)
+                draw_box(canvas, np.asarray(box, np.float64), color, 2)
         return canvas
 
 
@@ -241,7 +245,7 @@ def run_library(
     parameters: Mapping[str, Any],
     seed: int,
 ) -> list[FrameSummary]:
-    """Track a recording through the library."""
+    """Track a recording with the library."""
     tracking = track_recording(recording, target, preset=preset, parameters=parameters, seed=seed)
     with closing(tracking) as tracked:
         return [summary_of(each) for each in tracked]
@@ -250,7 +254,7 @@ def run_library(
 def run_node(
     recording: Recording, target: Target, parameters: Mapping[str, Any], bag_topic: str
 ) -> list[FrameSummary]:
-    """Replay a recording in lockstep into the real node; needs ROS."""
+    """Track a recording with the node, by a replay in lockstep; needs ROS."""
     from pf_tracker_ros.node.replay.lockstep import replay_in_lockstep
 
     frames = []
@@ -266,7 +270,7 @@ def run_node(
     if is_bag(recording.path):
         is_compressed = open_bag(recording.path, bag_topic).image_type == COMPRESSED_IMAGE_TYPE
         transport = "compressed" if is_compressed else "raw"
-    answers = replay_in_lockstep(
+    result = replay_in_lockstep(
         recording.path,
         *start,
         tracker={**parameters, "image_transport": transport},
@@ -274,13 +278,13 @@ def run_node(
     )
     summaries = []
     for stamp, true_box in frames:
-        values = answers.statuses.get(stamp, {"state": "skipped"})
+        values = result.statuses.get(stamp, {"state": "skipped"})
         is_tracked = values.get("frame") == "tracked"
         summaries.append(
             FrameSummary(
                 stamp=stamp,
                 state=values["state"],
-                box=answers.boxes.get(stamp),
+                box=result.boxes.get(stamp),
                 true_box=true_box,
                 confidence=float(values.get("confidence", math.nan)),
                 seconds=float(values["processing_time_ms"]) / 1e3 if is_tracked else math.nan,
@@ -306,10 +310,10 @@ def _read_boxes(path: Path) -> NDArray[np.float64]:
         names = ("x", "y", "width", "height")
         boxes = [[float(row[name] or math.nan) for name in names] for row in rows]
     except FileNotFoundError:
-        problem = f"there is no stored result {path}"
+        problem = f"there is no baseline {path}"
     except (OSError, ValueError, KeyError, TypeError) as error:
-        problem = f"{path} is no stored result ({error})"
-    # Not while the error is handled, which pytest would show before it.
+        problem = f"{path} is no baseline ({error})"
+    # Outside the except clause, as pytest would show the handled error as well.
     if problem:
         pytest.fail(f"{problem}; pytest --update stores one", pytrace=False)
     return np.array(boxes, dtype=np.float64).reshape(-1, 4)

@@ -23,7 +23,7 @@ def ablation(benchmark):
         ("zhang2015", []),
     ],
 )
-def test_each_cue_in_use_is_off_in_turn_unless_none_would_be_left(ablation, preset, cues):
+def test_each_active_cue_is_switched_off_unless_it_is_the_only_one(ablation, preset, cues):
     variants = ablation.cue_variants(preset)
     assert [variant.name for variant in variants] == [f"without {cue}" for cue in cues]
     assert [variant.parameters for variant in variants] == [{f"{cue}.weight": 0.0} for cue in cues]
@@ -55,7 +55,7 @@ def test_further_variants_and_numbers_of_particles_follow_the_cues(ablation):
     ]
 
 
-def test_a_variant_may_choose_other_parts_and_set_what_they_bring(ablation):
+def test_a_variant_may_select_other_parts_and_set_their_parameters(ablation):
     off = "cues=hog,color_histogram hog.keep=0.5"
     variant = ablation.variants("li2007", (), [off])[-1]
     assert variant.parameters == {"cues": ("hog", "color_histogram"), "hog.keep": 0.5}
@@ -152,7 +152,7 @@ def test_what_is_chosen_without_a_group_by_hand(benchmark, ablation):
     assert table.markdown()[2].startswith(r"| a_\|z | 2 | two |")
 
 
-def test_the_command_tells_what_carries_over(ablation, moving_square_sequence, tmp_path, capsys):
+def test_the_command_cross_validates(ablation, moving_square_sequence, tmp_path, capsys):
     folders = [shutil.copytree(moving_square_sequence, tmp_path / name) for name in ("one", "two")]
     for folder in folders:
         # Without it a sequence is named as its folder is.
@@ -191,7 +191,10 @@ def test_groups_that_do_not_part_the_sequences_are_refused(benchmark, patterns, 
         (["--off", "absent=1"], "absent=1: no parameter 'absent'"),
         (["--off", "particles=9 particles=8"], "--off particles is given more than once"),
         (["--off", "particles=9", "--off", "particles=9"], "is given more than once"),
-        (["--preset", "li2007", "--off", "particles=60"], "so it is in preset li2007; allowed:"),
+        (
+            ["--preset", "li2007", "--off", "particles=60"],
+            "is the value of preset li2007; allowed:",
+        ),
         (["--particles", "30,x"], "'x'; allowed: a whole number of at least 1"),
         (["--jobs", "0"], "'0'; allowed: a whole number of at least 1"),
         ([], "no sequence in"),

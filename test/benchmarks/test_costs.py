@@ -77,7 +77,7 @@ def test_the_smallest_update_makes_the_same_calls(tmp_path):
     assert least == pytest.approx(usual, rel=0.05)
 
 
-def test_answers_tell_ages_and_losses(benchmark):
+def test_ages_and_losses_follow_from_the_answers(benchmark):
     pytest.importorskip("rclpy", reason="needs ROS 2")
     camera = benchmark("node_runs.camera")
     answers = camera.ResponseTimes(

@@ -226,7 +226,7 @@ def test_the_command_writes_tables_and_plot(command, moving_square_sequence, tmp
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--scenes", "0"], "nothing to do; allowed: a SEQUENCE_DIR"),
+        (["--scenes", "0"], "nothing to do; give a SEQUENCE_DIR"),
         (["--seeds", "0"], "'0'; allowed: a whole number of at least 1"),
         (["--levels", "1"], "'1'; allowed: a whole number of at least 2"),
         (["--frames", "5"], "'frames' is 5; allowed"),

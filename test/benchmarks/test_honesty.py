@@ -95,7 +95,7 @@ def test_a_target_vanishes_beside_its_like_which_stays(footage):
         assert seen == expected
 
 
-def test_one_place_is_told_from_another(footage):
+def test_clips_of_different_places_are_distinguished(footage):
     assert footage.same_place(clip(footage), clip(footage))
     assert not footage.same_place(clip(footage), clip(footage, 1))
 

@@ -43,7 +43,7 @@ def test_ours_follows_between_the_frames_that_the_detector_sees(benchmark, folde
         assert targets.pairwise_iou(truth.boxes, told.boxes)[0, 0] > 0.6
 
 
-def test_fewer_frames_than_the_truth_has_are_told(benchmark, folders):
+def test_fewer_frames_than_the_ground_truth_are_refused(benchmark, folders):
     targets = benchmark("targets")
     make = benchmark("target_trackers").TRACKERS[targets.OURS]
     folder, images = folders

@@ -43,11 +43,11 @@ def test_the_roc_area_is_the_share_of_pairs_in_order(uncertainty):
 
 def test_frames_are_compared_with_the_truth_by_hand(uncertainty):
     """Off by 2 px: 2^2 / 4 along x and 2^2 / 1 along y; frames without a target are left out."""
-    told = [estimate(), estimate(2.0, "lost", 0.3), estimate(), estimate(6.0)]
+    estimates = [estimate(), estimate(2.0, "lost", 0.3), estimate(), estimate(6.0)]
     true_boxes = np.array(
         [[0.0, 2.0, 10.0, 10.0], [0.0, 0.0, 10.0, 10.0], [math.nan] * 4, [0.0, 0.0, 10.0, 10.0]]
     )
-    frames = uncertainty.compared(told, true_boxes, 0.04)
+    frames = uncertainty.compared(estimates, true_boxes, 0.04)
     np.testing.assert_allclose(frames.distance, [4.0, 1.0, 9.0])
     np.testing.assert_allclose(frames.overlap, [8 / 12, 8 / 12, 4 / 16])
     assert frames.is_right.tolist() == [True, True, False]
@@ -58,15 +58,15 @@ def test_frames_are_compared_with_the_truth_by_hand(uncertainty):
 def test_an_ellipse_holds_the_share_of_a_gaussian_that_it_should(uncertainty):
     covariance = np.array([[9.0, 4.0], [4.0, 5.0]])
     centers = np.random.default_rng(0).multivariate_normal([0, 0], covariance, 4000)
-    told = [estimate(covariance=covariance)] * 4000
-    frames = uncertainty.compared(told, np.hstack([centers, np.full((4000, 2), 10.0)]), 0.04)
+    estimates = [estimate(covariance=covariance)] * 4000
+    frames = uncertainty.compared(estimates, np.hstack([centers, np.full((4000, 2), 10.0)]), 0.04)
     for share in (0.5, 0.9, 0.99):
         assert uncertainty.inside(frames, share) == pytest.approx(share, abs=0.02)
 
 
 def test_the_table_of_reliability_by_hand(uncertainty):
-    told = [estimate(x, confidence=c) for x, c in ((0, 1.0), (0, 0.95), (9, 0.92), (9, 0.0))]
-    frames = uncertainty.compared(told, np.tile([0.0, 0.0, 10.0, 10.0], (4, 1)), 0.04)
+    estimates = [estimate(x, confidence=c) for x, c in ((0, 1.0), (0, 0.95), (9, 0.92), (9, 0.0))]
+    frames = uncertainty.compared(estimates, np.tile([0.0, 0.0, 10.0, 10.0], (4, 1)), 0.04)
     rows = uncertainty.reliability(uncertainty.together([frames, frames])).groups[0]
     assert rows[0] == ["0.0 to 0.1", "2", "0.000"]
     assert rows[1] == ["0.1 to 0.2", "0", "-"]
@@ -77,9 +77,9 @@ def test_frames_long_after_the_target_was_lost_are_counted_by_hand(uncertainty):
     """At 1 Hz: astray from the third frame on, found once, astray again for five frames."""
     places = [0, 0, 50, 50, 50, 50, 0, 50, 50, 50, 50, 50]
     states = ["tracking"] * 5 + ["lost"] + ["tracking"] * 5 + ["occluded"]
-    told = [estimate(x, state) for x, state in zip(places, states, strict=True)]
+    estimates = [estimate(x, state) for x, state in zip(places, states, strict=True)]
     true_boxes = np.tile([0.0, 0.0, 10.0, 10.0], (12, 1))
-    frames = uncertainty.compared(told, true_boxes, 1.0)
+    frames = uncertainty.compared(estimates, true_boxes, 1.0)
     assert frames.astray.tolist() == [0, 0, 1, 2, 3, 4, 0, 1, 2, 3, 4, 5]
     # The sixth, the eleventh and the twelfth frame; of these the eleventh is called tracking.
     row = uncertainty.summary(frames, "").groups[0][-1]
@@ -88,9 +88,11 @@ def test_frames_long_after_the_target_was_lost_are_counted_by_hand(uncertainty):
 
 
 def test_each_group_has_an_area_of_its_own(uncertainty):
-    told = [estimate(confidence=0.9), estimate(9.0, confidence=0.2)]
+    estimates = [estimate(confidence=0.9), estimate(9.0, confidence=0.2)]
     true_boxes = np.tile([0.0, 0.0, 10.0, 10.0], (2, 1))
-    good, bad = (uncertainty.compared(each, true_boxes, 0.04) for each in (told, told[::-1]))
+    good, bad = (
+        uncertainty.compared(each, true_boxes, 0.04) for each in (estimates, estimates[::-1])
+    )
     bad = replace(bad, confidence=bad.confidence[::-1])
     table = uncertainty.summary(uncertainty.together([good, bad]), "", {"a": good, "b": bad})
     assert table.groups[0][1:3] == [["the same in a", "1.000"], ["the same in b", "0.000"]]
@@ -145,7 +147,7 @@ def test_questions_count_the_same_in_standard_deviations(cross_validation):
     }
 
 
-def test_what_was_learned_last_has_half_the_weight(cross_validation):
+def test_the_learned_response_has_half_the_weight(cross_validation):
     generator = np.random.default_rng(0)
     group = answered(cross_validation, generator, 4_000, 0.5)
     learned = [
@@ -156,7 +158,7 @@ def test_what_was_learned_last_has_half_the_weight(cross_validation):
     assert ratio == pytest.approx(20.0, rel=0.05)
 
 
-def test_what_is_heard_is_what_the_confidence_is_made_of(cross_validation, moving_square):
+def test_recorded_odds_add_up_to_the_confidence(cross_validation, moving_square):
     tracker, heard = cross_validation.recording_tracker("default", 0)
     plain = Tracker.from_preset("default", 0)
     same = cross_validation.fitted_tracker("default", cross_validation.Weights({}, 0.0), 0)
@@ -165,11 +167,11 @@ def test_what_is_heard_is_what_the_confidence_is_made_of(cross_validation, movin
     for one in trackers:
         one.start(moving_square.images[0], tuple(moving_square.boxes[0]))
     for image in moving_square.images[1:6]:
-        told, without, again, never = (one.update(image) for one in trackers)
-        assert told.box == without.box == again.box
-        assert told.confidence == without.confidence == again.confidence
+        first, without, again, never = (one.update(image) for one in trackers)
+        assert first.box == without.box == again.box
+        assert first.confidence == without.confidence == again.confidence
         odds = sum(heard.odds[-1].values())
-        assert told.confidence <= 1.0 / (1.0 + math.exp(-odds)) + 1e-12
+        assert first.confidence <= 1.0 / (1.0 + math.exp(-odds)) + 1e-12
         assert never.confidence < 1e-9
     assert len(heard.odds) == 5
     assert "spread" in heard.odds[0]

@@ -9,7 +9,7 @@ def vibe(benchmark):
     return benchmark("vibe")
 
 
-def test_only_what_is_in_the_box_is_counted(vibe):
+def test_only_pixels_in_the_box_are_counted(vibe):
     mask = np.zeros((40, 60), np.uint8)
     mask[10:20, 10:30] = 255
     assert vibe.count_inside(mask, np.array([5.0, 15.0, 10.0, 10.0])) == (5 * 5, 10 * 10)

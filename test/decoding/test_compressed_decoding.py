@@ -32,13 +32,13 @@ def decoded(data, **options):
 def test_png_keeps_every_pixel(noise, channels, kind):
     image = noise(channels=channels, kind=kind)
     result = decoded(encoded(image, ".png"), image_format="png")
-    # More than 8 bits of color are more than the tracker takes.
+    # The tracker takes color of 8 bits only.
     expected = image // 256 if channels == 3 and kind == np.uint16 else image
     assert np.array_equal(result, expected)
     assert result.dtype == (np.uint8 if channels == 3 else kind)
 
 
-def test_transparency_is_left_out(noise):
+def test_transparency_is_removed(noise):
     image = noise(channels=4)
     assert np.array_equal(decoded(encoded(image, ".png")), image[..., :3])
 
@@ -84,9 +84,9 @@ def jpeg_with_size(width, height):
 
 
 @pytest.mark.parametrize("bomb", [png_header, jpeg_with_size])
-def test_an_image_that_announces_too_many_pixels_is_refused_before_it_is_decoded(bomb, monkeypatch):
+def test_an_image_that_declares_too_many_pixels_is_refused_before_decoding(bomb, monkeypatch):
     monkeypatch.delattr(cv2, "imdecode")
-    with pytest.raises(ImageError, match=r"announces 101 x 100 px; allowed: 10000 px in all"):
+    with pytest.raises(ImageError, match=r"declares 101 x 100 px; allowed: 10000 px in all"):
         decoded(bomb(101, 100))
     with pytest.raises(ImageError, match="width is 40000 px"):
         decoded(bomb(40_000, 1))
@@ -122,7 +122,7 @@ def test_other_formats_are_refused_and_named(noise):
 
 
 @pytest.mark.parametrize("extension", [".jpg", ".png"])
-def test_a_cut_off_image_is_refused_wherever_it_ends(noise, extension):
+def test_a_truncated_image_is_refused(noise, extension):
     data = encoded(noise(height=24, width=24), extension)
     for length in range(len(data) - 12):
         with pytest.raises(ImageError):
@@ -148,7 +148,7 @@ IMAGES = [
     st.lists(st.tuples(st.integers(0, 1000), st.integers(0, 255)), max_size=8),
     st.binary(max_size=10),
 )
-def test_any_bytes_give_an_image_within_the_limit_or_a_refusal(data, changes, tail):
+def test_any_bytes_give_an_image_within_the_limit_or_an_error(data, changes, tail):
     data = bytearray(data)
     for position, value in changes:
         if data:
@@ -161,4 +161,4 @@ def test_any_bytes_give_an_image_within_the_limit_or_a_refusal(data, changes, ta
         refusal = ""
         assert 1 <= image.shape[0] * image.shape[1] <= LARGEST
         assert image.dtype in (np.uint8, np.uint16)
-    assert not refusal or refusal.startswith("image refused: its ") or "announces" in refusal
+    assert not refusal or refusal.startswith("image refused: its ") or "declares" in refusal

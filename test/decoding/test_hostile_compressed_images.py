@@ -1,4 +1,4 @@
-"""Compressed images made to keep a decoder busy: refused, or decoded rightly, at no great cost."""
+"""Decompression bombs: refused, or decoded correctly at low cost."""
 
 import functools
 import io
@@ -42,7 +42,7 @@ def by_opencv(data):
 def by_pillow(image, kind, **options):
     file = io.BytesIO()
     with pytest.MonkeyPatch.context() as patch:
-        # Pillow 12, the last for Python 3.10, writes all that describes a JPEG in one block.
+        # Pillow 12, the last for Python 3.10, writes all JPEG metadata in one block.
         patch.setattr(ImageFile, "MAXBLOCK", 2**17)
         image.save(file, kind, **options)
     return file.getvalue()
@@ -71,7 +71,7 @@ END = chunk(b"IEND", b"")
 
 @functools.cache
 def inflating_to(megabytes, begin=b""):
-    """A stream that inflates to so much, after what it begins with."""
+    """A stream that inflates to a number of megabytes after its beginning."""
     deflater = zlib.compressobj()
     parts = [deflater.compress(begin)]
     parts += [deflater.compress(b" " * MEGABYTE) for _ in range(megabytes)]
@@ -97,7 +97,7 @@ def with_wrong_chunks():
     return header() + 2000 * (wrong + chunk(b"tEXt", bytes(4000))) + PIXELS + END
 
 
-def with_more_pixels_than_announced():
+def with_more_pixels_than_declared():
     return header() + chunk(b"IDAT", inflating_to(400, rows(GRAY))) + END
 
 
@@ -151,9 +151,9 @@ PNG_BOMBS = {
     with_a_color_profile: GRAY,
     with_wrong_chunks: GRAY,
     with_an_animation: GRAY,
-    with_more_pixels_than_announced: "inflates to more than its size announces",
-    with_more_pixels_in_many_chunks: "inflates to more than its size announces",
-    with_empty_chunks: "more chunks than an image takes",
+    with_more_pixels_than_declared: "inflates to more than its declared size",
+    with_more_pixels_in_many_chunks: "inflates to more than its declared size",
+    with_empty_chunks: "too many chunks",
     with_many_palettes: "damaged",
     with_another_header: "damaged",
     interlaced_without_pixels: "damaged",
@@ -184,7 +184,7 @@ def inserted(data, what, before=b"\xff\xda"):
     return data[:position] + what + data[position:]
 
 
-def announcing(data, width, height):
+def declaring(data, width, height):
     for marker in (b"\xff\xc0", b"\xff\xc2"):
         position = data.find(marker)
         if position > 0:
@@ -198,17 +198,17 @@ def with_many_scans():
     return PROGRESSIVE[:-2] + 9 * scans + PROGRESSIVE[-2:]
 
 
-def with_many_pixels_announced():
-    return announcing(BASELINE, 4096, 4096)
+def with_many_pixels_declared():
+    return declaring(BASELINE, 4096, 4096)
 
 
-def cut_off_and_closed():
-    return announcing(PROGRESSIVE[: len(PROGRESSIVE) // 3] + b"\xff\xd9", 4096, 4096)
+def truncated_and_closed():
+    return declaring(PROGRESSIVE[: len(PROGRESSIVE) // 3] + b"\xff\xd9", 4096, 4096)
 
 
 def with_another_frame():
     frame = BASELINE.index(b"\xff\xc0")
-    larger = announcing(BASELINE, 4096, 4096)[frame : frame + 19]
+    larger = declaring(BASELINE, 4096, 4096)[frame : frame + 19]
     return inserted(BASELINE, larger)
 
 
@@ -269,13 +269,13 @@ JPEG_BOMBS = {
     with_escapes: JPEG_PIXELS,
     with_restarts: None,
     with_many_scans: "more than 18 scans",
-    with_many_pixels_announced: "cut off",
-    cut_off_and_closed: "cut off",
+    with_many_pixels_declared: "truncated",
+    truncated_and_closed: "truncated",
     with_another_frame: "not a whole JPEG image",
-    with_many_thumbnails: "more segments than an image takes",
+    with_many_thumbnails: "too many segments",
     with_another_start: "not a whole JPEG image",
-    with_many_tables: "more segments than an image takes",
-    with_endless_filling: "cut off",
+    with_many_tables: "too many segments",
+    with_endless_filling: "truncated",
     with_arithmetic_codes: "not a whole JPEG image",
     with_many_components: "80 components",
 }
@@ -284,7 +284,7 @@ BOMBS = {bomb.__name__: (bomb, outcome) for bomb, outcome in (PNG_BOMBS | JPEG_B
 
 
 @pytest.mark.parametrize("name", BOMBS)
-def test_a_bomb_is_refused_or_decoded_as_the_image_that_it_holds(name):
+def test_a_bomb_is_refused_or_decoded_to_its_image(name):
     bomb, outcome = BOMBS[name]
     data = bomb()
     if isinstance(outcome, str):
@@ -303,7 +303,7 @@ from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
 from pf_tracker_ros.decoding.image_decoding import ImageError
 
 def peak():
-    # In megabytes; ru_maxrss would begin with that of the process which started this one.
+    # In megabytes; ru_maxrss would include the parent process.
     status = pathlib.Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\\s+([0-9]+) kB", status)[1]) // 1024
 
@@ -318,7 +318,7 @@ def decode(path):
 
 ordinary, *bombs = (pathlib.Path(name) for name in sys.argv[1:])
 decode(ordinary)
-# What follows may not make the machine swap, whatever becomes of it.
+# Limits the memory, so that a failure does not make the machine swap.
 resource.setrlimit(resource.RLIMIT_DATA, (2**31, 2**31))
 print(json.dumps({bomb.name: decode(bomb) for bomb in bombs}))
 """
@@ -338,11 +338,11 @@ def test_no_bomb_takes_much_memory_or_fills_the_log(tmp_path):
     assert len(lines) <= len(BOMBS), lines[:5]
 
 
-# What ordinary encoders make
+# Files of ordinary encoders
 
 
 def interlaced(image):
-    """A PNG file in seven passes; Pillow and OpenCV write none."""
+    """An interlaced PNG file, as Pillow and OpenCV write none."""
     passes = (
         image[::8, ::8],
         image[::8, 4::8],
@@ -424,7 +424,7 @@ ORDINARY = {
 
 
 @pytest.mark.parametrize("name", ORDINARY)
-def test_what_ordinary_encoders_make_is_decoded_as_by_opencv_to_the_bit(name):
+def test_files_of_ordinary_encoders_are_decoded_as_by_opencv_to_the_bit(name):
     data = ORDINARY[name]
     expected = by_opencv(data)
     if expected.ndim == 3 and expected.dtype == np.uint16:
@@ -432,11 +432,11 @@ def test_what_ordinary_encoders_make_is_decoded_as_by_opencv_to_the_bit(name):
     np.testing.assert_array_equal(decoded(data), expected)
 
 
-def test_interlaced_images_are_those_that_were_written():
+def test_interlaced_images_keep_every_pixel():
     np.testing.assert_array_equal(decoded(ORDINARY["PNG interlaced gray"]), PHOTOGRAPH[:13, :11, 0])
 
 
 def test_the_size_is_refused_before_the_pixels_are_inflated(monkeypatch):
     monkeypatch.delattr(zlib, "decompressobj")
-    with pytest.raises(ImageError, match="announces 8 x 8 px; allowed: 63 px"):
+    with pytest.raises(ImageError, match="declares 8 x 8 px; allowed: 63 px"):
         decoded(header() + PIXELS + END, max_pixels=63)

@@ -44,7 +44,7 @@ def test_mono16_honors_its_byte_order(is_bigendian, data):
 
 @pytest.mark.parametrize(("encoding", "pixel_size"), [("bgr8", 3), ("mono8", 1), ("mono16", 2)])
 @pytest.mark.parametrize("padding", [1, 5])
-def test_padding_of_rows_is_left_out(encoding, pixel_size, padding):
+def test_padding_of_rows_is_removed(encoding, pixel_size, padding):
     width, height = 4, 3
     rows = np.arange(height * width * pixel_size, dtype=np.uint8).reshape(height, -1)
     padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
@@ -88,9 +88,9 @@ def layout(encoding):
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
 @pytest.mark.parametrize("padding", [0, 6])
-def test_the_tracker_takes_what_is_decoded(encoding, noise, padding):
+def test_the_tracker_accepts_every_encoding(encoding, noise, padding):
     rows, row = layout(encoding)
-    # Padding follows each row, also where it is one of colors.
+    # Padding follows each row, also rows of color.
     data = noise(height=rows, width=row + padding, channels=1).tobytes()
     decoder = ImageDecoder(max_pixels=1)
     image = decoder.decode(message(data, 50, 40, row + padding, encoding))
@@ -117,12 +117,12 @@ def test_one_byte_less_than_the_layout_needs_is_refused(encoding):
         ("rgb8", [30, 20, 10]),
     ],
 )
-def test_color_comes_out_as_blue_green_red(encoding, data):
+def test_color_becomes_bgr(encoding, data):
     assert decode_raw(message(data, 1, 1, len(data), encoding)).tolist() == [[[10, 20, 30]]]
 
 
 @pytest.mark.parametrize("encoding", ["bgr8", "8UC3", "mono8", "8UC1", "mono16", "16UC1"])
-def test_what_needs_no_conversion_is_not_copied(encoding):
+def test_an_encoding_without_conversion_is_not_copied(encoding):
     received = message(range(48), 4, 2, 24, encoding)
     assert np.shares_memory(decode_raw(received), np.frombuffer(received.data, np.uint8))
 
@@ -151,7 +151,7 @@ def yuv_layouts(y, u, v):
 
 
 @pytest.mark.parametrize("encoding", yuv_layouts(0, 0, 0))
-def test_yuv_comes_out_in_the_colors_of_the_standard(encoding):
+def test_yuv_is_converted_by_the_standard(encoding):
     for yuv, color in COLORS.items():
         data, step = yuv_layouts(*yuv)[encoding]
         image = decode_raw(message(data, 4, 2, step, encoding))
@@ -170,13 +170,13 @@ def test_yuv_comes_out_in_the_colors_of_the_standard(encoding):
         ("bayer_bggr16", 8, 2, "height"),
     ],
 )
-def test_sides_that_a_layout_does_not_have_are_refused(encoding, width, height, field):
+def test_sides_that_an_encoding_does_not_allow_are_refused(encoding, width, height, field):
     with pytest.raises(ImageError, match=f"its {field} is . px; allowed in {encoding}: "):
         decode_raw(message(bytes(200), width, height, 16, encoding))
 
 
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
-def test_a_bayer_pattern_comes_out_in_its_color(pattern):
+def test_a_bayer_pattern_is_converted_to_its_color(pattern):
     values = {"r": 200, "g": 100, "b": 50}
     tile = np.array([values[letter] for letter in pattern]).reshape(2, 2)
     mosaic = np.tile(tile, (4, 4))
@@ -203,10 +203,10 @@ def floats(values, order="<", stamp=0):
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_floats_of_either_byte_order_reach_the_tracker_as_they_are(order):
+def test_floats_of_either_byte_order_keep_their_values(order):
     values = np.array([[0.5, -290.0, 1e30], [np.nan, np.inf, -np.inf]], np.float32)
     decoder = ImageDecoder(1)
-    # Nothing is remembered of an image: what range it has is for the tracker to know.
+    # The decoder keeps no state; the tracker determines the range of values.
     decoder.decode(floats(np.full((2, 3), 1e9), stamp=1))
     image = decoder.decode(floats(values, order, stamp=2))
     assert image.dtype == np.float32
@@ -240,7 +240,7 @@ MALFORMED = {
 
 
 @pytest.mark.parametrize("name", MALFORMED)
-def test_a_malformed_message_is_refused_with_field_value_and_what_is_allowed(name):
+def test_a_malformed_message_is_refused_with_field_value_and_allowed_values(name):
     malformed, field, found, allowed = MALFORMED[name]
     with pytest.raises(ImageError) as refusal:
         decode_raw(malformed)
@@ -255,7 +255,7 @@ def test_a_malformed_message_is_refused_with_field_value_and_what_is_allowed(nam
     ["x" * 10_000_000, "\x1b[2J\n" * 100_000, "\u202e" * 50],
     ids=["long", "control characters", "right to left"],
 )
-def test_an_encoding_is_quoted_short_and_without_what_a_terminal_obeys(encoding):
+def test_an_encoding_is_quoted_shortened_and_without_control_characters(encoding):
     with pytest.raises(ImageError) as refusal:
         decode_raw(message(range(24), 4, 2, 12, encoding))
     assert len(str(refusal.value)) < 400
@@ -276,7 +276,7 @@ SIDES = st.integers(0, 12) | st.integers(0, 2**32 - 1)
         is_bigendian=st.integers(0, 255),
     )
 )
-def test_any_message_gives_an_image_of_its_size_or_a_refusal(received):
+def test_any_message_gives_an_image_of_its_size_or_an_error(received):
     try:
         image = decode_raw(received)
     except ImageError as error:
@@ -289,7 +289,7 @@ def test_any_message_gives_an_image_of_its_size_or_a_refusal(received):
     assert len(refusal) < 400
 
 
-def test_byte_order_is_not_asked_of_bytes():
+def test_byte_order_of_single_bytes_is_ignored():
     little, big = (
         decode_raw(message([1, 2, 3], 1, 1, 3, "bgr8", is_bigendian=order)) for order in (0, 1)
     )

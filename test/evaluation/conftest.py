@@ -1,4 +1,4 @@
-"""The command `evaluate` in a process of its own, and what it is run on."""
+"""The command `evaluate` in its own process, and sequences for it."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 
 @pytest.fixture
 def start_evaluate(tmp_path):
-    """Starts the command in the test's folder; what still runs after the test is killed."""
+    """Start the command in the test's folder; it is killed after the test."""
     processes = []
 
     def start(*arguments, stdout=subprocess.PIPE, **environment):
@@ -44,7 +44,7 @@ def short_sequence(write_sequence, moving_square):
 
 @pytest.fixture
 def long_sequences(write_sequence, moving_square):
-    """Two times the moving square there and back, a hundred times as long as the short one."""
+    """Two sequences of the moving square, a hundred times as long as the short one."""
     there_and_back = np.r_[np.arange(20), np.arange(18, 0, -1)]
     order = np.resize(there_and_back, 500)
     images, boxes = moving_square.images[order], moving_square.boxes[order]

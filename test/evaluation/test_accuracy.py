@@ -1,4 +1,4 @@
-"""The presets' accuracy on real footage, where it is present: a floor that no change may break."""
+"""Lower bounds of the presets' accuracy on real footage, where available."""
 
 import functools
 

@@ -39,7 +39,7 @@ def evaluate(*arguments, directory, path=(), **environment):
 
 
 def refusal(*arguments, directory, path=()):
-    """The one line with which the command refuses."""
+    """The one-line error of an invalid request."""
     done = evaluate(*arguments, directory=directory, path=path)
     assert done.returncode == 2, done.stderr
     assert done.stdout == ""
@@ -60,7 +60,7 @@ def without_times(document):
     }
 
 
-def test_result_has_the_fixed_layout_and_repeats_itself(
+def test_the_result_has_the_fixed_layout_and_is_reproducible(
     moving_square_sequence, short_sequence, tmp_path
 ):
     documents = []
@@ -134,7 +134,7 @@ def test_real_sequence_is_evaluated(sequences_directory, tmp_path):
     assert scores["success_auc"] > 0.2
 
 
-def test_frames_without_target_are_no_part_of_the_scores(short_sequence, tmp_path):
+def test_frames_without_target_are_not_scored(short_sequence, tmp_path):
     arguments = ["short", "--preset", "li2007", "--seeds", "1", "--output"]
     lines = (short_sequence / "groundtruth.txt").read_text().splitlines()
     (short_sequence / "groundtruth.txt").rename(short_sequence / "groundtruth_rect.txt")
@@ -265,8 +265,8 @@ def test_wrong_request_is_refused_in_one_line(arguments, reasons, short_sequence
         ("1,2,3,4\n" * 6, ["5 frames", "6 boxes"]),
         ("1,2,3,4\n1,2,3\n" + "1,2,3,4\n" * 3, ["groundtruth.txt, line 2", "x,y,width,height"]),
         ("", ["groundtruth.txt is empty"]),
-        ("nan,nan,nan,nan\n" + "1,2,3,4\n" * 4, ["short: the first true box is missing"]),
-        ("0,0,0,0\n" + "1,2,3,4\n" * 4, ["short: the first true box is missing"]),
+        ("nan,nan,nan,nan\n" + "1,2,3,4\n" * 4, ["short: the target is absent in the first frame"]),
+        ("0,0,0,0\n" + "1,2,3,4\n" * 4, ["short: the target is absent in the first frame"]),
     ],
 )
 def test_broken_sequence_is_refused_in_one_line(ground_truth, reasons, short_sequence, tmp_path):
@@ -279,7 +279,7 @@ def test_broken_sequence_is_refused_in_one_line(ground_truth, reasons, short_seq
 @pytest.mark.parametrize(
     ("package", "options"), [("rich", []), ("matplotlib", ["--plot", "p.png"])]
 )
-def test_missing_package_is_named_with_what_installs_it(package, options, short_sequence, tmp_path):
+def test_missing_package_is_named_with_its_installation(package, options, short_sequence, tmp_path):
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     (blocked / f"{package}.py").write_text("raise ModuleNotFoundError")
@@ -317,7 +317,7 @@ def test_plot_shows_the_preset(short_sequence, tmp_path):
     assert (image.max(axis=2) - image.min(axis=2) > 60).any()
 
 
-def test_a_parameter_file_says_what_could_be_typed(short_sequence, tmp_path):
+def test_a_parameter_file_equals_typed_parameters(short_sequence, tmp_path):
     own = tmp_path / "own.yaml"
     text = "/pf_tracker:\n  ros__parameters: {preset: li2007, particles: 20, seed: 5}\n"
     own.write_text(text)
@@ -333,8 +333,8 @@ def test_a_parameter_file_says_what_could_be_typed(short_sequence, tmp_path):
         documents.append(json.loads((tmp_path / name).read_text()))
     assert without_times(documents[0]) == without_times(documents[1])
     own.write_text(text.replace("particles", "particels"))
-    said = refusal(short_sequence, "--params-file", own, directory=tmp_path)
-    assert f"{own}: no parameter 'particels'" in said
+    error = refusal(short_sequence, "--params-file", own, directory=tmp_path)
+    assert f"{own}: no parameter 'particels'" in error
     own.write_text(text.replace("preset", "max_targets: 4, preset"))
-    said = refusal(short_sequence, "--params-file", own, directory=tmp_path)
-    assert f"{own}: parameter 'max_targets' is 4; allowed: 1, as a Tracker has one target" in said
+    error = refusal(short_sequence, "--params-file", own, directory=tmp_path)
+    assert f"{own}: parameter 'max_targets' is 4; allowed: 1, as a Tracker has one target" in error

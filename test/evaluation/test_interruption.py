@@ -1,4 +1,4 @@
-"""What is left of an evaluation that ends before its time."""
+"""Evaluations that are interrupted."""
 
 import json
 import os
@@ -30,7 +30,7 @@ def is_running(process_id):
 
 
 def workers_of(process_id):
-    """Processes that it started and that do its work."""
+    """Worker processes of a process."""
     children = Path(f"/proc/{process_id}/task/{process_id}/children").read_text().split()
     return [
         int(child)
@@ -41,7 +41,7 @@ def workers_of(process_id):
 
 @pytest.fixture
 def half_done(start_evaluate, short_sequence, long_sequences, tmp_path):
-    """Starts an evaluation and waits until the first of three sequences is done."""
+    """Start an evaluation and wait until the first of three sequences is done."""
 
     def start(jobs):
         process = start_evaluate(
@@ -72,7 +72,7 @@ def test_a_signal_ends_all_processes_and_results_are_kept(
     assert {path.name for path in tmp_path.iterdir()} == {"short", "walk", "stroll", "r.json"}
 
 
-def test_processes_end_with_one_that_is_killed(half_done):
+def test_workers_end_when_their_parent_is_killed(half_done):
     process = half_done(2)
     workers = workers_of(process.pid)
     assert len(workers) == 2
@@ -80,7 +80,7 @@ def test_processes_end_with_one_that_is_killed(half_done):
     wait_until(lambda: not any(map(is_running, workers)))
 
 
-def test_a_sequence_whose_process_is_killed_fails_alone(
+def test_a_killed_worker_fails_only_its_sequence(
     start_evaluate, short_sequence, long_sequences, tmp_path
 ):
     process = start_evaluate("walk", "short", "--seeds", "20", "--jobs", "2", "--output", "r.json")

@@ -97,7 +97,7 @@ def test_center_error_compares_centers_not_corners():
         (np.inf, 0, 10, 10),
     ],
 )
-def test_missing_true_box_gives_neither_overlap_nor_error(missing):
+def test_an_absent_target_has_neither_overlap_nor_error(missing):
     true_boxes = [(0, 0, 10, 10), missing]
     boxes = [(0, 0, 10, 10)] * 2
     with np.errstate(all="raise"):
@@ -107,7 +107,7 @@ def test_missing_true_box_gives_neither_overlap_nor_error(missing):
 
 
 @pytest.mark.parametrize("metric", [overlap, center_errors])
-def test_metrics_refuse_what_is_not_a_box(metric):
+def test_metrics_refuse_other_values_than_boxes(metric):
     with pytest.raises(ValueError, match=r"\(2, 3\).*x, y, width, height"):
         metric(np.zeros((2, 3)), np.ones((2, 4)))
     with pytest.raises(ValueError, match="finite"):
@@ -151,7 +151,7 @@ def test_precision_counts_errors_up_to_20_px_inclusive():
     assert precision(center_errors(boxes, (0, 0, 4, 4))) == 0.75
 
 
-def test_frames_without_true_box_are_left_out_of_every_share():
+def test_frames_without_target_do_not_count():
     assert success_auc([1.0, np.nan, 0.0]) == success_auc([1.0, 0.0])
     assert precision([np.nan, 3.0, 40.0, np.nan]) == 0.5
 

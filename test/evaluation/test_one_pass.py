@@ -26,10 +26,10 @@ TARGET = (10.0, 10.0, 10.0, 10.0)
 # Apart from TARGET, center 40 px away.
 FAR = (50.0, 10.0, 10.0, 10.0)
 # Overlaps TARGET by 1/3, center 5 px away.
-BESIDE = (15.0, 10.0, 10.0, 10.0)
+OVERLAPPING = (15.0, 10.0, 10.0, 10.0)
 
 
-class DrawnFootage:
+class MemoryFootage:
     """Footage in memory."""
 
     name = "drawn"
@@ -52,19 +52,22 @@ class DrawnFootage:
 
 
 @dataclass
-class Said:
+class PlainEstimate:
     box: tuple
     state: str = "tracking"
 
 
-LOST = Said(box=None, state="lost")
+LOST = PlainEstimate(box=None, state="lost")
 
 
 class ScriptedTracker:
-    """Gives prepared answers and notes what it is given."""
+    """Returns prepared estimates and records its inputs."""
 
-    def __init__(self, *answers):
-        self.answers = [answer if isinstance(answer, Said) else Said(answer) for answer in answers]
+    def __init__(self, *outputs):
+        self.outputs = [
+            output if isinstance(output, PlainEstimate) else PlainEstimate(output)
+            for output in outputs
+        ]
         self.given = []
 
     def start(self, image, box):
@@ -72,11 +75,11 @@ class ScriptedTracker:
 
     def update(self, image, dt):
         self.given.append((int(image[0, 0, 0]), dt))
-        return self.answers[len(self.given) - 2]
+        return self.outputs[len(self.given) - 2]
 
 
-class WorkingTracker:
-    """Does something in each update."""
+class BusyTracker:
+    """Calls a function in each update."""
 
     def __init__(self, work):
         self.work = work
@@ -86,7 +89,7 @@ class WorkingTracker:
 
     def update(self, image, dt):
         self.work()
-        return Said(TARGET)
+        return PlainEstimate(TARGET)
 
 
 def compute(seconds):
@@ -95,11 +98,11 @@ def compute(seconds):
         pass
 
 
-def test_frame_1_counts_with_the_given_box():
+def test_the_first_frame_counts_with_the_given_box():
     result = evaluate_sequence(
-        DrawnFootage([TARGET] * 4), lambda seed: ScriptedTracker(FAR, FAR, BESIDE), [0]
+        MemoryFootage([TARGET] * 4), lambda seed: ScriptedTracker(FAR, FAR, OVERLAPPING), [0]
     )
-    assert result.boxes[0].tolist() == [list(box) for box in (TARGET, FAR, FAR, BESIDE)]
+    assert result.boxes[0].tolist() == [list(box) for box in (TARGET, FAR, FAR, OVERLAPPING)]
     # Overlaps 1, 0, 0, 1/3: above 20, 0, 0 and 7 (0 .. .3) of the 21 thresholds.
     assert result.scores.success_auc == pytest.approx((20 + 7) / 4 / 21)
     assert result.scores.precision_20px == 0.5
@@ -107,22 +110,22 @@ def test_frame_1_counts_with_the_given_box():
 
 
 def test_lost_frame_keeps_the_last_box():
-    tracker = ScriptedTracker(BESIDE, LOST, LOST, FAR, LOST)
-    result = evaluate_sequence(DrawnFootage([TARGET] * 6), lambda seed: tracker, [0])
-    expected = [TARGET, BESIDE, BESIDE, BESIDE, FAR, FAR]
+    tracker = ScriptedTracker(OVERLAPPING, LOST, LOST, FAR, LOST)
+    result = evaluate_sequence(MemoryFootage([TARGET] * 6), lambda seed: tracker, [0])
+    expected = [TARGET, OVERLAPPING, OVERLAPPING, OVERLAPPING, FAR, FAR]
     assert result.boxes[0].tolist() == [list(box) for box in expected]
     assert result.lost[0].tolist() == [False, False, True, True, False, True]
 
 
 def test_target_lost_from_the_start_keeps_the_given_box():
     result = evaluate_sequence(
-        DrawnFootage([TARGET, FAR]), lambda seed: ScriptedTracker(LOST), seeds=[0]
+        MemoryFootage([TARGET, FAR]), lambda seed: ScriptedTracker(LOST), seeds=[0]
     )
     assert result.boxes[0].tolist() == [list(TARGET)] * 2
 
 
 def test_every_tracker_sees_every_frame_once_in_one_pass():
-    footage = DrawnFootage([TARGET] * 3, stamps=[5_000_000_000, 5_040_000_000, 5_140_000_000])
+    footage = MemoryFootage([TARGET] * 3, stamps=[5_000_000_000, 5_040_000_000, 5_140_000_000])
     trackers = {}
 
     def make_tracker(seed):
@@ -138,9 +141,9 @@ def test_every_tracker_sees_every_frame_once_in_one_pass():
 
 
 def test_scores_are_means_over_the_seeds():
-    answers = {0: (TARGET, TARGET, TARGET), 1: (FAR, FAR, FAR)}
+    outputs = {0: (TARGET, TARGET, TARGET), 1: (FAR, FAR, FAR)}
     result = evaluate_sequence(
-        DrawnFootage([TARGET] * 4), lambda seed: ScriptedTracker(*answers[seed]), seeds=range(2)
+        MemoryFootage([TARGET] * 4), lambda seed: ScriptedTracker(*outputs[seed]), seeds=range(2)
     )
     aucs = [20 / 21, 20 / 21 / 4]
     assert result.success_aucs == pytest.approx(aucs)
@@ -152,8 +155,8 @@ def test_scores_are_means_over_the_seeds():
 
 def test_frames_without_true_box_are_tracked_but_not_scored():
     ground_truth = [TARGET, (np.nan,) * 4, (0, 0, 0, 0), TARGET]
-    tracker = ScriptedTracker(FAR, FAR, BESIDE)
-    result = evaluate_sequence(DrawnFootage(ground_truth), lambda seed: tracker, [0])
+    tracker = ScriptedTracker(FAR, FAR, OVERLAPPING)
+    result = evaluate_sequence(MemoryFootage(ground_truth), lambda seed: tracker, [0])
     assert len(tracker.given) == 4
     assert result.scores.success_auc == pytest.approx((20 + 7) / 2 / 21)
     assert result.scores.precision_20px == 1
@@ -162,10 +165,10 @@ def test_frames_without_true_box_are_tracked_but_not_scored():
 
 def test_means_weigh_long_and_short_sequences_alike():
     short = evaluate_sequence(
-        DrawnFootage([TARGET] * 2), lambda seed: ScriptedTracker(TARGET), seeds=[0]
+        MemoryFootage([TARGET] * 2), lambda seed: ScriptedTracker(TARGET), seeds=[0]
     )
     long = evaluate_sequence(
-        DrawnFootage([TARGET] * 8), lambda seed: ScriptedTracker(*[FAR] * 7), seeds=[0]
+        MemoryFootage([TARGET] * 8), lambda seed: ScriptedTracker(*[FAR] * 7), seeds=[0]
     )
     mean = mean_scores([short, long])
     assert mean.success_auc == pytest.approx((20 / 21 + 20 / 21 / 8) / 2)
@@ -174,7 +177,7 @@ def test_means_weigh_long_and_short_sequences_alike():
 
 
 def test_only_cpu_time_of_update_is_counted():
-    class SlowToRead(DrawnFootage):
+    class SlowToRead(MemoryFootage):
         def frames(self):
             for frame in super().frames():
                 compute(0.015)
@@ -189,11 +192,11 @@ def test_only_cpu_time_of_update_is_counted():
         spent.append(time.process_time() - before)
 
     result = evaluate_sequence(
-        SlowToRead([TARGET] * 8), lambda seed: WorkingTracker(work), seeds=[0, 1]
+        SlowToRead([TARGET] * 8), lambda seed: BusyTracker(work), seeds=[0, 1]
     )
-    # Each frame is given to the trackers of all seeds before the next is read.
+    # The trackers of all seeds process a frame before the next is read.
     expected = np.reshape(spent, (7, 2)).T
-    # Reading would add more than twice what was worked.
+    # Reading would add more than twice the work.
     assert np.median(result.cpu_seconds / expected) < 2.0
     assert (result.cpu_seconds >= expected).all()
 
@@ -204,12 +207,12 @@ def test_threads_of_the_tracker_are_counted():
         thread.start()
         thread.join()
 
-    result = evaluate_sequence(DrawnFootage([TARGET] * 6), lambda seed: WorkingTracker(work), [0])
+    result = evaluate_sequence(MemoryFootage([TARGET] * 6), lambda seed: BusyTracker(work), [0])
     assert result.scores.cpu_ms_median >= 4.0
 
 
-def test_work_of_the_decoder_in_the_background_is_not_counted():
-    class ReadAhead(DrawnFootage):
+def test_background_work_of_the_decoder_is_not_counted():
+    class ReadAhead(MemoryFootage):
         def frames(self):
             block = bytes(4_000_000)
             for frame in super().frames():
@@ -219,7 +222,7 @@ def test_work_of_the_decoder_in_the_background_is_not_counted():
 
     started = time.process_time()
     result = evaluate_sequence(
-        ReadAhead([TARGET] * 16), lambda seed: WorkingTracker(lambda: time.sleep(0.003)), [0]
+        ReadAhead([TARGET] * 16), lambda seed: BusyTracker(lambda: time.sleep(0.003)), [0]
     )
     background = (time.process_time() - started) / 16
     assert background > 0.002
@@ -227,7 +230,7 @@ def test_work_of_the_decoder_in_the_background_is_not_counted():
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_opencv_has_one_thread_while_tracking_and_its_own_number_afterwards(fails):
+def test_opencv_has_one_thread_only_while_tracking(fails):
     seen = []
 
     def work():
@@ -238,12 +241,12 @@ def test_opencv_has_one_thread_while_tracking_and_its_own_number_afterwards(fail
     before = cv2.getNumThreads()
     cv2.setNumThreads(2)
     try:
-        footage = DrawnFootage([TARGET] * 2)
+        footage = MemoryFootage([TARGET] * 2)
         if fails:
             with pytest.raises(RuntimeError):
-                evaluate_sequence(footage, lambda seed: WorkingTracker(work), [0])
+                evaluate_sequence(footage, lambda seed: BusyTracker(work), [0])
         else:
-            evaluate_sequence(footage, lambda seed: WorkingTracker(work), [0])
+            evaluate_sequence(footage, lambda seed: BusyTracker(work), [0])
         assert seen == [1]
         assert cv2.getNumThreads() == 2
     finally:
@@ -256,7 +259,7 @@ def test_tracker_cannot_draw_into_the_frames_of_the_others():
             image[:] = 255
             return super().update(image, dt)
 
-    footage = DrawnFootage([TARGET] * 2)
+    footage = MemoryFootage([TARGET] * 2)
     with pytest.raises(EvaluationError, match="read-only"):
         evaluate_sequence(footage, lambda seed: DrawingTracker(TARGET), [0])
     assert footage.images[1].flags.writeable
@@ -265,13 +268,13 @@ def test_tracker_cannot_draw_into_the_frames_of_the_others():
 @pytest.mark.parametrize(
     ("footage", "message"),
     [
-        (DrawnFootage([TARGET] * 3, frame_count=2), "drawn: 2 frames, but 3 true boxes"),
-        (DrawnFootage([TARGET] * 3, frame_count=4), "drawn: more than 3 frames, but 3 true boxes"),
-        (DrawnFootage(None, frame_count=2), "drawn: no ground truth"),
-        (DrawnFootage([TARGET]), "at least 2 frames"),
-        (DrawnFootage([TARGET[:3]] * 2), r"shape \(2, 3\)"),
-        (DrawnFootage([(0, 0, 0, 0), TARGET]), "first true box is .*; allowed: .* above 0"),
-        (DrawnFootage([(np.nan,) * 4, TARGET]), "first true box is .*; allowed: finite"),
+        (MemoryFootage([TARGET] * 3, frame_count=2), "drawn: 2 frames, but 3 true boxes"),
+        (MemoryFootage([TARGET] * 3, frame_count=4), "drawn: more than 3 frames, but 3 true boxes"),
+        (MemoryFootage(None, frame_count=2), "drawn: no ground truth"),
+        (MemoryFootage([TARGET]), "at least 2 frames"),
+        (MemoryFootage([TARGET[:3]] * 2), r"shape \(2, 3\)"),
+        (MemoryFootage([(0, 0, 0, 0), TARGET]), "absent in the first frame.*; allowed: .* above 0"),
+        (MemoryFootage([(np.nan,) * 4, TARGET]), "absent in the first frame.*; allowed: finite"),
     ],
 )
 def test_unusable_ground_truth_is_refused(footage, message):
@@ -279,8 +282,8 @@ def test_unusable_ground_truth_is_refused(footage, message):
         evaluate_sequence(footage, lambda seed: ScriptedTracker(*[TARGET] * 9), [0])
 
 
-def test_announced_number_of_frames_is_compared_before_tracking():
-    footage = DrawnFootage([TARGET] * 3)
+def test_the_frame_count_is_checked_before_tracking():
+    footage = MemoryFootage([TARGET] * 3)
     footage.frame_count = 5
     with pytest.raises(EvaluationError, match="5 frames, but 3 true boxes"):
         evaluate_sequence(footage, lambda seed: ScriptedTracker(*[TARGET] * 9), [0])
@@ -289,19 +292,19 @@ def test_announced_number_of_frames_is_compared_before_tracking():
 
 def test_no_seeds_are_refused():
     with pytest.raises(EvaluationError, match="at least one"):
-        evaluate_sequence(DrawnFootage([TARGET] * 2), lambda seed: ScriptedTracker(TARGET), [])
+        evaluate_sequence(MemoryFootage([TARGET] * 2), lambda seed: ScriptedTracker(TARGET), [])
 
 
 @pytest.mark.parametrize("box", [(np.nan, 0, 1, 1), (0, 0, np.inf, 1), (0, 0, 1)])
-def test_answer_that_is_no_box_is_refused_by_frame(box):
+def test_an_invalid_box_is_refused_with_its_frame(box):
     with pytest.raises(EvaluationError, match=r"drawn, frame 3: .*4 finite numbers"):
         evaluate_sequence(
-            DrawnFootage([TARGET] * 3), lambda seed: ScriptedTracker(TARGET, box), [0]
+            MemoryFootage([TARGET] * 3), lambda seed: ScriptedTracker(TARGET, box), [0]
         )
 
 
-def test_box_that_the_tracker_refuses_is_named_with_its_sequence():
-    footage = DrawnFootage([(500, 500, 10, 10), TARGET])
+def test_an_error_of_the_tracker_names_sequence_and_frame():
+    footage = MemoryFootage([(500, 500, 10, 10), TARGET])
     with pytest.raises(EvaluationError, match=r"drawn, frame 1: .*outside the image"):
         evaluate_sequence(footage, partial(Tracker.from_preset, "li2007"), [0])
 
@@ -323,10 +326,10 @@ def test_same_seed_gives_the_same_bits(two_sequences):
 
 
 def test_boxes_are_those_of_a_session_to_the_bit(moving_square):
-    # A clock that is read late by up to 1 ms: intervals of many digits.
+    # Stamps with a jitter of up to 1 ms: intervals with many digits.
     late = np.random.default_rng(5).integers(0, 1_000_000, len(moving_square.images))
     stamps = (1_700_000_000 * 10**9 + 33_333_333 * np.arange(len(late)) + late).tolist()
-    footage = DrawnFootage(moving_square.boxes, stamps=stamps)
+    footage = MemoryFootage(moving_square.boxes, stamps=stamps)
     footage.images = moving_square.images
     result = evaluate_sequence(footage, partial(Tracker.from_preset, "default"), [4])
 
@@ -339,7 +342,7 @@ def test_boxes_are_those_of_a_session_to_the_bit(moving_square):
     np.testing.assert_array_equal(result.boxes[0], boxes)
 
 
-def test_seeds_side_by_side_are_the_seeds_alone(two_sequences):
+def test_several_seeds_give_the_same_as_each_alone(two_sequences):
     make_tracker = partial(Tracker.from_preset, "default")
     together = evaluate_sequence(two_sequences[0], make_tracker, [0, 1])
     alone = evaluate_sequence(two_sequences[0], make_tracker, [1])
@@ -359,14 +362,14 @@ def test_processes_give_the_same_boxes_as_one(two_sequences):
         assert np.array_equal(first.boxes, second.boxes)
 
 
-def test_error_in_a_process_reaches_the_caller(two_sequences):
+def test_an_error_in_a_process_reaches_the_caller(two_sequences):
     two_sequences[1].ground_truth[0] = (500, 500, 10, 10)
     with pytest.raises(EvaluationError, match=r"half, frame 1: .*outside the image"):
         evaluate_sequences(two_sequences, partial(Tracker.from_preset, "li2007"), [0], jobs=2)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_others_are_evaluated_after_one_that_fails(two_sequences, jobs):
+def test_other_sequences_are_evaluated_after_a_failure(two_sequences, jobs):
     two_sequences[0].ground_truth[0] = (500, 500, 10, 10)
     make_tracker = partial(Tracker.from_preset, "li2007")
     results = dict(evaluate_each(two_sequences, make_tracker, [0], jobs))
@@ -376,7 +379,7 @@ def test_others_are_evaluated_after_one_that_fails(two_sequences, jobs):
     assert np.array_equal(results[1].boxes, alone.boxes)
 
 
-def test_progress_is_told_after_each_frame(two_sequences):
+def test_progress_is_reported_after_each_frame(two_sequences):
     progress = []
     evaluate_sequences(
         two_sequences,

@@ -1,4 +1,4 @@
-"""Work in several processes, done by functions that any process knows."""
+"""Parallel tasks in worker processes."""
 
 import multiprocessing
 import subprocess
@@ -9,12 +9,12 @@ from contextlib import closing
 from pf_tracker_ros.evaluation.parallel import WorkerEnded, run_parallel
 
 
-def test_every_task_is_done_once():
+def test_every_task_runs_once():
     assert sorted(run_parallel(abs, [-5, 6, -7, 8], 2)) == [(0, 5), (1, 6), (2, 7), (3, 8)]
     assert list(run_parallel(abs, [], 2)) == []
 
 
-def test_processes_that_end_at_a_task_fail_at_that_one_only():
+def test_a_worker_that_ends_fails_only_its_task():
     tasks = ["1 + 1", "__import__('os')._exit(5)", "2 + 2", "__import__('os').abort()", "3 + 3"]
     answers = dict(run_parallel(eval, tasks, 2))
     ended = {
@@ -24,15 +24,15 @@ def test_processes_that_end_at_a_task_fail_at_that_one_only():
     assert answers == {0: 2, 2: 4, 4: 6, **ended}
 
 
-def test_closing_ends_processes_at_their_work():
+def test_closing_kills_busy_workers():
     with closing(run_parallel(time.sleep, [0, 10_000, 10_000, 10_000], 2)) as done:
         assert next(done) == (0, None)
         assert len(multiprocessing.active_children()) == 2
     assert multiprocessing.active_children() == []
 
 
-def test_signals_that_end_a_program_reach_none_of_its_processes():
-    """Asked in a new interpreter, as the first process that one starts is a special case."""
+def test_sigint_and_sigterm_do_not_reach_workers():
+    """In a new interpreter, as the first process that it starts is a special case."""
     program = """
 from pf_tracker_ros.evaluation.parallel import run_parallel
 look = "sorted(one.name for one in __import__('signal').pthread_sigmask(0, ()))"

@@ -1,4 +1,4 @@
-"""The report: its figures are those of the results, and it is a page that needs only itself."""
+"""The report: figures of the results in a self-contained page."""
 
 import json
 import re
@@ -38,7 +38,7 @@ class Cells(HTMLParser):
 
 @pytest.fixture(scope="module")
 def evaluated(tmp_path_factory, moving_square):
-    """A report on two sequences, beside its results; the folder."""
+    """Folder with a report on two sequences and its results."""
     import cv2
 
     folder = tmp_path_factory.mktemp("evaluated")
@@ -47,7 +47,7 @@ def evaluated(tmp_path_factory, moving_square):
         pictures.mkdir(parents=True)
         for number, image in enumerate(moving_square.images[first:]):
             assert cv2.imwrite(str(pictures / f"{number:03d}.png"), image)
-        # The second truth is beside the target, for figures that are not all one.
+        # The second ground truth is shifted, for figures below 1.
         boxes = moving_square.boxes[first:] + [3 * first, 0, 0, 0]
         boxes[0] = moving_square.boxes[first]
         np.savetxt(folder / name / "groundtruth.txt", boxes, delimiter=",", fmt="%g")
@@ -64,7 +64,7 @@ def page(evaluated):
     return (evaluated / "report" / "report.html").read_text()
 
 
-def test_every_figure_is_that_of_the_results(evaluated, page):
+def test_every_figure_equals_the_results(evaluated, page):
     document = json.loads((evaluated / "r.json").read_text())
     expected = {
         (name, figure): value
@@ -76,16 +76,16 @@ def test_every_figure_is_that_of_the_results(evaluated, page):
         json.loads((evaluated / name).read_text())["mean"]["success_auc"]
         for name in ("before.json", "r.json")
     )
-    assert f"the mean went from {before:.3f} (1 seed) to {after:.3f} (3 seeds)." in page
+    assert f"The mean changed from {before:.3f} (1 seed) to {after:.3f} (3 seeds)." in page
     assert f"default [{document['mean']['success_auc']:.3f}]" not in page
     for figure in ("success_auc", "precision_20px"):
         assert f"li2007, 1 value changed [{document['mean'][figure]:.3f}]" in page
 
 
-def test_it_refers_to_nothing_but_itself(page):
+def test_the_page_is_self_contained(page):
     addresses = re.findall(r"""(?:src|href|action|xlink:href)\s*=\s*["']?([^"'\s>]*)""", page)
     addresses += re.findall(r"url\(([^)]*)\)", page)
-    # What a name says is text, whatever it looks like.
+    # Names are escaped.
     assert {each for each in addresses if not each.startswith(("#", "data:"))} <= {"x"}
     assert "<img src=x" not in page
     assert "@import" not in page
@@ -94,30 +94,30 @@ def test_it_refers_to_nothing_but_itself(page):
     assert not re.findall(r"#0[1-9]0[1-9]0[1-9]\b", page)
 
 
-def test_parts_of_different_plots_have_names_of_their_own(page):
+def test_element_ids_of_plots_are_unique(page):
     names = re.findall(r'<clipPath id="([^"]+)"', page)
     assert len(names) > 10
     assert len(set(names)) == len(names)
 
 
-def test_each_sequence_has_its_pictures_and_plots(page):
+def test_each_sequence_has_thumbnails_and_plots(page):
     sections = page.split('<section class="sequence"')[1:]
     assert len(sections) == 2
     for section, frames in zip(sections, (20, 12), strict=True):
         numbers = re.findall(r"<figcaption>frame (\d+),", section)
-        strip, worst = numbers[:8], numbers[8:]
-        assert strip == [str(round(x)) for x in np.linspace(0, frames - 1, 8)]
+        sampled, worst = numbers[:8], numbers[8:]
+        assert sampled == [str(round(x)) for x in np.linspace(0, frames - 1, 8)]
         assert 2 <= len(worst) <= 10
         for heading in (
-            *("overlap", "center error, px", "confidence", "effective sample size", "cue powers"),
+            *("overlap", "center error, px", "confidence", "effective sample size", "cue weights"),
         ):
             assert f"<h3>{heading}</h3><svg" in section
         assert section.count("data:image/jpeg;base64,") == len(numbers)
 
 
 @pytest.mark.parametrize("width", [390, 1280])
-def test_a_browser_shows_it_without_an_error_a_request_or_a_page_too_wide(browse, page, width):
-    said = browse(
+def test_a_browser_shows_the_page_without_errors_requests_or_overflow(browse, page, width):
+    shown = browse(
         page,
         """
         const figure = document.querySelector(".plots figure").getBoundingClientRect();
@@ -134,18 +134,18 @@ def test_a_browser_shows_it_without_an_error_a_request_or_a_page_too_wide(browse
         """,
         width,
     )
-    assert said["errors"] == []
-    assert said["title"] == "Evaluation on 2 sequences: li2007, 1 value changed"
-    assert said["scroll"] <= said["width"] == width
-    assert said["unloaded"] == 0
-    assert said["resources"] == []
-    # Beside each other where there is room, and letters that can be read where there is not.
-    assert (said["figure"] < width / 2) == (width > 1000)
-    assert min(said["letters"]) > 8
+    assert shown["errors"] == []
+    assert shown["title"] == "Evaluation on 2 sequences: li2007, 1 value changed"
+    assert shown["scroll"] <= shown["width"] == width
+    assert shown["unloaded"] == 0
+    assert shown["resources"] == []
+    # Two columns on a wide screen, readable letters on a narrow one.
+    assert (shown["figure"] < width / 2) == (width > 1000)
+    assert min(shown["letters"]) > 8
 
 
-def test_a_click_on_a_heading_sorts_the_table_and_another_one_turns_it(browse, page):
-    said = browse(
+def test_a_click_on_a_heading_sorts_and_a_second_one_reverses(browse, page):
+    shown = browse(
         page,
         """
         const orders = [];
@@ -159,8 +159,8 @@ def test_a_click_on_a_heading_sorts_the_table_and_another_one_turns_it(browse, p
         """,
         1280,
     )
-    assert said["errors"] == []
-    assert said["orders"] == [[12, 20], [20, 12], [12, 20], [20, 12]]
+    assert shown["errors"] == []
+    assert shown["orders"] == [[12, 20], [20, 12], [12, 20], [20, 12]]
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_a_click_on_a_heading_sorts_the_table_and_another_one_turns_it(browse, p
         "<script>nothing.is_called_so()</script>",
     ],
 )
-def test_a_request_or_an_error_would_be_seen(browse, page, intruder):
+def test_requests_and_errors_of_a_page_are_detected(browse, page, intruder):
     with pytest.raises(AssertionError, match="CONSOLE"):
         browse(page.replace("<main>", f"<main>{intruder}"), "return errors;", 1280)
 
@@ -198,7 +198,7 @@ def content(name="one", states=("tracking",) * 9, value=0.5, confidence=None):
     )
 
 
-def test_what_became_better_and_worse_is_told(tmp_path):
+def test_changes_are_sorted_and_classified(tmp_path):
     figures = {"precision_20px": 1, "cpu_ms_median": 1, "frames": 9}
     sequences = {
         name: {"success_auc": value, **figures}
@@ -216,7 +216,7 @@ def test_what_became_better_and_worse_is_told(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["{", "[]", '{"preset": "a", "seeds": 1, "sequences": {"b": {}}}'])
-def test_what_is_no_file_of_results_is_refused(tmp_path, text):
+def test_a_file_that_is_no_result_file_is_refused(tmp_path, text):
     (tmp_path / "old.json").write_text(text)
     with pytest.raises(EvaluationError, match=r"old\.json"):
         read_results(tmp_path / "old.json")
@@ -224,13 +224,13 @@ def test_what_is_no_file_of_results_is_refused(tmp_path, text):
         read_results(tmp_path / "nowhere.json")
 
 
-def test_losses_are_the_frames_in_a_row_that_are_called_lost():
+def test_lost_ranges():
     states = ("tracking", "lost", "lost", "occluded", "lost", "tracking")
     assert content(states=states).lost_ranges == [(1, 2), (4, 4)]
     assert content(states=states).share_by_state["lost"] == 0.5
 
 
-def test_the_shares_of_a_target_that_ended_and_came_back_are_all_told():
+def test_shares_of_a_target_that_ended_and_returned():
     states = ("tracking", "absent", "absent", "skipped", "lost", "tracking", "tracking", "tracking")
     other = ("tracking", "tracking")
     came_back = replace(content(states=states), first=4)
@@ -251,12 +251,12 @@ def test_the_shares_of_a_target_that_ended_and_came_back_are_all_told():
     ]
     assert [float(share) for _, share in found[5:]] == 2 * [1, 0, 0, 0, 0]
     text = " ".join(re.sub("<[^>]*>", " ", page).split())
-    assert "Followed in frames 4 to 11. Lost in frames 8. Absent in frames 5 to 6." in text
-    assert "Followed in frames 0 to 1. Never lost." in text
-    assert "Followed in frames 3 to 4, where it ended. Not lost before." in text
+    assert "Tracked in frames 4 to 11. Lost in frames 8. Absent in frames 5 to 6." in text
+    assert "Tracked in frames 0 to 1. Never lost." in text
+    assert "Tracked in frames 3 to 4, where it ended. Never lost." in text
 
 
-def test_the_worst_frames_are_not_neighbors_and_come_worst_first():
+def test_worst_frames_are_sorted_and_not_neighbors():
     confidence = np.ones(60)
     confidence[[10, 11, 12, 30, 50]] = (0.3, 0.1, 0.2, 0.15, np.nan)
     worst = content(states=("tracking",) * 60, confidence=confidence).worst_frames
@@ -266,7 +266,7 @@ def test_the_worst_frames_are_not_neighbors_and_come_worst_first():
     assert min(np.diff(sorted(worst))) >= 5
 
 
-def test_a_box_is_kept_where_there_is_none():
+def test_forward_fill():
     kept = forward_fill([None, (1, 2, 3, 4), None, (5, 6, 7, 8)])
     assert np.isnan(kept[0]).all()
     assert kept[1:].tolist() == [[1, 2, 3, 4], [1, 2, 3, 4], [5, 6, 7, 8]]
@@ -275,12 +275,12 @@ def test_a_box_is_kept_where_there_is_none():
 def test_a_comparison_without_a_report_is_refused(evaluated, capsys):
     code = main([str(evaluated / "a"), *RUN, "--compare", str(evaluated / "before.json")])
     assert code == 2
-    assert "--compare is for the report; allowed: with --report DIR" in capsys.readouterr().err
+    assert "--compare needs --report DIR" in capsys.readouterr().err
 
 
 def test_a_report_that_cannot_be_written_is_refused_before_the_first_frame(evaluated, capsys):
     code = main([str(evaluated / "a"), *RUN, "--report", str(evaluated / "r.json")])
     assert code == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "r.json cannot be made (File exists)" in said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert "r.json cannot be made (File exists)" in output.err

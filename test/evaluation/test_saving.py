@@ -1,4 +1,4 @@
-"""Work that is done is not lost, whatever happens to the rest of it or to the output."""
+"""Completed results are kept whatever happens to later sequences or to the output."""
 
 import json
 import os
@@ -26,7 +26,7 @@ def document(tmp_path):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_sequence_that_fails_takes_no_other_with_it(
+def test_a_sequence_that_fails_does_not_stop_the_others(
     start_evaluate, write_short, tmp_path, document, jobs
 ):
     _, broken, _ = map(write_short, "abc")
@@ -47,7 +47,7 @@ def test_a_sequence_that_fails_takes_no_other_with_it(
     assert cv2.imread(str(tmp_path / "p.png")) is not None
 
 
-def test_a_sequence_that_cannot_be_opened_takes_no_other_with_it(
+def test_a_sequence_that_cannot_be_opened_does_not_stop_the_others(
     start_evaluate, write_short, document
 ):
     _, broken, empty, _ = map(write_short, ("a", "broken", "empty", "c"))
@@ -58,15 +58,15 @@ def test_a_sequence_that_cannot_be_opened_takes_no_other_with_it(
     assert process.returncode == 1
     first, second = errors.decode().splitlines()
     assert "broken/groundtruth.txt, line 2" in first
-    assert second.startswith("evaluate: error: empty: the first true box is missing")
+    assert second.startswith("evaluate: error: empty: the target is absent in the first frame")
     for line in (first, second):
-        assert line.endswith("; it is left out, and the figures are of the others")
+        assert line.endswith("; the figures are without this sequence")
     assert list(document()["sequences"]) == ["a", "c"]
     assert document()["mean"]["frames"] == 5
     assert all(f"│ {name} " in output.decode() for name in ("a", "c", "mean"))
 
 
-def test_without_any_sequence_that_can_be_opened_nothing_is_evaluated(
+def test_only_sequences_that_cannot_be_opened_are_an_invalid_request(
     start_evaluate, write_short, tmp_path
 ):
     for name in "ab":
@@ -75,7 +75,7 @@ def test_without_any_sequence_that_can_be_opened_nothing_is_evaluated(
     output, errors = process.communicate(timeout=120)
     assert (process.returncode, output) == (2, b"")
     lines = errors.decode().splitlines()
-    starts = [f"evaluate: error: {name}: the first true box is missing" for name in "ab"]
+    starts = [f"evaluate: error: {name}: the target is absent in the first frame" for name in "ab"]
     assert [line[: len(start)] for line, start in zip(lines, starts, strict=True)] == starts
     assert not (tmp_path / "r.json").exists()
 
@@ -93,7 +93,9 @@ def test_without_any_success_there_is_no_result(start_evaluate, short_sequence, 
     assert (tmp_path / "r.json").read_text() == "of last time"
 
 
-def test_results_are_there_though_nobody_reads_the_table(start_evaluate, short_sequence, document):
+def test_results_are_written_though_standard_output_is_closed(
+    start_evaluate, short_sequence, document
+):
     reading, writing = os.pipe()
     os.close(reading)
     process = start_evaluate("short", *RUN, stdout=writing)
@@ -103,9 +105,7 @@ def test_results_are_there_though_nobody_reads_the_table(start_evaluate, short_s
     assert list(document()["sequences"]) == ["short"]
 
 
-def test_results_are_there_though_the_table_cannot_be_written(
-    start_evaluate, short_sequence, document
-):
+def test_results_are_written_though_the_table_cannot_be(start_evaluate, short_sequence, document):
     with open("/dev/full", "wb") as full:  # noqa: PTH123
         process = start_evaluate("short", *RUN, stdout=full)
     _, errors = process.communicate(timeout=120)
@@ -132,27 +132,26 @@ def test_a_full_disk_keeps_the_last_whole_file(start_evaluate, write_short, tmp_
     for name in names:
         write_short(name)
     process = start_evaluate(*names, *RUN, PYTHONIOENCODING="utf-8")
-    # Room for two sequences, not for three: a file that would grow larger is refused as by a disk.
+    # Room for two sequences, not for three.
     resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (650, 650))
     output, errors = process.communicate(timeout=120)
     assert process.returncode == 1
     assert errors.decode() == (
-        "evaluate: error: r.json cannot be written (File too large); what was written before is "
-        "kept\n"
+        "evaluate: error: r.json cannot be written (File too large); its last version is kept\n"
     )
     assert list(document()["sequences"]) == names[:2]
     assert all(f"│ {name} " in output.decode() for name in names)
     assert {path.name for path in tmp_path.iterdir()} == {*names, "r.json"}
 
 
-def test_help_tells_the_exit_codes(start_evaluate):
+def test_help_lists_the_exit_codes(start_evaluate):
     process = start_evaluate("--help", stdout=subprocess.PIPE)
     output, _ = process.communicate(timeout=120)
     for code in ("0", "1", "2", "130", "141", "143"):
         assert any(line.split()[:1] == [code] for line in output.decode().splitlines())
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
+def test_a_file_is_replaced_atomically(tmp_path):
     path = tmp_path / "r.json"
     path.write_text("old")
     file = OutputFile(path)
@@ -171,7 +170,7 @@ def test_a_file_is_replaced_whole_or_not_at_all(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_link_stays_one(tmp_path):
+def test_a_link_is_followed(tmp_path):
     (tmp_path / "disk").mkdir()
     link = tmp_path / "r.json"
     link.symlink_to("disk/r.json")
@@ -180,7 +179,7 @@ def test_a_link_stays_one(tmp_path):
     assert (tmp_path / "disk" / "r.json").read_text() == "new"
 
 
-def test_a_file_to_write_is_not_touched_before_there_is_something_to_write(tmp_path):
+def test_checking_a_file_leaves_it_unchanged(tmp_path):
     path = tmp_path / "r.json"
     OutputFile(path)
     assert list(tmp_path.iterdir()) == []
@@ -189,7 +188,7 @@ def test_a_file_to_write_is_not_touched_before_there_is_something_to_write(tmp_p
         OutputFile(path)
 
 
-def test_an_interruption_while_the_draft_is_taken_away_leaves_none(tmp_path, monkeypatch):
+def test_an_interruption_while_the_draft_is_removed_leaves_none(tmp_path, monkeypatch):
     file = OutputFile(tmp_path / "r.json")
     remove, moments = os.rmdir, []
 

@@ -15,7 +15,7 @@ def write_short(write_sequence, moving_square):
     return write
 
 
-def test_folder_of_sequences_stands_for_those_in_it(write_short, tmp_path):
+def test_sequences_in_a_folder_are_found(write_short, tmp_path):
     sequences = [write_short(name) for name in ("c", "a", "b")]
     (tmp_path / "video").mkdir()
     (tmp_path / "video" / "clip.avi").touch()
@@ -23,7 +23,7 @@ def test_folder_of_sequences_stands_for_those_in_it(write_short, tmp_path):
     assert find_sequences([tmp_path]) == sorted(sequences)
 
 
-def test_one_that_lacks_its_ground_truth_is_told_of(write_short, tmp_path):
+def test_a_sequence_without_ground_truth_is_reported(write_short, tmp_path):
     whole, lacking = write_short("whole"), write_short("lacking")
     (lacking / "groundtruth.txt").unlink()
     sequences, failures = open_sequences([tmp_path])
@@ -56,7 +56,7 @@ def test_folders_are_not_searched_deeper_than_one_level(write_short, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["absent", "file.txt"])
-def test_what_is_no_folder_is_named(tmp_path, name):
+def test_a_missing_folder_is_named(tmp_path, name):
     (tmp_path / "file.txt").touch()
     with pytest.raises(EvaluationError, match=f"no folder '.*{name}'; allowed: a sequence"):
         find_sequences([tmp_path / name])
@@ -65,7 +65,7 @@ def test_what_is_no_folder_is_named(tmp_path, name):
 def test_sequences_of_one_name_are_refused(write_short, tmp_path):
     write_short("a", parent=tmp_path / "one")
     write_short("a", parent=tmp_path / "two")
-    with pytest.raises(EvaluationError, match="more than one sequence is named 'a'"):
+    with pytest.raises(EvaluationError, match="several sequences are named 'a'"):
         read_sequences([tmp_path / "one", tmp_path / "two"])
 
 

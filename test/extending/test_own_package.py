@@ -196,8 +196,8 @@ print(json.dumps([
     assert unlike == (
         "the motion model 'unlike_others' of parts-of-mine "
         "(parts_of_mine.unlike_others:UnlikeOthers) cannot be used: TypeError: its parameter "
-        "'position_noise' is declared otherwise than that of 'affine'; declare it alike, or give "
-        "it a name of its own"
+        "'position_noise' is declared differently than that of 'affine'; declare it alike, or "
+        "rename it"
     )
     taken = "the cue 'hog' of parts-of-mine (parts_of_mine.brightness:Brightness) cannot be used: "
     taken += "there is a cue of that name already"
@@ -222,7 +222,7 @@ print(json.dumps([
     assert twice == (
         "the cue 'brightness' of another (json:loads) and parts-of-mine "
         "(parts_of_mine.brightness:Brightness) cannot be used: ImportError: only one package may "
-        "bring it; uninstall the others"
+        "provide it; uninstall the others"
     )
     assert nameless == (
         "the cue 'nameless' of another (json:loads) cannot be used: ImportError: it is not "

@@ -72,7 +72,7 @@ def make_message(make_stamped, make_polygon):
 
 @pytest.fixture
 def no_hang():
-    """Ends a test that waits for something that never comes."""
+    """End a test that hangs."""
 
     def give_up(number, frame):
         raise TimeoutError("it hangs")

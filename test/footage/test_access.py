@@ -1,4 +1,4 @@
-"""Whatever cannot be read is named in one sentence, at once."""
+"""Unreadable sources raise a one-sentence error at once."""
 
 import json
 import os
@@ -23,7 +23,7 @@ def open_any(path):
 
 @pytest.fixture
 def special(tmp_path):
-    """Makes something that is no regular file under a name."""
+    """Function that makes a FIFO, device or socket."""
     sockets = []
 
     def make(path: Path, kind: str) -> Path:
@@ -65,7 +65,7 @@ def test_an_image_that_is_no_regular_file_is_refused(sequence, special, kind):
             open_footage(source)
 
 
-def test_a_link_to_nothing_is_not_left_out_of_the_images(sequence):
+def test_a_broken_link_among_the_images_is_refused(sequence):
     (sequence / "img" / "1.png").unlink()
     (sequence / "img" / "1.png").symlink_to("gone.png")
     with pytest.raises(FootageError, match=r"image .*1\.png cannot be read \(No such file"):
@@ -142,7 +142,7 @@ def readable_sources(public_folder, pictures, write_video, write_images, write_t
         ("talk/talk.mcap", "talk/talk.mcap"),
     ],
 )
-def test_what_may_not_be_read_is_called_so(readable_sources, ordinary_user, locked, source):
+def test_a_missing_permission_is_reported(readable_sources, ordinary_user, locked, source):
     path = readable_sources / locked
     path.chmod(0)
     try:
@@ -158,7 +158,7 @@ def test_a_folder_that_can_be_listed_but_not_entered_is_refused(readable_sources
         open_footage(readable_sources / "walk" / "img")
 
 
-def test_an_image_that_may_no_longer_be_read_is_called_so(readable_sources, ordinary_user):
+def test_a_permission_lost_after_opening_is_reported(readable_sources, ordinary_user):
     footage = open_footage(readable_sources / "walk")
     (readable_sources / "walk" / "img" / "1.png").chmod(0)
     with ordinary_user(), pytest.raises(FootageError, match=r"1\.png may not be read"):

@@ -1,4 +1,4 @@
-"""Which library reads a bag, and what a cut-off one is said to need."""
+"""Bag readers, and the advice for truncated bags."""
 
 import sys
 from types import ModuleType, SimpleNamespace
@@ -12,9 +12,9 @@ POLYGON = "geometry_msgs/msg/PolygonStamped"
 
 
 class DocumentedRosbag2(ModuleType):
-    """A stand-in for `rosbag2_py`, which no package index has: its documented interface, no more.
+    """A stand-in for `rosbag2_py`, which is on no package index: its documented interface.
 
-    It holds one bag in memory and notes how it is asked for it.
+    It has one bag in memory and records how it is opened.
     """
 
     def __init__(self, topics, messages, compression_format=""):
@@ -102,7 +102,7 @@ def bag_folder(tmp_path):
     return tmp_path / "talk"
 
 
-def test_the_reader_of_ros_is_taken_where_it_is(bag_folder, messages, monkeypatch):
+def test_rosbag2_py_is_preferred(bag_folder, messages, monkeypatch):
     library = DocumentedRosbag2(TOPICS, messages)
     monkeypatch.setitem(sys.modules, "rosbag2_py", library)
     bag = open_bag(bag_folder)
@@ -117,9 +117,7 @@ def test_the_reader_of_ros_is_taken_where_it_is(bag_folder, messages, monkeypatc
 
 
 @pytest.mark.parametrize(("name", "storage"), [("talk.mcap", "mcap"), ("talk.db3", "sqlite3")])
-def test_the_reader_of_ros_is_told_the_storage_of_a_file(
-    tmp_path, messages, monkeypatch, name, storage
-):
+def test_rosbag2_py_receives_the_storage_of_a_file(tmp_path, messages, monkeypatch, name, storage):
     library = DocumentedRosbag2(TOPICS, messages)
     monkeypatch.setitem(sys.modules, "rosbag2_py", library)
     (tmp_path / name).touch()
@@ -127,18 +125,14 @@ def test_the_reader_of_ros_is_told_the_storage_of_a_file(
     assert set(library.opened) == {("SequentialReader", str(tmp_path / name), storage)}
 
 
-def test_the_reader_of_ros_is_the_decompressing_one_for_compressed_bags(
-    bag_folder, messages, monkeypatch
-):
+def test_rosbag2_py_decompresses_bags(bag_folder, messages, monkeypatch):
     library = DocumentedRosbag2(TOPICS, messages, compression_format="zstd")
     monkeypatch.setitem(sys.modules, "rosbag2_py", library)
     assert len(list(open_bag(bag_folder).images())) == 2
     assert {name for name, *_ in library.opened} == {"SequentialCompressionReader"}
 
 
-def test_errors_of_the_reader_of_ros_are_told_like_those_of_the_other(
-    bag_folder, messages, monkeypatch
-):
+def test_errors_of_rosbag2_py_become_footage_errors(bag_folder, messages, monkeypatch):
     broken = [messages[0], ("/eye/image", RuntimeError("No storage\nat all"), 0)]
     monkeypatch.setitem(sys.modules, "rosbag2_py", DocumentedRosbag2(TOPICS[:1], broken))
     images = open_bag(bag_folder).images()
@@ -150,11 +144,11 @@ def test_errors_of_the_reader_of_ros_are_told_like_those_of_the_other(
 
 
 @pytest.mark.parametrize("missing", ["rosbags", "rosbags.rosbag2"])
-def test_without_any_reader_both_are_named(bag_folder, monkeypatch, missing):
+def test_without_any_reader_both_packages_are_named(bag_folder, monkeypatch, missing):
     monkeypatch.setitem(sys.modules, "rosbag2_py", None)
     monkeypatch.delitem(sys.modules, "rosbags.rosbag2")
     monkeypatch.setitem(sys.modules, missing, None)
-    with pytest.raises(FootageError, match=r"ros-jazzy-rosbag2-py.*pip install rosbags$"):
+    with pytest.raises(FootageError, match=r"ros-jazzy-rosbag2-py.*pip install rosbags\)$"):
         open_bag(bag_folder)
 
 
@@ -165,12 +159,12 @@ def recording(tmp_path, write_bag, make_message):
 
 
 @pytest.mark.parametrize("kept", [9, 0.5, 0.99])
-def test_a_cut_off_mcap_file_says_how_to_save_it(recording, kept):
+def test_the_error_of_a_truncated_mcap_file_has_the_recovery(recording, kept):
     path = recording / "talk.mcap"
     content = path.read_bytes()
     path.write_bytes(content[: kept if kept > 1 else int(kept * len(content))])
     with pytest.raises(
-        FootageError, match=r"talk\.mcap was cut off.*`mcap recover talk\.mcap"
+        FootageError, match=r"talk\.mcap is truncated.*`mcap recover talk\.mcap"
     ) as e:
         open_bag(path)
     assert "reindex" not in str(e.value)
@@ -181,7 +175,7 @@ def test_a_cut_off_mcap_file_says_how_to_save_it(recording, kept):
         open_footage(recording)
 
 
-def test_other_damage_is_not_called_cut_off(recording):
+def test_other_damage_is_not_called_truncated(recording):
     path = recording / "talk.mcap"
     content = bytearray(path.read_bytes())
     content[20:-8] = bytes(len(content) - 28)

@@ -28,7 +28,7 @@ def read_messages(path, topic):
 
 
 @pytest.mark.parametrize("name", ["folder", "file.mcap"])
-def test_footage_survives_the_way_into_a_bag(tmp_path, pictures, write_video, name):
+def test_footage_survives_the_round_trip_through_a_bag(tmp_path, pictures, write_video, name):
     footage = open_footage(write_video(tmp_path / "noise.avi", pictures))
     assert write_footage(footage, tmp_path / name) == 5
     messages = read_messages(tmp_path / name, "/image")
@@ -105,7 +105,7 @@ def test_a_failed_recording_leaves_nothing_behind(tmp_path, name):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_that_cannot_be_begun_leaves_nothing_behind(tmp_path, monkeypatch):
+def test_a_recording_that_cannot_start_leaves_nothing_behind(tmp_path, monkeypatch):
     def fail(self):
         raise OSError("no space left")
 

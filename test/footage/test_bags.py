@@ -36,7 +36,7 @@ def rows(make_message):
 
 
 @pytest.mark.parametrize(("storage", "compression"), KINDS)
-def test_every_kind_of_bag_gives_back_the_recorded_bytes(
+def test_every_kind_of_bag_keeps_the_recorded_bytes(
     tmp_path, write_bag, rows, storage, compression
 ):
     path = write_bag(tmp_path / "talk", rows, storage, compression)
@@ -78,14 +78,14 @@ def test_ground_truth_topic_can_be_named(tmp_path, write_bag, rows):
         open_bag(path, ground_truth_topic="/eye/image")
 
 
-def test_the_ground_truth_to_take_must_be_clear(tmp_path, write_bag, rows, make_message):
+def test_an_ambiguous_ground_truth_topic_is_refused(tmp_path, write_bag, rows, make_message):
     second = ("/ear/ground_truth", POLYGON, 5, make_message(POLYGON, 5))
     path = write_bag(tmp_path / "talk", [*rows, second])
     with pytest.raises(FootageError, match=r"several.*choose one: /ear/ground_truth, /eye/ground"):
         open_bag(path)
 
 
-def test_the_image_topic_to_take_must_be_clear(tmp_path, write_bag, rows, make_message):
+def test_an_ambiguous_image_topic_is_refused(tmp_path, write_bag, rows, make_message):
     second = ("/ear/image/compressed", COMPRESSED, 5, make_message(COMPRESSED, 5))
     path = write_bag(tmp_path / "talk", [*rows, second])
     with pytest.raises(FootageError, match=r"choose one: /ear/image/compressed, /eye/image"):
@@ -101,14 +101,14 @@ def test_a_topic_without_images_is_refused(tmp_path, write_bag, rows, topic):
         open_bag(path, topic)
 
 
-def test_a_bag_without_images_names_what_it_has(tmp_path, write_bag, rows):
+def test_the_error_of_a_bag_without_images_lists_its_topics(tmp_path, write_bag, rows):
     path = write_bag(tmp_path / "talk", rows[-1:])
     with pytest.raises(FootageError, match=r"no topic of type .*there are: /eye/area \(geometry_"):
         open_bag(path)
 
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
-def test_a_topic_that_nothing_was_recorded_on_is_refused(tmp_path, write_bag, rows, storage):
+def test_a_topic_without_messages_is_refused(tmp_path, write_bag, rows, storage):
     path = write_bag(tmp_path / "talk", [("/image", IMAGE, 0, None), rows[-1]], storage)
     with pytest.raises(FootageError, match="no message on topic /image"):
         list(open_bag(path).images())
@@ -144,21 +144,21 @@ def test_a_message_that_is_not_cdr_is_refused(tmp_path, write_bag):
 
 
 def open_files(folder):
-    """What this process holds open of a folder."""
+    """Files of a folder that this process has open."""
     links = Path("/proc/self/fd").iterdir()
     paths = (path for link in links for path in [_target(link)] if path.is_relative_to(folder))
     return sorted(path.name for path in paths)
 
 
 def _target(link):
-    # The one that lists them is gone by now.
+    # The descriptor of the listing itself is closed by now.
     with contextlib.suppress(OSError):
         return link.readlink()
     return link
 
 
 def noting(function, results):
-    """The function, which adds what it returns to a list."""
+    """Wrap a function to append its results to a list."""
 
     def call(*arguments):
         results.append(function(*arguments))
@@ -169,14 +169,12 @@ def noting(function, results):
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux tells the open files")
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_reading_that_ends_early_lets_go_of_its_files(
-    tmp_path, write_bag, rows, monkeypatch, kind
-):
+def test_reading_that_ends_early_closes_its_files(tmp_path, write_bag, rows, monkeypatch, kind):
     bag = open_bag(write_bag(tmp_path / "talk", rows, *kind))
     # A bag compressed by file is read from a copy in the folder for temporary files.
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     before = sorted(tmp_path.rglob("*"))
-    # Held here, or the end of the readers would close their files whoever forgot to.
+    # References, or garbage collection of the readers would close their files.
     readers = []
     monkeypatch.setattr(bag_reading, "_open", noting(bag_reading._open, readers))
     images = bag.images()

@@ -28,7 +28,7 @@ def test_stamp_is_read_in_either_byte_order(make_message, message_type, stamp, l
 
 
 @given(st.binary(max_size=11) | st.binary(min_size=12).filter(lambda data: data[0] != 0))
-def test_what_is_not_cdr_is_refused(data):
+def test_other_bytes_than_cdr_are_refused(data):
     with pytest.raises(FootageError):
         header_stamp(data)
 
@@ -89,10 +89,10 @@ def test_a_polygon_is_read_as_rosbags_wrote_it(make_stamped, make_polygon, littl
         (deserialize_polygon, "geometry_msgs/msg/PolygonStamped"),
     ],
 )
-def test_a_message_that_is_cut_off_is_refused_wherever_that_is(make_message, read, message_type):
+def test_a_truncated_message_is_refused(make_message, read, message_type):
     message = make_message(message_type, 5)
     read(message)
-    # rosbags pads to whole words after what counts.
+    # rosbags pads the end to four bytes.
     for length in range(len(message) - 3):
         with pytest.raises(FootageError):
             read(message[:length])

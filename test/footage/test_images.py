@@ -77,7 +77,7 @@ def test_frames_must_be_alike(tmp_path, pictures, write_images, change):
     write_images(tmp_path, {"1.png": pictures[0], "2.png": other})
     frames = open_footage(tmp_path).frames()
     next(frames)
-    with pytest.raises(FootageError, match=r"2\.png is .* first image of the folder is 32x24, 3"):
+    with pytest.raises(FootageError, match=r"2\.png is .* folder's first image is 32x24, 3"):
         next(frames)
 
 
@@ -90,7 +90,7 @@ def test_an_image_that_does_not_decode_is_named(tmp_path, pictures, write_images
         next(frames)
 
 
-def test_an_image_of_more_pixels_than_there_can_be_is_named(tmp_path, pictures, write_images):
+def test_an_image_with_too_many_pixels_is_named(tmp_path, pictures, write_images):
     write_images(tmp_path, {"1.png": pictures[0]})
     header = struct.pack(">2I5B", 40_000, 40_000, 8, 2, 0, 0, 0)
     chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(bytes(100))), (b"IEND", b""))
@@ -108,7 +108,7 @@ def test_an_image_of_more_pixels_than_there_can_be_is_named(tmp_path, pictures, 
         next(frames)
 
 
-def test_names_that_are_not_utf_8_are_read(tmp_path):
+def test_images_with_names_that_are_not_utf_8_are_read(tmp_path):
     picture = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xe4.png"))
     path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
@@ -120,5 +120,5 @@ def test_names_that_are_not_utf_8_are_read(tmp_path):
 def test_a_video_whose_name_is_not_utf_8_is_refused(tmp_path):
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xe4.mp4"))
     path.write_bytes(bytes(100))
-    with pytest.raises(FootageError, match="rename it, in UTF-8"):
+    with pytest.raises(FootageError, match="needs a file name in UTF-8"):
         open_footage(path)

@@ -5,7 +5,7 @@ from pf_tracker_ros.footage.opening import existing_path
 
 
 @pytest.mark.parametrize("open_path", [open_footage, existing_path])
-def test_a_path_to_nothing_is_refused(tmp_path, open_path):
+def test_a_missing_path_is_refused(tmp_path, open_path):
     with pytest.raises(FootageError, match=r"there is no .*nowhere; accepted are a video file"):
         open_path(tmp_path / "nowhere")
 

@@ -1,4 +1,4 @@
-"""Reading ahead in a thread."""
+"""Prefetching in a thread."""
 
 import threading
 
@@ -13,7 +13,7 @@ def test_items_come_in_order():
     prefetch.close()
 
 
-def test_no_more_is_read_ahead_than_asked_for():
+def test_no_more_is_read_ahead_than_the_depth():
     read = []
 
     def source():
@@ -25,7 +25,7 @@ def test_no_more_is_read_ahead_than_asked_for():
     items = iter(prefetch)
     assert [next(items), next(items)] == [0, 1]
     prefetch.close()
-    # Two taken, three in the queue, one in the reader's hand.
+    # Two taken, three in the queue, one being read.
     assert len(read) <= 6
 
 

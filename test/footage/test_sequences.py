@@ -57,7 +57,7 @@ def test_an_absent_target_is_a_row_of_nan(image_sequence, line):
     assert len(list(footage.frames())) == 3
 
 
-def test_the_name_of_otb_is_accepted_and_comes_second(image_sequence):
+def test_the_file_name_of_otb_comes_second(image_sequence):
     (image_sequence / "groundtruth.txt").rename(image_sequence / "groundtruth_rect.txt")
     assert open_footage(image_sequence).ground_truth[1].tolist() == [2.5, 3.5, 3, 4]
     (image_sequence / "groundtruth.txt").write_text("5,6,7,8\n" * 3)
@@ -110,7 +110,7 @@ def test_a_box_is_needed_for_each_frame(image_sequence):
 
 
 @pytest.mark.parametrize(
-    ("meta", "complaint"),
+    ("meta", "message"),
     [
         ("{", "cannot be read as JSON"),
         ("[]", "expected a JSON object"),
@@ -120,9 +120,9 @@ def test_a_box_is_needed_for_each_frame(image_sequence):
         ('{"video": "x.avi", "first_frame": -1}', "'first_frame' is -1"),
     ],
 )
-def test_wrong_meta_data_is_refused(image_sequence, meta, complaint):
+def test_wrong_meta_data_is_refused(image_sequence, meta, message):
     (image_sequence / "meta.json").write_text(meta)
-    with pytest.raises(FootageError, match=complaint):
+    with pytest.raises(FootageError, match=message):
         read_sequence(image_sequence)
 
 

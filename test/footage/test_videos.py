@@ -36,7 +36,7 @@ def test_each_reading_starts_from_the_first_frame(tmp_path, pictures, write_vide
     np.testing.assert_array_equal(first[0].image, second[0].image)
 
 
-def test_a_stretch_begins_at_its_frame_with_the_first_stamp(tmp_path, pictures, write_video):
+def test_a_range_begins_at_its_frame_with_the_first_stamp(tmp_path, pictures, write_video):
     path = write_video(tmp_path / "noise.avi", pictures)
     frames = list(VideoFootage(path, first_frame=2, frame_count=2).frames())
     assert frames[0].stamp == 1_000_000_000
@@ -46,13 +46,11 @@ def test_a_stretch_begins_at_its_frame_with_the_first_stamp(tmp_path, pictures, 
 
 
 @pytest.mark.parametrize(("first_frame", "frame_count"), [(3, 3), (9, 1)])
-def test_a_stretch_past_the_end_is_refused(
-    tmp_path, pictures, write_video, first_frame, frame_count
-):
+def test_a_range_past_the_end_is_refused(tmp_path, pictures, write_video, first_frame, frame_count):
     path = write_video(tmp_path / "noise.avi", pictures)
     footage = VideoFootage(path, first_frame=first_frame, frame_count=frame_count)
-    wanted = "1 frame" if frame_count == 1 else f"{frame_count} frames"
-    with pytest.raises(FootageError, match=rf"{wanted} expected.*could be decoded"):
+    expected = "1 frame" if frame_count == 1 else f"{frame_count} frames"
+    with pytest.raises(FootageError, match=rf"{expected} expected.*could be decoded"):
         list(footage.frames())
 
 
@@ -63,7 +61,7 @@ def test_a_file_that_is_no_video_is_refused(tmp_path):
         open_footage(path)
 
 
-# Long enough for FFmpeg to play it as what a terminal shows, if the name is that of a text.
+# Long enough for FFmpeg to play it as terminal output, given a text's file name.
 LONG_TEXT = b"10,20,30,40\n" * 100
 
 
@@ -92,7 +90,7 @@ def test_texts_and_playlists_are_not_played(tmp_path, pictures, write_video, nam
 
 
 @pytest.mark.parametrize("name", ["groundtruth.txt", "groundtruth_rect.txt"])
-def test_the_folder_is_asked_for_instead_of_its_ground_truth(tmp_path, name):
+def test_the_error_of_a_ground_truth_file_names_its_folder(tmp_path, name):
     (tmp_path / name).write_bytes(LONG_TEXT)
     with pytest.raises(FootageError, match=rf"{name} is the ground truth.*its folder, {tmp_path}$"):
         open_footage(tmp_path / name)
@@ -106,7 +104,9 @@ def test_raw_frames_that_look_like_text_are_a_video(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["concat:noise.avi", "http:noise.avi"])
-def test_a_name_is_never_taken_for_an_address(tmp_path, monkeypatch, pictures, write_video, name):
+def test_a_file_name_is_never_taken_for_an_address(
+    tmp_path, monkeypatch, pictures, write_video, name
+):
     write_video(tmp_path / "noise.avi", pictures).rename(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     assert len(list(open_footage(name).frames())) == 5

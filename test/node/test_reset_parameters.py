@@ -131,7 +131,7 @@ def test_the_parameters_of_every_part_are_on_the_node(bind):
     assert bound.is_as(DEFAULTS)
     assert bind({"timetable": "festive"}).is_as(FESTIVE)
     descriptor = bound.node.describe_parameter("engine.cells")
-    assert descriptor.description == "Cells. Counts while 'engine.kind' is 'electric'."
+    assert descriptor.description == "Cells. Used only if 'engine.kind' is 'electric'."
     assert descriptor.integer_range[0].to_value == 12
 
 

@@ -60,8 +60,8 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     assert page.count("<section") == 2
     assert "target 1 red" in page
     assert "target 2 blue" in page
-    assert f"Followed in frames 2 to {COUNT - 1}." in page
-    assert f"Followed in frames 6 to {COUNT - 1}." in page
+    assert f"Tracked in frames 2 to {COUNT - 1}." in page
+    assert f"Tracked in frames 6 to {COUNT - 1}." in page
 
 
 @pytest.mark.parametrize(
@@ -265,7 +265,7 @@ def test_the_detections_of_a_built_in_detector_do_not_depend_on_the_machine(
             return library.detections(number)
 
     detector = Detector()
-    monkeypatch.setitem(DETECTORS._makers, "motion", lambda: detector)
+    monkeypatch.setitem(DETECTORS._factories, "motion", lambda: detector)
     code, errors, found = tracked(source, "--detector", "motion", "--detector-rate", "7")
     assert code == 0
     # Every fourth frame of 25 per second is due, and its detections arrive before the next one.

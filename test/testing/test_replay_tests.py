@@ -1,4 +1,4 @@
-"""Replay tests notice a tracker that is broken, and not one that rounds otherwise."""
+"""Replay tests detect a broken tracker, but accept different rounding."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ from pf_tracker_ros.targets.session import Outcome, Session
 
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 QUICK = {"preset": "li2007", "parameters": {"particles": 60}}
-ASKED = {
+LIMITS = {
     "final_state": "tracking",
     "mean_overlap": 0.8,
     "longest_loss": 0.2,
@@ -24,7 +24,7 @@ ASKED = {
 
 
 def mutate(monkeypatch, change):
-    """Let a function change each estimate that a session tells."""
+    """Let a function change each estimate of a session."""
     process = Session.process
 
     def changed(self, frame, arrival=None):
@@ -43,39 +43,37 @@ def change_field(value, **fields):
 
 @pytest.fixture
 def baseline(tracked_recording, moving_square_sequence, tmp_path):
-    """What the tracker finds as it is, as a stored result."""
+    """Baseline of the unchanged tracker."""
     path = tmp_path / "square.boxes.csv"
     tracked_recording(moving_square_sequence, baseline=path, **QUICK).store()
     return path
 
 
 @pytest.mark.parametrize("backend", ["library", "node"])
-def test_a_sound_tracker_passes_against_truth_and_stored_result(
+def test_the_unchanged_tracker_passes_against_ground_truth_and_baseline(
     tracked_recording, moving_square_sequence, baseline, backend
 ):
     if backend == "node":
         pytest.importorskip("rclpy", reason="needs ROS 2")
     run = tracked_recording(moving_square_sequence, backend=backend, **QUICK)
-    run.check(**ASKED)
+    run.check(**LIMITS)
     assert run.final_state == "tracking"
     assert run.longest_loss == 0.0
     again = tracked_recording(moving_square_sequence, baseline=baseline, backend=backend, **QUICK)
-    again.check(**ASKED)
+    again.check(**LIMITS)
     # A box in a message has corners in single precision.
     assert again.mean_overlap == pytest.approx(1.0, abs=1e-5)
 
 
-def test_a_result_with_labels_is_compared_with_too(
-    tracked_recording, moving_square_sequence, baseline
-):
+def test_a_baseline_may_have_labels(tracked_recording, moving_square_sequence, baseline):
     heading, *lines = baseline.read_text().splitlines()
     baseline.write_text("\n".join([f"{heading},label", *(f"{line},car" for line in lines)]) + "\n")
     run = tracked_recording(moving_square_sequence, baseline=baseline, **QUICK)
-    run.check(**ASKED)
+    run.check(**LIMITS)
     assert run.mean_overlap == 1.0
 
 
-def test_both_ways_see_the_same(tracked_recording, moving_square_sequence, ros_domain):
+def test_both_backends_give_the_same_result(tracked_recording, moving_square_sequence, ros_domain):
     runs = [
         tracked_recording(moving_square_sequence, seed=3, backend=backend, **QUICK)
         for backend in ("library", "node")
@@ -130,15 +128,15 @@ def slow():
 
 
 @pytest.mark.parametrize(
-    ("mutation", "said"),
+    ("mutation", "message"),
     [
-        (frozen, ", expected at least 0.8; it is least in frame "),
-        (drifting, ", expected at least 0.8; it is least in frame "),
+        (frozen, ", expected at least 0.8; it is lowest in frame "),
+        (drifting, ", expected at least 0.8; it is lowest in frame "),
         (giving_up, "lost for 0.44 s in frames 8 to 19, expected at most 0.2 s"),
         (slow, " ms, expected at most 200 ms"),
     ],
 )
-def test_a_broken_tracker_is_noticed(tracked_recording, baseline, monkeypatch, mutation, said):
+def test_a_broken_tracker_fails(tracked_recording, baseline, monkeypatch, mutation, message):
     source = baseline.parent / "moving_square"
     for reference in (None, baseline):
         # Each mutation counts its frames.
@@ -146,10 +144,10 @@ def test_a_broken_tracker_is_noticed(tracked_recording, baseline, monkeypatch, m
         mutate(monkeypatch, mutation())
         run = tracked_recording(source, baseline=reference, **QUICK)
         with pytest.raises(pytest.fail.Exception) as caught:
-            run.check(**ASKED)
+            run.check(**LIMITS)
         text = str(caught.value)
-        assert text.startswith(f"{source} with li2007 through the library:\n- ")
-        assert said in text
+        assert text.startswith(f"{source} with preset li2007, backend library:\n- ")
+        assert message in text
         assert text.count("\n- ") == {"giving_up": 3}.get(mutation.__name__, 1)
 
 
@@ -164,11 +162,11 @@ def test_another_machines_rounding_passes(
 
     mutate(monkeypatch, change)
     run = tracked_recording(moving_square_sequence, baseline=baseline, **QUICK)
-    run.check(**{**ASKED, "mean_overlap": 0.999})
+    run.check(**{**LIMITS, "mean_overlap": 0.999})
     assert run.mean_overlap < 1.0
 
 
-def test_a_failure_leaves_the_frame_and_a_report(
+def test_a_failure_writes_the_frame_and_a_report(
     tracked_recording, moving_square_sequence, monkeypatch, tmp_path
 ):
     pytest.importorskip("jinja2")
@@ -177,37 +175,37 @@ def test_a_failure_leaves_the_frame_and_a_report(
     with pytest.raises(pytest.fail.Exception, match=r"frame 6: .*frame_00006\.png") as caught:
         run.check(mean_overlap=0.8)
     picture = cv2.imread(str(tmp_path / "frame_00006.png"))
-    # The truth in green where the square is, the estimate in white where it was.
+    # Ground truth in green, estimate in white.
     assert picture[42, 55].tolist() == [80, 220, 80]
     assert picture[30, 30].tolist() == [255, 255, 255]
     assert f"report: {tmp_path / 'report.html'}" in str(caught.value)
     assert "Least overlap" in (tmp_path / "report.html").read_text()
 
 
-def test_a_tracker_that_never_begins_is_noticed(
-    tracked_recording, moving_square_sequence, monkeypatch
-):
+def test_a_tracker_that_never_starts_fails(tracked_recording, moving_square_sequence, monkeypatch):
     monkeypatch.setattr(Session, "process", lambda self, frame, arrival: Outcome("waiting"))
     run = tracked_recording(moving_square_sequence, **QUICK)
     with pytest.raises(pytest.fail.Exception) as caught:
-        run.check(**ASKED)
-    for said in ("the state at the end is idle", "no frame could be compared", "takes nan ms"):
-        assert said in str(caught.value)
+        run.check(**LIMITS)
+    for message in ("the final state is idle", "no frame could be compared", "takes nan ms"):
+        assert message in str(caught.value)
 
 
 CONFTEST = 'pytest_plugins = ["pf_tracker_ros.testing"]\n'
-TEN_LINES = """\
-def test_the_square_is_followed(tracked_recording):
+USER_TEST = """\
+def test_the_square_is_tracked(tracked_recording):
     run = tracked_recording("moving_square", preset="li2007", baseline="square.boxes.csv")
-    run.check(final_state="tracking", mean_overlap=0.9, longest_loss=0.5, milliseconds_per_frame=500)
+    run.check(
+        final_state="tracking", mean_overlap=0.9, longest_loss=0.5, milliseconds_per_frame=500
+    )
 """
 
 
 @pytest.fixture
 def run_pytest(tmp_path, moving_square_sequence):
-    """Runs a user's own test in a process of its own."""
+    """Run a user's test in its own process."""
     (tmp_path / "conftest.py").write_text(CONFTEST)
-    (tmp_path / "test_square.py").write_text(TEN_LINES)
+    (tmp_path / "test_square.py").write_text(USER_TEST)
 
     def run(*arguments):
         return subprocess.run(
@@ -224,7 +222,7 @@ def run_pytest(tmp_path, moving_square_sequence):
     return run
 
 
-def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_path):
+def test_a_users_test_stores_and_compares_its_baseline(run_pytest, tmp_path):
     outcome = run_pytest()
     assert outcome.returncode == 1
     assert "square.boxes.csv; pytest --update stores one" in outcome.stdout
@@ -241,10 +239,10 @@ def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_pat
     baseline.write_text("\n".join(moved) + "\n")
     outcome = run_pytest("--tracking-reports", "kept")
     assert outcome.returncode == 1
-    assert "the overlap with the stored result is 0.000, expected at least 0.9" in outcome.stdout
+    assert "the overlap with the baseline is 0.000, expected at least 0.9" in outcome.stdout
     assert "Traceback" not in outcome.stdout
     (folder,) = (tmp_path / "kept").iterdir()
-    assert folder.name == "test_square.py_test_the_square_is_followed"
+    assert folder.name == "test_square.py_test_the_square_is_tracked"
     assert "report.html" in {path.name for path in folder.iterdir()}
 
     folder = os.fsdecode(os.fsencode(tmp_path) + b"/k\xe4pt")
@@ -257,14 +255,14 @@ def test_a_users_test_stores_its_result_and_compares_with_it(run_pytest, tmp_pat
 
     baseline.write_text("\n".join(lines[:10]) + "\n")
     outcome = run_pytest()
-    assert "holds 9 frames" in outcome.stdout
-    assert "it is of another recording" in outcome.stdout
+    assert "has 9 frames" in outcome.stdout
+    assert "it belongs to another recording" in outcome.stdout
     baseline.write_text("something else")
-    assert "is no stored result" in run_pytest().stdout
+    assert "is no baseline" in run_pytest().stdout
 
 
 @pytest.mark.parametrize("name", ["otb_bolt", "ir_drone_074"])
-def test_real_recordings_are_followed(tracked_recording, sequences_directory, name):
+def test_real_recordings_are_tracked(tracked_recording, sequences_directory, name):
     tracked_recording(sequences_directory / name).check(
         final_state="tracking", mean_overlap=0.6, longest_loss=0.5
     )

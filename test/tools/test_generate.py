@@ -80,7 +80,7 @@ def test_the_table_has_a_row_for_every_parameter():
     for name, declaration in known.items():
         assert rows[name]["description"] == declaration.description
         assert rows[name]["allowed"] == declaration.allowed
-        assert rows[name]["at run time"] == ("learns again" if declaration.read_only else "yes")
+        assert rows[name]["at run time"] == ("relearns" if declaration.read_only else "yes")
 
 
 @pytest.mark.parametrize("preset", PRESETS)

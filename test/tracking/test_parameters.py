@@ -63,7 +63,7 @@ def test_a_parameter_of_a_part_counts_while_the_part_is_selected(name):
     assert EVERY[name].condition == CONDITIONS[name]
     if CONDITIONS[name]:
         assert EVERY[name].description.endswith("'.")
-        assert f" Counts while '{CONDITIONS[name][0]}' " in EVERY[name].description
+        assert f" Used only if '{CONDITIONS[name][0]}' " in EVERY[name].description
 
 
 @every_preset

@@ -1,1 +1,1 @@
-"""Reports to look at: one page of HTML that needs nothing but itself."""
+"""Reports: self-contained HTML pages."""

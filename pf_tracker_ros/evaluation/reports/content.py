@@ -1,4 +1,4 @@
-"""What a report tells of a sequence: a target over all frames."""
+"""Content of a report: the data of a target over the frames of a sequence."""
 
 from __future__ import annotations
 
@@ -15,18 +15,17 @@ from numpy.typing import NDArray
 from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.results import FrameDetails, Scores, SequenceResult
 
-_WORST = 10
-_STRIP = 8
-# Neighbors look alike: of worst frames that follow each other one is enough.
-_APART = 5
+_MAX_WORST = 10
+_MAX_SAMPLED = 8
+# Minimum distance of the worst frames, as neighbors look alike.
+_MIN_DISTANCE = 5
 
-
-_ALWAYS_TOLD = ("tracking", "occluded", "lost")
-_ELSE_TOLD = ("idle", "absent", "skipped")
+_STANDARD_STATES = ("tracking", "occluded", "lost")
+_OTHER_STATES = ("idle", "absent", "skipped")
 
 
 class FrameRange(NamedTuple):
-    """Frames in a row, counted from 0, `last` included."""
+    """A range of frames, counted from 0, including `last`."""
 
     first: int
     last: int
@@ -37,20 +36,20 @@ class SequenceContent:
     """A target in the frames of one sequence.
 
     Attributes:
-        name: Of the sequence.
-        boxes: (frames, 4) x, y, width, height in pixels; a row of NaN where there is none. While
-            the target is lost, the last one before.
-        true_boxes: (frames, 4), a row of NaN where the target is absent; None without any truth.
+        name: Name of the sequence.
+        boxes: (frames, 4) x, y, width, height in pixels; a row of NaN without box. While the
+            target is lost, the last box is repeated.
+        true_boxes: (frames, 4), a row of NaN for an absent target; None without ground truth.
         states: (frames,) "tracking", "occluded", "lost", "idle", "skipped", or "absent" where one
-            of several targets was not told of.
-        confidence: (frames,) 0 to 1, NaN where it is unknown.
-        effective_sample_size: (frames,), NaN where it is unknown.
+            of several targets was not reported.
+        confidence: (frames,) 0 to 1, NaN if unknown.
+        effective_sample_size: (frames,), NaN if unknown.
         cue_weights: Name of a cue to its (frames,) weight.
-        scores: The figures, None where they are not known.
-        success_curve: (21,) mean over the seeds, None without any truth.
+        scores: The figures, None if unknown.
+        success_curve: (21,) mean over the seeds, None without ground truth.
         precision_curve: (51,) likewise.
-        first: Number of the first of the frames, where these are not all.
-        has_ended: Whether there were more frames, in which the target was no more.
+        first: Number of the target's first frame in the recording.
+        has_ended: Whether the target ended before the recording.
     """
 
     name: str
@@ -68,87 +67,84 @@ class SequenceContent:
 
     @property
     def frames(self) -> int:
-        """Their number."""
+        """Number of frames."""
         return len(self.boxes)
 
     @cached_property
     def overlaps(self) -> NDArray[np.float64] | None:
-        """(frames,) intersection over union, NaN where a box is missing; None without any truth."""
+        """(frames,) intersection over union, NaN without box; None without ground truth."""
         return self._compared(metrics.overlap)
 
     @cached_property
     def center_errors(self) -> NDArray[np.float64] | None:
-        """(frames,) pixels, NaN where a box is missing; None without any truth."""
+        """(frames,) pixels, NaN without box; None without ground truth."""
         return self._compared(metrics.center_errors)
 
     @property
     def lost_ranges(self) -> list[FrameRange]:
-        """Where the tracker calls the target lost."""
+        """Ranges of frames in the state lost."""
         return self.frame_ranges("lost")
 
     def frame_ranges(self, state: str) -> list[FrameRange]:
-        """The frames of a state, by their numbers."""
+        """Ranges of frames in a state."""
         return frame_ranges(self.states, state, self.first)
 
     @property
     def share_by_state(self) -> dict[str, float]:
         """State to the share of frames in it, 0 to 1."""
-        names = dict.fromkeys((*_ALWAYS_TOLD, *self.states))
+        names = dict.fromkeys((*_STANDARD_STATES, *self.states))
         return {name: self.states.count(name) / self.frames for name in names}
 
     @property
     def sampled_frames(self) -> list[int]:
-        """Frames to show, evenly over the sequence."""
-        chosen = np.linspace(0, self.frames - 1, min(self.frames, _STRIP)).round()
-        return [int(index) for index in chosen]
+        """At most eight frames, evenly spaced over the sequence."""
+        indices = np.linspace(0, self.frames - 1, min(self.frames, _MAX_SAMPLED)).round()
+        return [int(index) for index in indices]
 
     @property
     def worst_frames(self) -> list[int]:
-        """The frames with the least overlap, or where that is unknown the least confidence.
-
-        At most ten, not too near to each other, the worst first.
-        """
+        """At most ten frames, worst first: by overlap, or by confidence without ground truth."""
         overlaps = self.overlaps
-        badness: NDArray[np.float64] = self.confidence if overlaps is None else overlaps
-        order = np.lexsort((self.confidence, badness))
-        chosen: list[int] = []
+        quality: NDArray[np.float64] = self.confidence if overlaps is None else overlaps
+        order = np.lexsort((self.confidence, quality))
+        worst: list[int] = []
         for index in map(int, order):
-            if math.isnan(float(badness[index])) or len(chosen) == _WORST:
+            if math.isnan(float(quality[index])) or len(worst) == _MAX_WORST:
                 break
-            if all(abs(index - other) >= _APART for other in chosen):
-                chosen.append(index)
-        return chosen
+            if all(abs(index - other) >= _MIN_DISTANCE for other in worst):
+                worst.append(index)
+        return worst
 
     def _compared(self, measure: metrics.Measure) -> NDArray[np.float64] | None:
         if self.true_boxes is None:
             return None
-        known = np.asarray(np.isfinite(self.boxes).all(axis=1))
-        found = measure(np.where(known[:, None], self.boxes, 0.0), self.true_boxes)
-        return np.asarray(np.where(known, found, np.nan))
+        has_box = np.asarray(np.isfinite(self.boxes).all(axis=1))
+        values = measure(np.where(has_box[:, None], self.boxes, 0.0), self.true_boxes)
+        return np.asarray(np.where(has_box, values, np.nan))
 
 
 def frame_ranges(states: Sequence[str], state: str, first: int = 0) -> list[FrameRange]:
-    """The frames of a state among those of all frames in a row, the first one of that number."""
-    found, begin = [], first
+    """Ranges of frames in a state, given the states of all frames and the first one's number."""
+    ranges, begin = [], first
     for each, frames in groupby(states):
         end = begin + len(list(frames))
         if each == state:
-            found.append(FrameRange(begin, end - 1))
+            ranges.append(FrameRange(begin, end - 1))
         begin = end
-    return found
+    return ranges
 
 
 def state_columns(states: Collection[str]) -> tuple[str, ...]:
-    """The states that a table has columns for, so that the shares of a row are all there.
+    """The states that need a column in a table.
 
     Args:
-        states: That there are in any row.
+        states: All states in the rows.
     """
-    return (*_ALWAYS_TOLD, *(state for state in _ELSE_TOLD if state in states))
+    return (*_STANDARD_STATES, *(state for state in _OTHER_STATES if state in states))
 
 
 def content_of(result: SequenceResult) -> SequenceContent:
-    """What there is to tell of an evaluated sequence; of several seeds, the first is shown."""
+    """The content of an evaluated sequence, for its first seed."""
     frames = len(result.true_boxes)
     unknown = np.full(frames, np.nan)
     details = result.details or FrameDetails(("",) * frames, unknown, unknown, {})
@@ -168,11 +164,11 @@ def content_of(result: SequenceResult) -> SequenceContent:
 
 
 def forward_fill(boxes: Sequence[Sequence[float] | None]) -> NDArray[np.float64]:
-    """(frames, 4) boxes, where there is none the last one before; NaN before the first."""
-    kept = np.full((len(boxes), 4), np.nan)
+    """(frames, 4) boxes with gaps filled by the last box; NaN before the first."""
+    filled = np.full((len(boxes), 4), np.nan)
     for index, box in enumerate(boxes):
         if box is not None:
-            kept[index] = box
+            filled[index] = box
         elif index:
-            kept[index] = kept[index - 1]
-    return kept
+            filled[index] = filled[index - 1]
+    return filled

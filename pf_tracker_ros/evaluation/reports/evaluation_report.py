@@ -1,4 +1,4 @@
-"""The report of an evaluation, from results to the file."""
+"""Writes the report of an evaluation."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from pf_tracker_ros.plurals import counted
 
 
 class EvaluationReport:
-    """The page of an evaluation; whether it can be written is tried at once.
+    """The report of an evaluation. The constructor checks that it can be written.
 
     Args:
-        folder: Where it goes; made where it is missing.
-        compared: Files of results to tell the differences to.
+        folder: Folder of the report, made if missing.
+        compared: Result files of other runs to compare with.
 
     Raises:
-        EvaluationError: It cannot be written, or a file of results cannot be read.
+        EvaluationError: The report cannot be written, or a result file cannot be read.
     """
 
     def __init__(self, folder: Path, compared: Sequence[Path]) -> None:
@@ -48,15 +48,15 @@ class EvaluationReport:
         parameters: Mapping[str, Any],
         results: Sequence[tuple[Footage, SequenceResult]],
     ) -> str | None:
-        """Write the page.
+        """Write the report.
 
         Args:
-            preset: That was evaluated, as `ActivePreset.summary` has it.
-            parameters: Where it differs from the preset.
-            results: Each sequence, which is read again for its pictures, and its result.
+            preset: The evaluated preset, as in `ActivePreset.summary`.
+            parameters: Parameters that differ from the preset.
+            results: Each sequence, read again for the thumbnails, with its result.
 
         Returns:
-            Why it cannot be written, or a frame not be read; None if all went well.
+            Error message of the file or of a frame; None on success.
         """
         sections = []
         for footage, result in results:
@@ -65,13 +65,13 @@ class EvaluationReport:
             try:
                 sections.append(Section(content, make_thumbnails([content], images)[0]))
             except FootageError as error:
-                return f"there is no report: {error}"
+                return f"the report cannot be written: {error}"
         seeds = len(results[0][1].seeds)
         facts = {
             "preset": preset,
             "parameters": ", ".join(f"{name}={value}" for name, value in parameters.items())
             or "those of the preset",
-            "seeds": f"{seeds}" + ("; plots by frame and pictures are of the first" * (seeds > 1)),
+            "seeds": f"{seeds}" + ("; plots over frames and images show the first" * (seeds > 1)),
         }
         report = Report(
             title=f"Evaluation on {counted(len(sections), 'sequence')}: {preset}",

@@ -1,4 +1,4 @@
-"""The page of a report. Needs Jinja2 and Matplotlib."""
+"""Renders the HTML page of a report. Needs Jinja2 and Matplotlib."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from pf_tracker_ros.evaluation.reports.content import SequenceContent, state_columns
 from pf_tracker_ros.evaluation.reports.svg_plots import precision_plot, series_plots, success_plot
-from pf_tracker_ros.evaluation.reports.thumbnails import Thumbnail
+from pf_tracker_ros.evaluation.reports.thumbnails import FrameThumbnail
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 from pf_tracker_ros.plurals import counted
 
 REPORT_FILE = "report.html"
-# Differences of the success AUC below this are noise of the seeds.
+# Smaller differences of the success AUC are within the noise of the seeds.
 _NOTABLE = 0.01
 _FIGURES = ("success_auc", "precision_20px", "cpu_ms_median", "frames")
 
@@ -28,27 +28,27 @@ class Section:
     """A sequence of a report.
 
     Attributes:
-        content: What there is to tell.
-        thumbnails: Number of a frame to its picture.
+        content: Its data.
+        thumbnails: Index of a frame to its image.
     """
 
     content: SequenceContent
-    thumbnails: Mapping[int, Thumbnail]
+    thumbnails: Mapping[int, FrameThumbnail]
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What a page tells.
+    """The data of a page.
 
     Attributes:
-        title: Of the page.
-        preset: That tracked.
-        facts: Further facts of the run, name to value.
-        sections: A section a sequence.
-        mean: Means over the sequences, None where there is no truth.
+        title: Title of the page.
+        preset: The preset.
+        facts: Further facts about the run, name to value.
+        sections: A section for each sequence.
+        mean: Means over the sequences, None without ground truth.
         compared: Label to the results of other runs.
-        seeds: How many the means are of.
-        kind: What a section is about.
+        seeds: Number of seeds in the means.
+        kind: Kind of the sections, "sequence" or "target".
     """
 
     title: str
@@ -62,11 +62,11 @@ class Report:
 
 
 class SavedResults(NamedTuple):
-    """A file of results, as `evaluate --output` writes it.
+    """Content of a result file of `evaluate --output`.
 
     Attributes:
-        preset: That was evaluated.
-        seeds: How many the figures are the mean of.
+        preset: The evaluated preset.
+        seeds: Number of seeds in the means.
         scores: Name of a sequence to its figures.
     """
 
@@ -76,7 +76,7 @@ class SavedResults(NamedTuple):
 
 
 class Change(NamedTuple):
-    """A sequence beside the same one in another file of results; success AUC."""
+    """Success AUC of a sequence in two runs."""
 
     name: str
     before: float
@@ -84,19 +84,19 @@ class Change(NamedTuple):
 
     @property
     def difference(self) -> float:
-        """Above 0 where it became better."""
+        """Difference of the success AUC; positive for an improvement."""
         return self.after - self.before
 
     @property
     def verdict(self) -> str:
-        """In a word."""
+        """The word "better", "worse" or "same"."""
         if abs(self.difference) < _NOTABLE:
             return "same"
         return "better" if self.difference > 0 else "worse"
 
 
 def render(report: Report) -> str:
-    """The page, whole: styles, plots and pictures are in it, and it asks nobody for anything."""
+    """The self-contained page with styles, plots and images."""
     from markupsafe import Markup
 
     contents = [section.content for section in report.sections]
@@ -126,7 +126,7 @@ def render(report: Report) -> str:
 
 
 def fill(template: str, **values: Any) -> str:
-    """A page of one of the templates here; what a name says is text, whatever it looks like."""
+    """Fill a template of this package; values are escaped."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -140,20 +140,20 @@ def fill(template: str, **values: Any) -> str:
 
 
 def changes(contents: Sequence[SequenceContent], other: SavedResults) -> list[Change]:
-    """The sequences that both have, the largest gain first."""
-    found = [
+    """Changes of the sequences in both runs, the largest gain first."""
+    shared = [
         Change(each.name, other.scores[each.name].success_auc, each.scores.success_auc)
         for each in contents
         if each.scores is not None and each.name in other.scores
     ]
-    return sorted(found, key=lambda change: -change.difference)
+    return sorted(shared, key=lambda change: -change.difference)
 
 
 def read_results(path: Path) -> SavedResults:
-    """Read a file of results.
+    """Read a result file.
 
     Raises:
-        EvaluationError: It cannot be read, or is no such file.
+        EvaluationError: It cannot be read, or is no result file.
     """
     try:
         document: Any = json.loads(path.read_text(encoding="utf-8"))
@@ -171,5 +171,5 @@ def read_results(path: Path) -> SavedResults:
         return SavedResults(str(document["preset"]), int(document["seeds"]), scores)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise EvaluationError(
-            f"{path} is no file of results; allowed: what `evaluate --output` writes"
+            f"{path} is no result file; allowed: files of `evaluate --output`"
         ) from error

@@ -1,4 +1,8 @@
-"""Plots as SVG that take the colors of the page around them, light or dark. Needs Matplotlib."""
+"""SVG plots in the colors of the surrounding page, light or dark. Needs Matplotlib.
+
+1. Matplotlib draws each part in a placeholder color.
+2. The placeholders are replaced by CSS variables of the page.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Small, so that its letters can still be read where a phone's width is all there is.
+# Inches; small, so that the letters are readable at a phone's width.
 _SIZE = (4.4, 2.5)
 _TALL = (4.4, 3.3)
-# Drawn in colors that nothing else has, which become the page's afterwards.
+# Placeholder color to CSS variable.
 _PAGE_COLORS = {
     "#010101": "var(--ink)",
     "#020202": "var(--faint)",
@@ -59,7 +63,7 @@ def precision_plot(curves: Mapping[str, NDArray[np.float64]]) -> str:
 
 
 def series_plots(content: SequenceContent) -> dict[str, str]:
-    """What is known of the target over the frames, heading to plot."""
+    """Plots of the known quantities over the frames, heading to SVG."""
     plots = {}
     if content.overlaps is not None:
         plots["overlap"] = _series(content, {"overlap": content.overlaps}, (0, 1.02))
@@ -72,7 +76,7 @@ def series_plots(content: SequenceContent) -> dict[str, str]:
             content, {"effective sample size": content.effective_sample_size}
         )
     if content.cue_weights:
-        plots["cue powers"] = _series(content, content.cue_weights, (0, 1.02))
+        plots["cue weights"] = _series(content, content.cue_weights, (0, 1.02))
     return plots
 
 
@@ -94,14 +98,14 @@ def _series(
     return _svg(figure, f"{', '.join(lines)} over the frames of {content.name}")
 
 
-def _figure(size: tuple[float, float], across: str, up: str) -> tuple[Figure, Axes]:
-    # A Figure of its own, not pyplot's: no window system, no figures left open.
+def _figure(size: tuple[float, float], x_label: str, y_label: str) -> tuple[Figure, Axes]:
+    # Not pyplot's: needs no window system and leaves no figures open.
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.add_subplot()
-    axes.set_xlabel(across, color=_INK, fontsize=9)
-    axes.set_ylabel(up, color=_INK, fontsize=9)
+    axes.set_xlabel(x_label, color=_INK, fontsize=9)
+    axes.set_ylabel(y_label, color=_INK, fontsize=9)
     axes.tick_params(colors=_INK, labelsize=8)
     axes.grid(color=_FAINT, linewidth=0.5)
     for spine in axes.spines.values():
@@ -111,18 +115,18 @@ def _figure(size: tuple[float, float], across: str, up: str) -> tuple[Figure, Ax
     return figure, axes
 
 
-def _line(axes: Axes, across: NDArray[Any], values: NDArray[np.float64], label: str) -> None:
+def _line(axes: Axes, x: NDArray[Any], y: NDArray[np.float64], label: str) -> None:
     number = len(axes.lines)
     axes.plot(
-        across,
-        values,
-        # Some names would be formulas to Matplotlib.
+        x,
+        y,
+        # Matplotlib would take dollar signs for formulas.
         label=label.replace("$", r"\$"),
         color=_LINES[number % len(_LINES)],
         linestyle=_DASHES[number // len(_LINES) % len(_DASHES)],
         linewidth=1.4,
-        # A known frame between unknown ones would not be seen.
-        marker="." if np.isnan(values).any() else None,
+        # Without markers, a single known frame between unknown ones would be invisible.
+        marker="." if np.isnan(y).any() else None,
         markersize=2,
     )
 
@@ -135,15 +139,15 @@ def _legend(axes: Axes, place: Literal["best", "lower left", "lower right"] = "b
 def _svg(figure: Figure, title: str) -> str:
     import matplotlib
 
-    drawn = io.StringIO()
-    # Texts stay texts; parts are named after what is drawn, for two plots of one page to differ.
+    output = io.StringIO()
+    # Texts stay texts. The salt makes element ids unique among the plots of a page.
     salt = hashlib.sha256(title.encode("utf-8", "replace")).hexdigest()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt}):
-        figure.savefig(drawn, format="svg", metadata={"Date": None, "Creator": None})
-    text = drawn.getvalue()
+        figure.savefig(output, format="svg", metadata={"Date": None, "Creator": None})
+    text = output.getvalue()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    # The page says how large it is, and with which letters.
+    # The page sets size and font.
     text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
     text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
     text = re.sub(r"(font: [\d.]+px )'[^;\"]*", r"\1var(--letters)", text)

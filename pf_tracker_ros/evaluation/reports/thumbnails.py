@@ -1,4 +1,4 @@
-"""Small pictures of frames, with the estimate and the truth drawn in, as a page embeds them."""
+"""Thumbnails of frames with estimate and ground truth, for embedding in a page."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from pf_tracker_ros.overlay import STATE_COLORS, draw_box, draw_overlay
 _WIDTH = 320
 _QUALITY = 72
 _TRUTH = (80, 220, 80)
-# Of an image so many times the target's longer side is shown, and no less than so many pixels.
-_SURROUNDINGS = 3.0
-_SMALLEST = 60.0
+# Side of the shown part: a multiple of the target's longer side, and at least so many pixels.
+_CONTEXT_FACTOR = 3.0
+_MIN_SIDE = 60.0
 
 
 @dataclass(frozen=True)
-class Thumbnail:
-    """A frame as a page shows it.
+class FrameThumbnail:
+    """A thumbnail of a frame.
 
     Attributes:
-        frame: Counted from 0.
-        caption: What is to be seen.
+        frame: Number of the frame, from 0.
+        caption: Its caption.
         width: Pixels.
         height: Pixels.
-        data_url: The picture itself, as a `data:` address.
+        data_url: The JPEG image as a `data:` URL.
     """
 
     frame: int
@@ -43,33 +43,33 @@ class Thumbnail:
 
 def make_thumbnails(
     contents: Sequence[SequenceContent], images: Iterable[tuple[int, NDArray[Any] | None]]
-) -> list[dict[int, Thumbnail]]:
-    """Make the pictures that a report shows of the targets of one recording.
+) -> list[dict[int, FrameThumbnail]]:
+    """Make the thumbnails of a report on the targets of one recording.
 
     Args:
-        contents: What there is to draw of each.
+        contents: The targets.
         images: Number of a frame, from 0, and its image, in order; read as far as needed.
 
     Returns:
-        For each of the contents, position of a frame in it to its picture; frames without an image
-        are missing.
+        For each target, index of a frame to its thumbnail; frames without image are omitted.
     """
-    wanted = [{*content.sampled_frames, *content.worst_frames} for content in contents]
+    needed = [{*content.sampled_frames, *content.worst_frames} for content in contents]
     last = max(
-        (content.first + max(own) for content, own in zip(contents, wanted, strict=True)),
+        (content.first + max(indices) for content, indices in zip(contents, needed, strict=True)),
         default=-1,
     )
-    pictures: list[dict[int, Thumbnail]] = [{} for _ in contents]
+    thumbnails: list[dict[int, FrameThumbnail]] = [{} for _ in contents]
     for number, image in images:
-        for content, own, found in zip(contents, wanted, pictures, strict=True):
-            if number - content.first in own and image is not None:
-                found[number - content.first] = _picture(content, number - content.first, image)
+        for content, indices, own in zip(contents, needed, thumbnails, strict=True):
+            index = number - content.first
+            if index in indices and image is not None:
+                own[index] = _thumbnail(content, index, image)
         if number >= last:
             break
-    return pictures
+    return thumbnails
 
 
-def _picture(content: SequenceContent, index: int, image: NDArray[Any]) -> Thumbnail:
+def _thumbnail(content: SequenceContent, index: int, image: NDArray[Any]) -> FrameThumbnail:
     canvas = draw_overlay(image, None)
     boxes = [(content.boxes[index], STATE_COLORS.get(content.states[index]))]
     if content.true_boxes is not None:
@@ -86,23 +86,22 @@ def _picture(content: SequenceContent, index: int, image: NDArray[Any]) -> Thumb
         draw_box(canvas, shifted * scale, color, 2)
     encoded = cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1]
     data_url = "data:image/jpeg;base64," + base64.b64encode(encoded.tobytes()).decode()
-    return Thumbnail(content.first + index, _caption(content, index), *size, data_url)
+    return FrameThumbnail(content.first + index, _caption(content, index), *size, data_url)
 
 
 def _window(width: int, height: int, boxes: list[NDArray[np.float64]]) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the part of an image with the boxes and what is about them."""
+    """Left, top, right and bottom of an image part around the boxes, 4:3 where possible."""
     if not boxes:
         return 0, 0, width, height
     corners = np.array([[*box[:2], *(box[:2] + box[2:])] for box in boxes])
     near, far = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
     largest = max(float(box[2:].max()) for box in boxes)
-    side = max(_SURROUNDINGS * largest, 1.2 * float((far - near).max()), _SMALLEST)
-    # Four to three, as all of it fits best on a page.
-    across, down = min(width, round(side * 4 / 3)), min(height, round(side))
+    side = max(_CONTEXT_FACTOR * largest, 1.2 * float((far - near).max()), _MIN_SIDE)
+    part_width, part_height = min(width, round(side * 4 / 3)), min(height, round(side))
     center = (near + far) / 2
-    left = int(np.clip(round(center[0] - across / 2), 0, width - across))
-    top = int(np.clip(round(center[1] - down / 2), 0, height - down))
-    return left, top, left + across, top + down
+    left = int(np.clip(round(center[0] - part_width / 2), 0, width - part_width))
+    top = int(np.clip(round(center[1] - part_height / 2), 0, height - part_height))
+    return left, top, left + part_width, top + part_height
 
 
 def _caption(content: SequenceContent, index: int) -> str:

@@ -1,4 +1,4 @@
-"""A recording through the real nodes over DDS, in lockstep, and what the tracker answers."""
+"""Replays a recording into a tracker node over DDS, in lockstep, and collects its results."""
 
 from __future__ import annotations
 
@@ -28,26 +28,26 @@ from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
 from pf_tracker_ros.ros_domains import unused_domain
 from pf_tracker_ros.stamps import stamp_of
 
-_EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
-# As latched as the status is: what is sent while the two get acquainted comes as well.
-_EVERY_STATUS = QoSProfile(
+_KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
+# Latched like the status, so that messages sent during discovery arrive as well.
+_KEEP_ALL_LATCHED = QoSProfile(
     history=HistoryPolicy.KEEP_ALL,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-_MEETING_TIMEOUT = 30.0
-# Longer than the 3 s after which DDS sends again what was lost on the way.
-_ANSWER_TIMEOUT = 5.0
-_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_DISCOVERY_TIMEOUT = 30.0
+# Longer than the 3 s after which DDS sends a lost message again.
+_STATUS_TIMEOUT = 5.0
+_DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
 class LockstepError(RuntimeError):
-    """The nodes did not meet, or did not come to the end; the message says which."""
+    """The nodes did not discover each other, or did not reach the end."""
 
 
 @dataclass
 class LockstepResult:
-    """What the tracker published.
+    """The tracker's output.
 
     Attributes:
         statuses: Stamp of a frame, in nanoseconds, to the values of its first status.
@@ -67,38 +67,38 @@ def replay_in_lockstep(
     replay: Mapping[str, Any],
     timeout: float = 600.0,
 ) -> LockstepResult:
-    """Replay a recording into a tracker node, each in a context of its own, and listen.
+    """Replay a recording into a tracker node, each in its own context, and collect the output.
 
-    They meet in a ROS domain in which nobody else on this machine is, in a namespace that nobody
-    else has, and on this machine alone unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+    The nodes run in an unused ROS domain and a unique namespace, and only on this machine unless
+    ROS_AUTOMATIC_DISCOVERY_RANGE is set.
 
     Args:
-        source: What `replay` plays.
+        source: Source of the replay publisher.
         box: The target, (x, y, width, height) in pixels.
-        stamp: Of the frame that it is in, nanoseconds.
+        stamp: Stamp of the target's frame in nanoseconds.
         tracker: Parameters of the tracker node.
-        replay: Parameters of the replay publisher beside the source and lockstep.
-        timeout: Longest time that all of it may take, in seconds.
+        replay: Further parameters of the replay publisher.
+        timeout: Timeout of the whole replay in seconds.
 
     Raises:
-        LockstepError: The nodes do not meet, or do not come to the end.
-        RuntimeError: There is somebody in every ROS domain.
+        LockstepError: The nodes do not discover each other, or do not reach the end.
+        RuntimeError: No ROS domain is unused.
     """
     namespace = f"/replay_{uuid.uuid4().hex}"
-    reliably = {"image_reliability": "reliable", **tracker}
-    lockstep = {"source": str(source), "lockstep": True, "lockstep_timeout": _ANSWER_TIMEOUT}
+    reliable = {"image_reliability": "reliable", **tracker}
+    lockstep = {"source": str(source), "lockstep": True, "lockstep_timeout": _STATUS_TIMEOUT}
     deadline = time.monotonic() + timeout
     with (
         _on_this_machine(),
         unused_domain() as domain,
-        _spinning(TrackerNode, domain, namespace, reliably) as node,
-        _spinning(_Listener, domain, namespace, {}) as listener,
+        _spinning(TrackerNode, domain, namespace, reliable) as node,
+        _spinning(_Client, domain, namespace, {}) as client,
     ):
-        _wait(lambda: listener.knows(node), _MEETING_TIMEOUT, "the tracker was not found")
-        listener.send(box, stamp)
+        _wait(lambda: client.is_connected(node), _DISCOVERY_TIMEOUT, "the tracker was not found")
+        client.send_target(box, stamp)
         with _spinning(ReplayNode, domain, namespace, {**lockstep, **replay}) as player:
             if not player.has_started:
-                raise LockstepError(f"{source} cannot be replayed; the log says why")
+                raise LockstepError(f"{source} cannot be replayed; see the log")
             _wait(
                 lambda: not player.context.ok(),
                 deadline - time.monotonic(),
@@ -106,65 +106,65 @@ def replay_in_lockstep(
             )
             if player.exit_code:
                 raise LockstepError(f"{source} could not be replayed to its end")
-        _wait(listener.is_complete, _MEETING_TIMEOUT, "a box of the tracker did not arrive")
-        return listener.answers
+        _wait(client.is_complete, _DISCOVERY_TIMEOUT, "a box of the tracker did not arrive")
+        return client.result
 
 
-class _Listener(Node):
-    """Hears what the tracker says of each frame, and sends it its target."""
+class _Client(Node):
+    """Sends the target to the tracker and collects its output."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("listener", **options)
-        self.answers = LockstepResult()
-        self._heard = [
+        self.result = LockstepResult()
+        self._outputs = [
             self.create_subscription(
-                DiagnosticArray, "pf_tracker/status", self._on_status, _EVERY_STATUS
+                DiagnosticArray, "pf_tracker/status", self._on_status, _KEEP_ALL_LATCHED
             ),
-            self.create_subscription(PolygonStamped, "pf_tracker/box", self._on_box, _EVERYTHING),
+            self.create_subscription(PolygonStamped, "pf_tracker/box", self._on_box, _KEEP_ALL),
         ]
         self._targets = self.create_publisher(PolygonStamped, "pf_tracker/target", 1)
 
-    def knows(self, tracker: Node) -> bool:
-        """Whether both sides know each other, on all topics."""
-        heard = {subscription.topic_name for subscription in self._heard}
-        telling = [each for each in tracker.publishers if each.topic_name in heard]
+    def is_connected(self, tracker: Node) -> bool:
+        """Whether both nodes have discovered each other on all topics."""
+        topics = {subscription.topic_name for subscription in self._outputs}
+        publishers = [each for each in tracker.publishers if each.topic_name in topics]
         return (
             self._targets.get_subscription_count() > 0
-            and len(telling) == len(heard)
-            and all(each.get_subscription_count() for each in telling)
-            and all(self.count_publishers(topic) for topic in heard)
+            and len(publishers) == len(topics)
+            and all(each.get_subscription_count() for each in publishers)
+            and all(self.count_publishers(topic) for topic in topics)
         )
 
-    def send(self, box: Box, stamp: int) -> None:
-        """Send the target, and wait until the tracker has it."""
+    def send_target(self, box: Box, stamp: int) -> None:
+        """Send the target and wait for its acknowledgment."""
         self._targets.publish(box_message(new_message, make_header(stamp, "camera"), box))
-        if not self._targets.wait_for_all_acked(Duration(seconds=_MEETING_TIMEOUT)):
-            raise LockstepError("the tracker did not take its target")
+        if not self._targets.wait_for_all_acked(Duration(seconds=_DISCOVERY_TIMEOUT)):
+            raise LockstepError("the tracker did not receive its target")
 
     def is_complete(self) -> bool:
-        """Whether every box has come that a status announced."""
-        statuses = dict(self.answers.statuses)
-        announced = {
+        """Whether the box of every status with a box has arrived."""
+        statuses = dict(self.result.statuses)
+        with_box = {
             stamp
             for stamp, values in statuses.items()
             if values["state"] in ("tracking", "occluded")
         }
-        return announced <= self.answers.boxes.keys()
+        return with_box <= self.result.boxes.keys()
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        # That of the node itself; with several targets, theirs come after it.
+        # The first is the node's; those of several targets follow.
         values = {pair.key: pair.value for pair in message.status[0].values}
-        # The first is the answer; a frame that comes twice changes nothing.
-        self.answers.statuses.setdefault(stamp_of(message.header), values)
+        # A repeated frame has a second status, which does not count.
+        self.result.statuses.setdefault(stamp_of(message.header), values)
 
     def _on_box(self, message: PolygonStamped) -> None:
-        self.answers.boxes.setdefault(stamp_of(message.header), box_of_polygon(message))
+        self.result.boxes.setdefault(stamp_of(message.header), box_of_polygon(message))
 
 
 def _spinning(
     kind: Callable[..., Node], domain: int, namespace: str, parameters: Mapping[str, Any]
 ) -> AbstractContextManager[Any]:
-    """A node with these parameters that spins until the block ends."""
+    """A node that spins until the block ends."""
     overrides = [
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in parameters.items()
@@ -175,13 +175,13 @@ def _spinning(
 
 @contextmanager
 def _on_this_machine() -> Iterator[None]:
-    is_given = _RANGE in os.environ
-    os.environ.setdefault(_RANGE, "LOCALHOST")
+    was_set = _DISCOVERY_RANGE in os.environ
+    os.environ.setdefault(_DISCOVERY_RANGE, "LOCALHOST")
     try:
         yield
     finally:
-        if not is_given:
-            del os.environ[_RANGE]
+        if not was_set:
+            del os.environ[_DISCOVERY_RANGE]
 
 
 def _wait(condition: Callable[[], bool], timeout: float, failure: str) -> None:

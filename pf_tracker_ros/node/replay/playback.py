@@ -1,4 +1,4 @@
-"""When the next item of a recording is due, with pausing, stopping and waiting for an answer."""
+"""Schedule of a playback: due times, pause, step, seek, stop, and waiting for a status."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from collections.abc import Callable
 
 from pf_tracker_ros.stamps import NANOSECONDS
 
-# An item this late is not caught up with; the ones after it keep their distance to it.
+# Seconds; after a larger lag the schedule restarts instead of catching up.
 TOLERATED_LAG = 0.1
 _POLL_INTERVAL = 0.02
 
 
 class PlaybackStopped(Exception):  # noqa: N818
-    """The playback was stopped while it waited."""
+    """The playback was stopped during a wait."""
 
 
 class SeekRequested(Exception):  # noqa: N818
-    """The playback is to go on from another item, whose index is the argument, counted from 0."""
+    """Playback continues at another item, whose index is the argument, counted from 0."""
 
 
 class Playback:
-    """The clock of a playback: a thread waits in it, others pause, step, seek, stop or answer.
+    """Schedule of a playback: its thread waits here, others pause, step, seek or stop it.
 
-    Every wait ends early with `PlaybackStopped` once `stop` is called. Waiting for an item, or for the
-    answer to one, ends early with `SeekRequested` once `seek` is called.
+    `stop` ends every wait with `PlaybackStopped`. `seek` ends a wait for an item's due time or
+    status with `SeekRequested`.
 
     Args:
-        paused: Whether to begin paused.
+        paused: Whether to start paused.
     """
 
     def __init__(self, *, paused: bool = False) -> None:
@@ -36,23 +36,23 @@ class Playback:
         self._paused = paused
         self._stopped = False
         self._steps = 0
-        self._sought: int | None = None
+        self._seek_index: int | None = None
         self._holding = False
         self._at_end = False
-        self._answer: int | None = None
+        self._processed_stamp: int | None = None
         self._last_due: float | None = None
         self._last_time: int | None = None
         self._last_gap = 0.04
 
     def stop(self) -> None:
-        """End every wait, this one and those to come."""
+        """End every wait, present and future."""
         with self._changed:
             self._stopped = True
             self._changed.notify_all()
 
     @property
     def paused(self) -> bool:
-        """Whether items are held back; may be set from any thread."""
+        """Whether the playback is paused; may be set from any thread."""
         return self._paused
 
     @paused.setter
@@ -63,37 +63,37 @@ class Playback:
 
     @property
     def is_at_end(self) -> bool:
-        """Whether it waits at the end of the source."""
+        """Whether the playback waits at the end of the source."""
         return self._at_end
 
     def step(self, count: int = 1) -> None:
-        """Let so many items pass a pause, at once."""
+        """Publish this many items during a pause, at once."""
         with self._changed:
             self._steps += count
             self._holding = False
             self._changed.notify_all()
 
     def drop_steps(self) -> None:
-        """Let no more items pass a pause than have."""
+        """Cancel pending steps."""
         with self._changed:
             self._steps = 0
 
     def seek(self, index: int) -> None:
-        """Go on from an item, counted from 0; a pause lets that one pass."""
+        """Continue at an item, counted from 0; it is published also during a pause."""
         with self._changed:
-            self._sought = index
+            self._seek_index = index
             self._steps = 1
             self._holding = False
             self._changed.notify_all()
 
     def wait_until_held(self, timeout: float) -> bool:
-        """Wait until a pause holds an item back, or the source is at its end.
+        """Wait until the playback stands still: at a pause without steps, or at the end.
 
         Args:
-            timeout: Longest wait in seconds.
+            timeout: Seconds.
 
         Returns:
-            Whether it does, with no steps left.
+            Whether it stands still.
         """
         with self._changed:
             self._changed.wait_for(lambda: self._holding or self._stopped, timeout)
@@ -103,24 +103,24 @@ class Playback:
         """Wait at the end of the source, paused.
 
         Raises:
-            SeekRequested: The playback is to go on from an item.
-            PlaybackStopped: The playback was stopped.
+            SeekRequested: `seek` was called.
+            PlaybackStopped: `stop` was called.
         """
         with self._changed:
             self._paused, self._steps, self._at_end = True, 0, True
             try:
                 while True:
-                    self._raise_what_was_asked()
+                    self._raise_request()
                     self._hold()
             finally:
                 self._at_end = False
 
     def begin_pass(self) -> None:
-        """Begin the source again: its first item is due one frame after its last."""
+        """Start the source again; its first item is due one frame interval after the last."""
         self._last_time = None
 
     def restart_schedule(self) -> None:
-        """Count the item that was waited for last as due only now: what held it back is over."""
+        """Set the due time of the current item to now, after it was delayed."""
         if self._last_due is not None:
             self._last_due = time.monotonic()
 
@@ -129,22 +129,22 @@ class Playback:
 
         Args:
             item_time: Source time of the item in nanoseconds.
-            rate: Tells the speed relative to source time, asked again after each change of
+            rate: Returns the speed relative to source time, called again after each change of
                 state; None makes the item due at once.
 
         Returns:
-            By how many seconds the item is late beyond what is tolerated, else 0.
+            Lag of the item in seconds if it exceeds the tolerance, else 0.
 
         Raises:
-            SeekRequested: The playback is to go on from an item.
-            PlaybackStopped: The playback was stopped.
+            SeekRequested: `seek` was called.
+            PlaybackStopped: `stop` was called.
         """
         if self._last_time is not None:
             self._last_gap = max(0, item_time - self._last_time) / NANOSECONDS
         lag = 0.0
         with self._changed:
             while True:
-                self._raise_what_was_asked()
+                self._raise_request()
                 if self._paused:
                     self._last_due = None
                     if self._steps:
@@ -162,45 +162,48 @@ class Playback:
                     lag = now - due if now - due > TOLERATED_LAG else 0.0
                     self._last_due = now if lag else due
                     break
-                # Short waits, so that a change of rate is noticed within a long gap.
+                # Short waits, so that a change of rate takes effect within a long gap.
                 self._changed.wait(min(due - now, 0.1))
         self._last_time = item_time
         return lag
 
     def mark_processed(self, stamp: int) -> None:
-        """Tell that the item with this stamp has been dealt with."""
+        """Report that the item with this stamp has been processed."""
         with self._changed:
-            self._answer = stamp
+            self._processed_stamp = stamp
             self._changed.notify_all()
 
     def clear_processed(self) -> None:
-        """Take no earlier answer for one to the next item."""
+        """Discard the last report, before the next item is published."""
         with self._changed:
-            self._answer = None
+            self._processed_stamp = None
 
     def wait_until_processed(self, stamp: int, timeout: float) -> bool:
-        """Wait until the item with this stamp has been dealt with.
+        """Wait until the item with this stamp has been processed.
 
         Args:
             stamp: Stamp of the item.
-            timeout: Longest wait in seconds.
+            timeout: Seconds.
 
         Returns:
-            Whether it has.
+            Whether it has been processed.
 
         Raises:
-            SeekRequested: The playback is to go on from an item.
-            PlaybackStopped: The playback was stopped.
+            SeekRequested: `seek` was called.
+            PlaybackStopped: `stop` was called.
         """
         with self._changed:
-            answered = self._changed.wait_for(
-                lambda: self._stopped or self._sought is not None or self._answer == stamp, timeout
+            is_processed = self._changed.wait_for(
+                lambda: (
+                    self._stopped or self._seek_index is not None or self._processed_stamp == stamp
+                ),
+                timeout,
             )
-            self._raise_what_was_asked()
-        return answered
+            self._raise_request()
+        return is_processed
 
     def _hold(self) -> None:
-        """Wait for a change while an item is held back."""
+        """Wait for a change while the playback stands still."""
         self._holding = True
         self._changed.notify_all()
         try:
@@ -208,27 +211,27 @@ class Playback:
         finally:
             self._holding = False
 
-    def _raise_what_was_asked(self) -> None:
+    def _raise_request(self) -> None:
         if self._stopped:
             raise PlaybackStopped
-        if self._sought is not None:
-            index, self._sought = self._sought, None
-            # What was waited for is not what comes.
+        if self._seek_index is not None:
+            index, self._seek_index = self._seek_index, None
+            # The schedule restarts at the new item.
             self._last_due = None
             raise SeekRequested(index)
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Wait for something that can only be polled.
+        """Wait for a condition by polling.
 
         Args:
-            condition: Asked about fifty times a second.
-            timeout: Longest wait in seconds.
+            condition: Called about fifty times a second.
+            timeout: Seconds.
 
         Returns:
-            Whether the condition came true.
+            Whether the condition holds.
 
         Raises:
-            PlaybackStopped: The playback was stopped.
+            PlaybackStopped: `stop` was called.
         """
         deadline = time.monotonic() + timeout
         while not condition():

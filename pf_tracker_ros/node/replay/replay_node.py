@@ -1,7 +1,10 @@
-"""The replay publisher: recorded pictures as a camera's topic, in real time or in lockstep.
+"""The node `replay`: publishes a recording like a camera, in real time or in lockstep.
 
-The node's executor serves the tracker's answers, the pause service and the parameters; a playback
-thread publishes; a prefetching thread decodes. See `ReplayParameters` for what can be set.
+1. The executor's thread serves the tracker's status, the services and the parameters.
+2. The playback thread publishes.
+3. The prefetching thread reads and decodes.
+
+`ReplayParameters` has the parameters.
 """
 
 from __future__ import annotations
@@ -34,34 +37,34 @@ from pf_tracker_ros.parameters import build
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
-_WARNING_INTERVAL, _LONGEST_WARNING_INTERVAL = 5.0, 60.0
-_AT_ONCE = 1e9
-# A recording may be long, or play in a loop with new stamps each time.
-_MOST_REMEMBERED = 10_000
+_WARNING_INTERVAL, _MAX_WARNING_INTERVAL = 5.0, 60.0
+_UNLIMITED_RATE = 1e9
+# Limits the memory for long recordings, and for loops with new stamps each time.
+_MAX_INDEXED_STAMPS = 10_000
 
 
 class ReplayNode(Node):
     """Publishes `image`, `~/ground_truth`, the tracker's target and `/clock` from a recording.
 
-    A wrong parameter or a source that cannot be read keeps it from playing until both are set
-    rightly; it stays up. Its context is shut down at the end of the source.
+    With an invalid parameter or source the node stays up and waits for valid ones. At the end of
+    the source it shuts its context down.
 
-    A source without a time of its own, such as a video, is stamped with the node's time as it is
-    played; in lockstep and with `publish_clock` from 1 s on, so that each run is the same.
+    Frames of a source without time stamps, such as a video, are stamped with the node's time when
+    published; in lockstep and with `publish_clock` from 1 s on, so that runs are reproducible.
 
     Attributes:
-        exit_code: 1 once the source has failed while it was played, else 0.
-        has_started: Whether it plays, or has played, its source.
-        before_frame: Called in the playback's thread with the index of each frame before it goes
-            out.
-        playback: To pause, step and seek, once it has begun.
-        position: Index of the frame that was published last, counted from 0; -1 before the first.
-        stamp: Of that frame, nanoseconds; 0 before the first.
-        failure: Why it has ended before its time, as the log has it; empty if it has not.
+        exit_code: 1 after a failure of the source during the playback, else 0.
+        has_started: Whether the playback has started.
+        before_frame: Called in the playback thread with the index of each frame before it is
+            published.
+        playback: The schedule, once started.
+        position: Index of the last published frame, counted from 0; -1 before the first.
+        stamp: Stamp of that frame in nanoseconds; 0 before the first.
+        failure: Error message of a failed playback, else empty.
 
     Args:
         spectator: As for `ReplayOutputs`.
-        **options: Of `rclpy.node.Node`.
+        **options: Arguments of `rclpy.node.Node`.
     """
 
     def __init__(self, *, spectator: Node | None = None, **options: Any) -> None:
@@ -74,19 +77,19 @@ class ReplayNode(Node):
         self.position = -1
         self.stamp = 0
         self.failure = ""
-        self._hindrance = ""
+        self._wait_reason = ""
         self._indices: dict[int, int] = {}
-        self._played_stamps = Restamper(lambda: self.get_clock().now().nanoseconds)
+        self._restamper = Restamper(lambda: self.get_clock().now().nanoseconds)
         self._thread: threading.Thread | None = None
         self._binding = ParameterBinding(self)
         self._binding.declare(ReplayParameters)
-        self._begin()
+        self._start()
         self._binding.listen(
-            apply=lambda changes: self._begin(), ready=lambda: self._thread is not None
+            apply=lambda changes: self._start(), ready=lambda: self._thread is not None
         )
 
-    def _begin(self) -> None:
-        """Open the source and play it, unless it plays already or something is in the way."""
+    def _start(self) -> None:
+        """Open the source and start the playback, unless started or a parameter is invalid."""
         if self._thread is not None or self._binding.refused:
             return
         parameters = build(ReplayParameters, self._binding.values)
@@ -128,34 +131,31 @@ class ReplayNode(Node):
 
     @property
     def frame_count(self) -> int | None:
-        """Of the source, as far as it tells, once it has begun."""
+        """Number of frames of the source, None if unknown; once started."""
         return self._source.count
 
     @property
     def image_topic(self) -> str:
-        """Full name of the topic of the images, once it has begun."""
+        """Full name of the image topic, once started."""
         return self._outputs.image_topic
 
     @property
     def wait_reason(self) -> str:
-        """What it waits for and why it does not go on, as the log has it; empty if it does.
-
-        Where it stands still, why it would not go on.
-        """
-        if self._hindrance or not self.playback.paused:
-            return self._hindrance
+        """Why the playback waits, or would wait after the pause; empty if it does not."""
+        if self._wait_reason or not self.playback.paused:
+            return self._wait_reason
         try:
             return _waiting_for(self._missing())
         except (rclpy_implementation.InvalidHandle, rclpy_implementation.RCLError):
-            # It has been destroyed or shut down, perhaps by another thread.
+            # Destroyed or shut down, perhaps by another thread.
             return ""
 
     def index_of(self, stamp: int) -> int | None:
-        """Index of one of the last 10,000 frames by its stamp in nanoseconds, None if of none."""
+        """Index of a frame by its stamp in nanoseconds; None if not among the last 10,000."""
         return self._indices.get(stamp)
 
     def destroy_node(self) -> None:
-        """End the playback, then the node."""
+        """Stop the playback and destroy the node."""
         if self._thread is not None:
             self.playback.stop()
             self._thread.join()
@@ -166,7 +166,7 @@ class ReplayNode(Node):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.playback.paused = request.data
-        self._played_stamps.follow_clock()
+        self._restamper.follow_clock()
         response.success = True
         published = counted(self._published, "frame")
         response.message = f"{'paused' if request.data else 'playing'}, {published} published"
@@ -179,7 +179,7 @@ class ReplayNode(Node):
         response.message = (
             f"one more after {counted(self._published, 'frame')}"
             if response.success
-            else "it plays; the service ~/pause with true pauses it, and then there are steps"
+            else "steps need a pause; call the service ~/pause with true first"
         )
         return response
 
@@ -191,7 +191,7 @@ class ReplayNode(Node):
         except FootageError as error:
             self._fail(str(error))
         except Exception:
-            # A shutdown takes the publishers away from under this thread.
+            # A shutdown destroys the publishers while this thread runs.
             if self.context.ok():
                 self._fail(f"playback failed: {traceback.format_exc()}")
         self.context.try_shutdown()
@@ -206,29 +206,29 @@ class ReplayNode(Node):
         frames = "an unknown number of frames" if count is None else counted(count, "frame")
         self._log.info(f"replaying {self._source.name}: {frames} on {self.image_topic}")
         self._wait_for_tracker()
-        first, plays = 0, True
-        while plays:
+        first, repeats = 0, True
+        while repeats:
             try:
-                plays = self._play_on(first)
+                repeats = self._play_to_end(first)
                 first = 0
-            except SeekRequested as sought:
-                (first,) = sought.args
+            except SeekRequested as request:
+                (first,) = request.args
             self.playback.begin_pass()
         self._outputs.wait_for_delivery()
         self._log.info(f"published {counted(self._published, 'frame')} of {self._source.name}")
 
-    def _play_on(self, first: int) -> bool:
-        """Play from a frame, counted from 0, to the end; whether the source begins again then.
+    def _play_to_end(self, first: int) -> bool:
+        """Play from a frame, counted from 0, to the end; returns whether to start again.
 
         Raises:
-            SeekRequested: To go on from another one.
+            SeekRequested: Playback continues at another frame.
         """
         published_before = self._published
         self._play_pass(first)
-        published, announced = first + self._published - published_before, self._source.count
-        if announced is not None and published < announced:
+        published, declared = first + self._published - published_before, self._source.count
+        if declared is not None and published < declared:
             self._log.warning(
-                f"{self._source.name} announces {counted(announced, 'frame')}, but only "
+                f"{self._source.name} declares {counted(declared, 'frame')}, but only "
                 f"{published} could be read"
             )
         if self._binding.values["loop"]:
@@ -240,16 +240,16 @@ class ReplayNode(Node):
     def _play_pass(self, first: int) -> None:
         target_is_due = self._outputs.sends_target and first == 0
         with closing(Prefetch(_items_from(self._source, first))) as items:
-            for index, read in enumerate(items, first):
-                self._wait_until_due(read)
-                item = self._stamped(read)
+            for index, source_item in enumerate(items, first):
+                self._wait_until_due(source_item)
+                item = self._restamped(source_item)
                 if target_is_due:
                     target_is_due = not self._send_target(item)
                 self.before_frame(index)
                 self.playback.clear_processed()
                 self._indices.pop(item.stamp, None)
                 self._indices[item.stamp] = index
-                if len(self._indices) > _MOST_REMEMBERED:
+                if len(self._indices) > _MAX_INDEXED_STAMPS:
                     del self._indices[next(iter(self._indices))]
                 self._outputs.publish(item)
                 self.position, self.stamp = index, item.stamp
@@ -257,23 +257,23 @@ class ReplayNode(Node):
                 if self._fixed.lockstep:
                     self._wait_for_status(item)
 
-    def _stamped(self, item: ReplayItem) -> ReplayItem:
-        """The item with the stamp that it goes out with."""
+    def _restamped(self, item: ReplayItem) -> ReplayItem:
+        """The item with the stamp to publish."""
         if self._source.has_timestamps or self._fixed.lockstep or self._fixed.publish_clock:
             return item
-        return item.shifted(self._played_stamps.delay_of(item.stamp, self._rate))
+        return item.shifted(self._restamper.delay_of(item.stamp, self._rate))
 
     def _wait_until_due(self, item: ReplayItem) -> None:
         if self._fixed.lockstep:
-            # It may become 0 while it is waited for.
+            # The rate may become 0 during the wait.
             self.playback.wait_until_due(
                 item.time,
-                (lambda: self._lockstep_rate or _AT_ONCE) if self._lockstep_rate else None,
+                (lambda: self._lockstep_rate or _UNLIMITED_RATE) if self._lockstep_rate else None,
             )
             return
         lag = self.playback.wait_until_due(item.time, lambda: self._rate)
         if lag > 0:
-            self._played_stamps.follow_clock()
+            self._restamper.follow_clock()
             self._log.warning(
                 f"fell {lag:.2f} s behind the source's time at frame {self._published}; "
                 f"the rate of {self._rate:g} is too high for this machine",
@@ -281,26 +281,23 @@ class ReplayNode(Node):
             )
 
     def _send_target(self, item: ReplayItem) -> bool:
-        """Send the target if it belongs to this frame, and tell whether it did."""
+        """Send the target if it is in this frame; returns whether it is."""
         if not self._outputs.publish_target(item):
             return False
         self.playback.restart_schedule()
-        self._played_stamps.follow_clock()
+        self._restamper.follow_clock()
         return True
 
     def _wait_for_tracker(self) -> None:
-        """Wait until those are there whom lockstep and the target are meant for.
-
-        Without either, wait a moment for somebody to take the images.
-        """
+        """Wait for the peers that lockstep and the target need, else briefly for a subscriber."""
         self._outputs.wait_for_subscriber()
         interval = _WARNING_INTERVAL
         while missing := self._missing():
-            self._hindrance = _waiting_for(missing)
+            self._wait_reason = _waiting_for(missing)
             if not self.playback.wait_for(lambda: not self._missing(), interval):
-                self._log.warning(f"{self._hindrance}{self._outputs.other_topic_hint()}")
-                interval = min(2.0 * interval, _LONGEST_WARNING_INTERVAL)
-        self._hindrance = ""
+                self._log.warning(f"{self._wait_reason}{self._outputs.other_topic_hint()}")
+                interval = min(2.0 * interval, _MAX_WARNING_INTERVAL)
+        self._wait_reason = ""
 
     def _missing(self) -> list[str]:
         missing = self._outputs.missing_peers()
@@ -314,27 +311,27 @@ class ReplayNode(Node):
         while True:
             timeout = self._binding.values["lockstep_timeout"]
             if self.playback.wait_until_processed(item.stamp, timeout):
-                self._hindrance = ""
+                self._wait_reason = ""
                 return
             stamp = item.stamp / NANOSECONDS
-            self._hindrance = (
+            self._wait_reason = (
                 f"no status for frame {self.position} (stamp {stamp:.9f}) on "
                 f"{self._status_subscription.topic_name} within {timeout:g} s; "
                 f"publishing it again{self._lockstep_hint()}"
             )
-            self._log.warning(self._hindrance, throttle_duration_sec=_WARNING_INTERVAL)
+            self._log.warning(self._wait_reason, throttle_duration_sec=_WARNING_INTERVAL)
             self._outputs.publish(item)
 
     def _lockstep_hint(self) -> str:
-        """What is likely to be wrong when no status comes."""
+        """Likely cause of a missing status."""
         missing = self._missing()
         if missing:
             return f"; waiting for {' and '.join(missing)}"
         best_effort = self._outputs.best_effort_subscribers()
         if best_effort:
             return (
-                f"; {', '.join(best_effort)} subscribes with best effort, which loses frames: "
-                "let it subscribe reliably (tracker: image_reliability)"
+                f"; {', '.join(best_effort)} subscribes with best effort, which loses frames; "
+                "set it to reliable (tracker: image_reliability)"
             )
         return ""
 
@@ -344,21 +341,21 @@ def _waiting_for(missing: Sequence[str]) -> str:
 
 
 def _items_from(source: ReplaySource, first: int) -> Generator[ReplayItem, None, None]:
-    """The items of a source from one on, counted from 0."""
+    """The items of a source from an index on, counted from 0."""
     with closing(source.items()) as items:
         yield from itertools.islice(items, first, None)
 
 
 def main(arguments: list[str] | None = None, source: str | None = None) -> int:
-    """Run the replay publisher until its source ends or it is told to stop.
+    """Run the replay publisher until its source ends or a signal stops it.
 
     Args:
-        arguments: The command line with the program's name, by default that of the process.
-        source: In place of the parameter `source`; if it cannot be played, this returns at once.
+        arguments: Command line with program name, by default that of the process.
+        source: Replaces the parameter `source`; if it cannot be played, the node does not wait.
 
     Returns:
-        The exit code: 0 at the end or when stopped, 1 if the source failed while it was played, 2
-        if `source` could not be.
+        Exit code: 0 at the end or when stopped, 1 after a failure during the playback, 2 if
+        `source` cannot be played.
     """
     nodes: list[ReplayNode] = []
 

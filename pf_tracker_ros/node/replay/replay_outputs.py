@@ -1,4 +1,4 @@
-"""What the replay publisher publishes of its source, and who is there to take it."""
+"""The publishers of the node `replay`, and checks of their subscribers."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from pf_tracker_ros.node.replay.playback import Playback
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node.replay.replay_source import ReplayItem, ReplaySource, make_header
 
-# Deep enough that a subscriber may be busy for a third of a second, shallow enough for memory.
+# Covers subscribers that are busy for a third of a second, with little memory.
 DEPTH = 10
-# With its history full, Fast DDS asks for the acknowledgment with each message; else every 3 s.
+# With a full history, Fast DDS requests an acknowledgment with each message, else every 3 s.
 _TARGET_DEPTH = 1
 _ACKNOWLEDGE_TIMEOUT = 5.0
-# Whoever runs already has been discovered by then; nobody else is waited for without a target.
+# Running nodes are discovered within it.
 _DISCOVERY_TIMEOUT = 2.0
 _UNKNOWN_NODE = ("_NODE_NAME_UNKNOWN_", "_NODE_NAMESPACE_UNKNOWN_")
 
@@ -33,18 +33,17 @@ class ReplayOutputs:
     """The publishers of one source.
 
     Attributes:
-        sends_target: Whether a target goes out with the source.
+        sends_target: Whether a target is published.
 
     Args:
-        node: The node that publishes.
-        source: What is published.
-        parameters: Which of it, where to, and how reliably.
-        playback: Whose waits end when it is stopped.
-        spectator: A node that only shows the images: nothing is played for it alone, nor before it
-            is there.
+        node: The publishing node.
+        source: The source.
+        parameters: Parameters of the topics.
+        playback: The schedule; stopping it ends the waits here.
+        spectator: A node that only displays the images. Playback needs it and another subscriber.
 
     Raises:
-        NameValidationException: The name of a topic cannot be one.
+        NameValidationException: A topic name is invalid.
     """
 
     def __init__(
@@ -78,11 +77,11 @@ class ReplayOutputs:
 
     @property
     def image_topic(self) -> str:
-        """Full name of the topic of the images."""
+        """Full name of the image topic."""
         return str(self._images.topic_name)
 
     def publish(self, item: ReplayItem) -> None:
-        """Publish an image, and the time and the true box before it."""
+        """Publish time, true box and image, in this order."""
         if self._clock is not None:
             self._clock.publish(Clock(clock=Time(nanoseconds=item.time).to_msg()))
         if self._ground_truth is not None and item.ground_truth is not None:
@@ -90,9 +89,9 @@ class ReplayOutputs:
         self._images.publish(item.image)
 
     def publish_target(self, item: ReplayItem) -> bool:
-        """Publish the target if it belongs to this image, and tell whether it does.
+        """Publish the target if it is in this image; returns whether it is.
 
-        The tracker must have it before the image, which comes by another topic: it is waited for.
+        Waits for the acknowledgment, as the tracker needs the target before the image.
         """
         target: PolygonStamped | bytes | None = item.ground_truth
         if box := self._parameters.target_box:
@@ -105,38 +104,38 @@ class ReplayOutputs:
         return True
 
     def wait_for_subscriber(self) -> None:
-        """Wait a moment for somebody to take the images."""
-        self._playback.wait_for(lambda: self._is_taken(self._images), _DISCOVERY_TIMEOUT)
+        """Wait briefly for a subscriber of the images."""
+        self._playback.wait_for(lambda: self._has_subscriber(self._images), _DISCOVERY_TIMEOUT)
 
     def wait_for_delivery(self) -> None:
-        """Wait until the last messages have arrived."""
+        """Wait until the last messages are acknowledged."""
         self._wait_for_acknowledgment(self._images)
         if self._ground_truth is not None:
             self._wait_for_acknowledgment(self._ground_truth)
 
     def missing_peers(self) -> list[str]:
-        """Whom it takes to go on: a target, and images in lockstep, need somebody to take them."""
+        """Missing subscribers: a target, and images in lockstep, need one."""
         needed = [self._targets] if self._targets is not None else []
         if self._parameters.lockstep or needed:
             needed.append(self._images)
         missing = []
         for publisher in needed:
-            if not self._is_taken(publisher):
+            if not self._has_subscriber(publisher):
                 compressed = publisher.msg_type is CompressedImage
                 hint = " (tracker: image_transport:=compressed)" if compressed else ""
                 missing.append(f"a subscriber of {publisher.topic_name}{hint}")
         return missing
 
     def other_topic_hint(self) -> str:
-        """Where images are waited for, if they are not here."""
-        if self._is_taken(self._images):
+        """Hint to image subscribers on other topics, if there is none on this one."""
+        if self._has_subscriber(self._images):
             return ""
         return image_subscriber_hint(
             self._node, self._images.topic_name, compressed=self._is_compressed
         )
 
     def best_effort_subscribers(self) -> list[str]:
-        """Names of the nodes that may lose images on the way."""
+        """Names of the nodes that subscribe with best effort, and so may lose images."""
         subscribers = self._node.get_subscriptions_info_by_topic(self._images.topic_name)
         return [
             subscriber.node_name
@@ -144,8 +143,8 @@ class ReplayOutputs:
             if subscriber.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
         ]
 
-    def _is_taken(self, publisher: Publisher) -> bool:
-        """Whether anybody takes what is published, beside the spectator where there is one."""
+    def _has_subscriber(self, publisher: Publisher) -> bool:
+        """Whether there is a subscriber, for images one in addition to the spectator, if any."""
         if self._spectator is None or publisher is not self._images:
             return bool(publisher.get_subscription_count())
         spectator = (self._spectator.get_name(), self._spectator.get_namespace())
@@ -153,7 +152,7 @@ class ReplayOutputs:
             (subscriber.node_name, subscriber.node_namespace)
             for subscriber in self._node.get_subscriptions_info_by_topic(publisher.topic_name)
         }
-        # Until an endpoint's node is known, it may be the spectator's.
+        # An endpoint whose node is unknown yet may be the spectator's.
         return spectator in subscribers and bool(subscribers - {spectator, _UNKNOWN_NODE})
 
     def _wait_for_acknowledgment(self, publisher: Publisher) -> None:

@@ -9,23 +9,23 @@ from pf_tracker_ros.parameters import declared
 
 @dataclass(frozen=True)
 class ReplayParameters:
-    """What is replayed, how fast, and for whom it waits."""
+    """Parameters of the source, its speed, the target and lockstep."""
 
     source: str = declared(
         "",
-        "What to replay: a rosbag2 folder or .mcap file, a video file, a folder of images, or a "
-        "sequence folder (groundtruth.txt or groundtruth_rect.txt, and frames).",
+        "Recording to replay: a rosbag2 folder or .mcap file, a video file, a folder of images, or "
+        "a sequence folder (groundtruth.txt or groundtruth_rect.txt, and frames).",
         read_only=True,
     )
     bag_topic: str = declared(
         "",
-        "Image topic of the bag; empty takes the only one that there is.",
+        "Image topic of the bag; empty for the only one.",
         read_only=True,
     )
     bag_ground_truth_topic: str = declared(
         "",
-        "Topic of type geometry_msgs/PolygonStamped in the bag with the true boxes; empty takes "
-        "the only one whose name ends with ground_truth, if there is one.",
+        "Topic of type geometry_msgs/PolygonStamped in the bag with the true boxes; empty for the "
+        "only one whose name ends with ground_truth, if any.",
         read_only=True,
     )
     rate: float = declared(
@@ -36,8 +36,8 @@ class ReplayParameters:
     )
     frame_rate: float = declared(
         25.0,
-        "Frames a second of sources that do not know theirs, such as folders of images; it "
-        "decides their stamps.",
+        "Frame rate of sources without one of their own, such as folders of images; determines "
+        "their stamps.",
         unit="Hz",
         minimum=0.01,
         maximum=10_000.0,
@@ -45,12 +45,12 @@ class ReplayParameters:
     )
     loop: bool = declared(
         False,
-        "Begin again at the end. The stamps begin again too with a bag, in lockstep and with "
-        "publish_clock; else they go on with the time at which frames are played.",
+        "Start again at the end. With a bag, in lockstep and with publish_clock the stamps start "
+        "again as well; otherwise they continue with the time of publication.",
     )
     stay_at_end: bool = declared(
         False,
-        "Wait at the end, paused, in place of ending.",
+        "Wait at the end, paused, instead of exiting.",
         read_only=True,
     )
     start_paused: bool = declared(
@@ -61,7 +61,7 @@ class ReplayParameters:
     target_box: tuple[float, ...] = declared(
         (),
         "Box (x, y, width, height) of the target in the first frame, sent to the tracker before "
-        "it; empty sends none.",
+        "the frame; empty for none.",
         unit="px",
         minimum=-100_000.0,
         maximum=100_000.0,
@@ -75,13 +75,13 @@ class ReplayParameters:
     )
     target_topic: str = declared(
         "pf_tracker/target",
-        "Where the tracker takes its target.",
+        "Topic of the tracker's target.",
         read_only=True,
     )
     lockstep: bool = declared(
         False,
-        "Publish the next frame only after the tracker's status for the last one: no frame is "
-        "lost, each run is the same, and it goes as fast as the tracker.",
+        "Publish each frame only after the tracker's status for the last one: no frame is lost, "
+        "runs are reproducible and as fast as the tracker.",
         read_only=True,
     )
     lockstep_status: str = declared(
@@ -91,14 +91,13 @@ class ReplayParameters:
     )
     lockstep_rate: float = declared(
         0.0,
-        "Highest speed in lockstep, relative to the source's own time; 0 goes as fast as the "
-        "tracker.",
+        "Maximum speed in lockstep, relative to the source's own time; 0 for unlimited.",
         minimum=0.0,
         maximum=1000.0,
     )
     lockstep_timeout: float = declared(
         1.0,
-        "How long lockstep waits for the tracker's status before it publishes the frame again.",
+        "Time that lockstep waits for the tracker's status before publishing the frame again.",
         unit="s",
         minimum=0.01,
         maximum=3600.0,
@@ -116,6 +115,6 @@ class ReplayParameters:
     )
     frame_id: str = declared(
         "camera",
-        "Frame of the headers; messages of a bag keep theirs.",
+        "Frame id of the headers; messages of a bag keep theirs.",
         read_only=True,
     )

@@ -1,4 +1,4 @@
-"""Sources of the replay publisher: any recording as messages that are ready to go out."""
+"""Sources of the node `replay`: any recording as messages to publish."""
 
 from __future__ import annotations
 
@@ -31,13 +31,12 @@ from pf_tracker_ros.stamps import set_stamp
 
 @dataclass(frozen=True)
 class ReplayItem:
-    """One image, ready to be published.
+    """An image message to publish.
 
     Attributes:
         stamp: Stamp of the image's header in nanoseconds.
-        time: Source time in nanoseconds, which sets the pace: when a bag's message was recorded,
-            else the stamp.
-        image: The message, or its CDR bytes as recorded.
+        time: Source time in nanoseconds for the schedule: the log time of a bag, else the stamp.
+        image: The message, or its recorded CDR bytes.
         ground_truth: The true box with the same stamp, None without one.
     """
 
@@ -47,14 +46,14 @@ class ReplayItem:
     ground_truth: PolygonStamped | bytes | None
 
     def shifted(self, delay: int) -> ReplayItem:
-        """The same item later, by nanoseconds; its messages are stamped anew, in place.
+        """The item delayed by nanoseconds; the stamps of its messages change in place.
 
         Raises:
             TypeError: Its messages are recorded bytes.
         """
         for message in (self.image, self.ground_truth):
             if isinstance(message, bytes):
-                raise TypeError("the stamps of recorded bytes stay as they are")
+                raise TypeError("the stamps of recorded bytes cannot change")
             if message is not None:
                 set_stamp(message.header, self.stamp + delay)
         return replace(self, stamp=self.stamp + delay, time=self.time + delay)
@@ -67,11 +66,11 @@ class ReplaySource:
     Attributes:
         name: Short name for messages.
         image_type: Message class of the images.
-        count: Number of images as far as the source tells, else None.
+        count: Number of images, None if unknown.
         has_ground_truth: Whether there are true boxes.
-        has_timestamps: Whether its stamps are those of the recording, and not counted from its start.
-        items: Reads the images in order, from the first one with each call; raises FootageError
-            where the source cannot be read.
+        has_timestamps: Whether the stamps were recorded instead of computed from the frame rate.
+        items: Reads the images in order; each call starts from the first. Raises FootageError if
+            the source cannot be read.
     """
 
     name: str
@@ -83,10 +82,10 @@ class ReplaySource:
 
 
 def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
-    """Open what the parameters name.
+    """Open the source in the parameters.
 
     Raises:
-        FootageError: It cannot be read, or has no ground truth where one is asked for.
+        FootageError: It cannot be read, or lacks the requested ground truth.
     """
     path = existing_path(parameters.source)
     if is_bag(path):
@@ -111,18 +110,18 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
         )
     if parameters.target_from_ground_truth and not source.has_ground_truth:
         raise FootageError(
-            f"{path} has no ground truth to take the target from; set target_box instead, or give "
-            "a sequence folder or a bag with a PolygonStamped topic ending in ground_truth"
+            f"{path} has no ground truth for the target; set target_box, or give a sequence folder "
+            "or a bag with a PolygonStamped topic ending in ground_truth"
         )
     return source
 
 
 def _items_of_bag(bag: ImageBag) -> Generator[ReplayItem, None, None]:
-    """The images of a bag, as the bytes that were recorded."""
+    """The images of a bag, as recorded bytes."""
     is_compressed = bag.image_type == COMPRESSED_IMAGE_TYPE
     read = deserialize_compressed_image if is_compressed else deserialize_image
     for index, image in enumerate(bag.images()):
-        # What cannot be read reaches no subscriber, which lockstep would wait for.
+        # An invalid message reaches no subscriber, and lockstep would wait forever.
         try:
             read(image.message)
         except FootageError as error:
@@ -131,12 +130,12 @@ def _items_of_bag(bag: ImageBag) -> Generator[ReplayItem, None, None]:
 
 
 def _items_of_footage(footage: Footage, frame_id: str) -> Generator[ReplayItem, None, None]:
-    """Frames of a video, a folder of images or a sequence, made into messages."""
+    """Frames of a video, a folder of images or a sequence, as messages."""
     boxes = footage.ground_truth
     for index, frame in enumerate(footage.frames()):
         header = make_header(frame.stamp, frame_id)
         ground_truth = None
-        # A target that is absent from a frame has no box there.
+        # An absent target has no box.
         if boxes is not None and np.isfinite(boxes[index]).all():
             ground_truth = box_message(new_message, header, as_box(boxes[index]))
         image = image_message(new_message, header, frame.image)

@@ -1,4 +1,4 @@
-"""Stamps for a recording that has no time of its own: those at which its frames are played."""
+"""Stamps for recordings without time stamps: the time at which a frame is published."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ from collections.abc import Callable
 
 
 class Restamper:
-    """Moves the stamps of a source to the time at which it is played.
+    """Shifts the stamps of a source to the time of publication.
 
-    The intervals between frames are those of the source at the rate at which it is played. Only
-    after a pause, where the player fell behind and where the source begins again do the stamps
-    follow the clock anew; they never go back.
+    The intervals are those of the source at its playback rate. After a pause, a lag or a restart of
+    the source the stamps synchronize with the clock again. They never decrease.
 
     Args:
-        now: Tells the time in nanoseconds.
+        now: Returns the time in nanoseconds.
     """
 
     def __init__(self, now: Callable[[], int]) -> None:
@@ -24,23 +23,23 @@ class Restamper:
         self._last_in_source = 0
 
     def follow_clock(self) -> None:
-        """Give the next frame the time at which it is played, as after a pause."""
+        """Stamp the next frame with the clock's time, as after a pause."""
         self._follows_clock = True
 
     def delay_of(self, stamp: int, rate: float) -> int:
-        """By how much the next frame is stamped later than in its source, in nanoseconds.
+        """Shift of the next frame's stamp in nanoseconds.
 
         Args:
-            stamp: The frame's in its source, above 0.
-            rate: Speed at which the source is played.
+            stamp: The frame's stamp in the source, above 0.
+            rate: Playback rate.
         """
         if 0 < self._last_in_source < stamp:
             self._gap = round((stamp - self._last_in_source) / rate)
         else:
             self._follows_clock = True
-        played = self._last + self._gap
+        shifted = self._last + self._gap
         if self._follows_clock:
-            played = max(self._now(), played)
+            shifted = max(self._now(), shifted)
         self._follows_clock = False
-        self._last_in_source, self._last = stamp, played
-        return played - stamp
+        self._last_in_source, self._last = stamp, shifted
+        return shifted - stamp

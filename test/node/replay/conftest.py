@@ -1,4 +1,4 @@
-"""The replay publisher, and in the tracker's place a node of the test that hears it over DDS."""
+"""The replay publisher, and a test node that replaces the tracker."""
 
 import time
 from dataclasses import dataclass
@@ -26,18 +26,18 @@ EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityP
 
 
 class StandIn(Node):
-    """A node in the tracker's place: answers each frame with a status, and notes what comes.
+    """Replaces the tracker: answers each frame with a status, and records all messages.
 
     Attributes:
-        events: ("image", "target", "truth", "clock" or "answer", serialized message or stamp).
-        deaf_to: How many more copies of a stamp it leaves unanswered.
+        events: ("image", "target", "truth", "clock" or "status", serialized message or stamp).
+        ignored: Stamp to the number of copies that still get no status.
     """
 
     def __init__(self, services_of, context, image_type=Image):
         super().__init__("pf_tracker", context=context)
         self.replay_services = services_of(self, "/replay", self.spin_until)
         self.events = []
-        self.deaf_to = {}
+        self.ignored = {}
         self.pending = []
         self.status_publisher = self.create_publisher(DiagnosticArray, "~/status", 10)
         for kind, message_type, topic in (
@@ -59,21 +59,21 @@ class StandIn(Node):
 
     def on_image(self, message):
         self.events.append(("image", message))
-        self.answer(deserialize_message(message, self.image_type).header.stamp)
+        self.send_status(deserialize_message(message, self.image_type).header.stamp)
 
-    def answer(self, stamp):
+    def send_status(self, stamp):
         nanoseconds = stamp.sec * 10**9 + stamp.nanosec
-        if self.deaf_to.get(nanoseconds, 0) > 0:
-            self.deaf_to[nanoseconds] -= 1
+        if self.ignored.get(nanoseconds, 0) > 0:
+            self.ignored[nanoseconds] -= 1
             return
-        self.events.append(("answer", nanoseconds))
+        self.events.append(("status", nanoseconds))
         status = DiagnosticArray()
         status.header.stamp = stamp
         self.pending.append(status)
         self.send_pending()
 
     def send_pending(self):
-        # Discovery goes both ways: a frame may come before the answer has anybody to go to.
+        # A frame may arrive before the replay's subscription of the status is discovered.
         while self.pending and self.status_publisher.get_subscription_count():
             self.status_publisher.publish(self.pending.pop(0))
 
@@ -95,28 +95,28 @@ class StandIn(Node):
         return result
 
     def spin_until_ended(self, replay_node):
-        """Spin until the replay has come to its end by itself, and what it has sent is here."""
+        """Spin until the replay has ended and its messages have arrived."""
         self.spin_until(lambda: not replay_node.context.ok())
-        # What has been acknowledged has arrived, but may not have been taken yet.
+        # Acknowledged messages may not have been taken yet.
         before = None
         while before != len(self.events):
             before = len(self.events)
             self.spinner.spin_once(timeout_sec=0.1)
 
     def pause(self):
-        """Pause the replay; its response."""
+        """Pause the replay; returns the response."""
         future = self.replay_services.ask(SetBool, "pause", data=True)
         self.spin_until(future.done)
         return future.result()
 
-    # A replay that goes on may end, and its node with it, before there is a response.
+    # A running replay may end before it responds.
 
-    def go_on(self):
-        """Let a paused replay go on; the future of its response."""
+    def resume(self):
+        """Resume a paused replay; returns the future of the response."""
         return self.replay_services.ask(SetBool, "pause", data=False)
 
     def set_replay_parameter(self, name, value):
-        """Ask for a parameter; the future of the response."""
+        """Set a parameter of the replay; returns the future of the response."""
         parameters = [Parameter(name, value=value).to_parameter_msg()]
         return self.replay_services.ask(SetParameters, "set_parameters", parameters=parameters)
 
@@ -141,10 +141,10 @@ def stand_in(graph, services_of):
 
 @pytest.fixture
 def replay(graph):
-    """Start the replay publisher in a thread, in a context of its own; returns the node."""
+    """Start the replay publisher in a thread with its own context; returns the node."""
 
     def start(spectator=None, **parameters):
-        # On a busy machine an answer may take its time; no frame shall be sent twice for that.
+        # On a busy machine a status may be slow; frames must not be sent twice.
         parameters = {"lockstep_timeout": 5.0, **parameters}
         node = ReplayNode(
             spectator=spectator,
@@ -194,7 +194,7 @@ class Recordings:
         ]
 
     def image(self, stamp, *, little_endian=True):
-        """A small image that depends on its stamp."""
+        """A small image whose pixels depend on its stamp."""
         return self.message(
             "sensor_msgs/msg/Image",
             stamp,
@@ -223,7 +223,7 @@ def recordings(tmp_path, make_stamped, make_polygon, write_bag):
 
 @dataclass(frozen=True)
 class Pictures:
-    """A folder of six pictures, and the stamps that they get at 25 Hz from 1 s on."""
+    """A folder of six images, and their stamps at 25 Hz from 1 s on."""
 
     folder: Path
     stamps: list

@@ -1,4 +1,4 @@
-"""The playback's clock, without ROS."""
+"""The schedule of a playback, without ROS."""
 
 import contextlib
 import threading
@@ -20,7 +20,7 @@ ROUNDING = 1e-9
 
 
 def play(playback, times, rate):
-    """Wait for all times in turn and return when each was due, in seconds from now on."""
+    """Wait for all times in turn; returns when each was due, in seconds from now."""
     began, due = time.monotonic(), []
     for item_time in times:
         playback.wait_until_due(item_time, rate)
@@ -33,7 +33,7 @@ def play(playback, times, rate):
     st.lists(st.integers(0, 30), min_size=1, max_size=4),
     st.floats(0.5, 10.0),
 )
-def test_no_item_comes_before_its_time(gaps, rate):
+def test_no_item_is_due_early(gaps, rate):
     times = [5 * MILLISECOND]
     for gap in gaps:
         times.append(times[-1] + gap * MILLISECOND)
@@ -42,7 +42,7 @@ def test_no_item_comes_before_its_time(gaps, rate):
         assert moment >= (item_time - times[0]) * 1e-9 / rate - ROUNDING
 
 
-def test_the_pace_is_kept_on_the_whole():
+def test_the_average_rate_is_kept():
     times = [index * 20 * MILLISECOND for index in range(10)]
     due = play(Playback(), times, lambda: 2.0)
     assert due[-1] >= 0.09 - ROUNDING
@@ -54,14 +54,14 @@ def test_without_a_rate_everything_is_due_at_once():
     assert time.monotonic() - began < 5.0
 
 
-def test_time_that_goes_back_does_not_hold_anything_up():
+def test_an_item_with_an_earlier_time_is_due_at_once():
     began = time.monotonic()
     play(Playback(), [10**15, 0, 1], lambda: 1.0)
     assert time.monotonic() - began < 5.0
 
 
 @pytest.mark.parametrize("resumed", [True, False])
-def test_what_holds_an_item_back_is_no_lag_of_the_next_one(monkeypatch, resumed):
+def test_a_delayed_item_is_no_lag_of_the_next(monkeypatch, resumed):
     now, playback = [0.0], Playback()
     monkeypatch.setattr("pf_tracker_ros.node.replay.playback.time.monotonic", lambda: now[0])
     playback.wait_until_due(0, lambda: 1.0)
@@ -73,7 +73,7 @@ def test_what_holds_an_item_back_is_no_lag_of_the_next_one(monkeypatch, resumed)
     assert lag == pytest.approx(0.0 if resumed else 5.0)
 
 
-def test_the_first_item_of_the_next_pass_keeps_the_distance_of_the_last_two():
+def test_the_next_pass_starts_one_interval_after_the_last_item():
     playback = Playback()
     playback.wait_until_due(0, lambda: 1.0)
     playback.wait_until_due(60 * MILLISECOND, lambda: 1.0)
@@ -83,7 +83,7 @@ def test_the_first_item_of_the_next_pass_keeps_the_distance_of_the_last_two():
     assert time.monotonic() - began >= 0.06 - TOLERATED_LAG / 2
 
 
-def test_steps_that_are_dropped_let_nothing_pass():
+def test_cancelled_steps_publish_nothing():
     playback = Playback(paused=True)
     playback.step(3)
     playback.wait_until_due(0, None)
@@ -93,7 +93,7 @@ def test_steps_that_are_dropped_let_nothing_pass():
         playback.wait_until_due(1, None)
 
 
-def test_being_late_is_told_and_not_caught_up_with():
+def test_a_lag_is_reported_and_not_caught_up():
     playback = Playback()
     playback.wait_until_due(0, lambda: 1.0)
     time.sleep(0.2 + TOLERATED_LAG)
@@ -110,7 +110,7 @@ def test_being_late_is_told_and_not_caught_up_with():
         lambda playback: playback.wait_until_processed(7, 1000.0),
         lambda playback: playback.wait_for(lambda: False, 1000.0),
     ],
-    ids=["due", "answer", "condition"],
+    ids=["due", "status", "condition"],
 )
 @pytest.mark.parametrize("paused", [True, False])
 def test_stopping_ends_every_wait(wait, paused):
@@ -124,7 +124,7 @@ def test_stopping_ends_every_wait(wait, paused):
         wait(playback)
 
 
-def test_an_answer_counts_for_its_own_stamp_only():
+def test_a_report_counts_for_its_own_stamp_only():
     playback = Playback()
     playback.mark_processed(6)
     assert not playback.wait_until_processed(7, 0.01)
@@ -134,7 +134,7 @@ def test_an_answer_counts_for_its_own_stamp_only():
     assert not playback.wait_until_processed(7, 0.01)
 
 
-def test_a_paused_item_comes_when_playing_goes_on():
+def test_a_paused_item_is_due_on_resume():
     playback = Playback(paused=True)
     released = threading.Event()
 
@@ -147,7 +147,7 @@ def test_a_paused_item_comes_when_playing_goes_on():
     assert released.is_set()
 
 
-def test_steps_pass_a_pause_at_once_and_then_it_holds():
+def test_steps_are_due_at_once_during_a_pause():
     playback = Playback(paused=True)
     playback.step(2)
     passed = []
@@ -176,10 +176,10 @@ def test_steps_pass_a_pause_at_once_and_then_it_holds():
         lambda playback: playback.wait_until_processed(7, 1000.0),
         lambda playback: playback.wait_at_end(),
     ],
-    ids=["due", "answer", "end"],
+    ids=["due", "status", "end"],
 )
 @pytest.mark.parametrize("paused", [True, False])
-def test_seeking_ends_every_wait_once_and_lets_one_item_pass(wait, paused):
+def test_seeking_ends_every_wait_once_and_steps(wait, paused):
     playback = Playback()
     playback.wait_until_due(0, None)
     playback.paused = paused
@@ -191,7 +191,7 @@ def test_seeking_ends_every_wait_once_and_lets_one_item_pass(wait, paused):
     playback.wait_until_due(0, lambda: 1.0)
 
 
-def test_at_the_end_it_is_paused():
+def test_the_playback_is_paused_at_the_end():
     playback = Playback()
     threading.Timer(0.05, playback.stop).start()
     with pytest.raises(PlaybackStopped):

@@ -1,4 +1,4 @@
-"""Starting with what is wrong, failing on the way, and being stopped."""
+"""Invalid starts, failures during the playback, and stopping."""
 
 import re
 import signal
@@ -20,7 +20,10 @@ DEADLINE = 30.0
         ({"source": __file__}, "is not a video that OpenCV can open"),
         ({"source": "{folder}", "rate": "nan"}, "'rate' is nan; allowed: float, 0.01 to 1000"),
         ({"source": "{folder}", "target_box": "[1.0]"}, "'target_box' is .*0 or 4 numbers"),
-        ({"source": "{folder}", "target_from_ground_truth": True}, "has no ground truth to take"),
+        (
+            {"source": "{folder}", "target_from_ground_truth": True},
+            "has no ground truth for the target",
+        ),
         (
             {"source": "{folder}", "target_box": "[1.,1.,2.,2.]", "target_topic": "a b"},
             "topic name",
@@ -28,7 +31,7 @@ DEADLINE = 30.0
         ({"source": "{bag}", "bag_topic": "/nose"}, "no image topic /nose; image topics are: /eye"),
     ],
 )
-def test_a_wrong_start_is_one_clear_line_and_the_node_stays_up(
+def test_an_invalid_start_logs_one_line_and_the_node_stays_up(
     pictures, recordings, replay_process, parameters, complaint
 ):
     places = {"{folder}": pictures.folder, "{bag}": recordings.write()}
@@ -48,7 +51,7 @@ def test_a_wrong_start_is_one_clear_line_and_the_node_stays_up(
 @pytest.mark.parametrize(
     "wrong", [{"source": "/nowhere"}, {"rate": -1.0}, {"target_topic": "a b"}], ids=str
 )
-def test_what_was_wrong_at_the_start_can_be_set_right(pictures, stand_in, replay, wrong):
+def test_an_invalid_start_can_be_corrected(pictures, stand_in, replay, wrong):
     right = {"source": str(pictures.folder), "rate": 1.0, "target_topic": "pf_tracker/target"}
     tracker = stand_in()
     tracker.listen()
@@ -61,9 +64,7 @@ def test_what_was_wrong_at_the_start_can_be_set_right(pictures, stand_in, replay
     assert node.exit_code == 0
 
 
-def test_a_frame_that_does_not_decode_ends_the_replay_after_the_ones_before(
-    pictures, stand_in, replay, capfd
-):
+def test_a_frame_that_cannot_be_decoded_ends_the_replay(pictures, stand_in, replay, capfd):
     (pictures.folder / "3.png").write_bytes(b"broken")
     tracker = stand_in()
     tracker.listen()

@@ -1,4 +1,4 @@
-"""What goes out for each kind of source."""
+"""Messages published for each kind of source."""
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ from sensor_msgs.msg import CompressedImage, Image
     "kind",
     [("SQLITE3", "NONE"), ("SQLITE3", "MESSAGE"), ("MCAP", "NONE"), ("MCAP", "FILE")],
 )
-def test_a_bag_goes_out_as_the_bytes_that_were_recorded(recordings, stand_in, replay, kind):
+def test_a_bag_is_published_as_recorded_bytes(recordings, stand_in, replay, kind):
     path = recordings.write(None, *kind)
     tracker = stand_in()
     tracker.listen()
@@ -23,7 +23,7 @@ def test_a_bag_goes_out_as_the_bytes_that_were_recorded(recordings, stand_in, re
     assert tracker.seen("image") == [row[3] for row in recordings.rows]
 
 
-def test_a_big_endian_recording_is_understood(recordings, stand_in, replay):
+def test_a_big_endian_recording_is_read(recordings, stand_in, replay):
     images = [recordings.image(stamp, little_endian=False) for stamp in recordings.stamps]
     rows = [("/eye", "sensor_msgs/msg/Image", 5, image) for image in images]
     tracker = stand_in()
@@ -34,7 +34,7 @@ def test_a_big_endian_recording_is_understood(recordings, stand_in, replay):
     assert tracker.seen("image") == images
 
 
-def test_compressed_images_go_out_on_their_own_topic(recordings, stand_in, replay):
+def test_compressed_images_have_their_own_topic(recordings, stand_in, replay):
     message_type = "sensor_msgs/msg/CompressedImage"
     image = recordings.message(message_type, 7, format="jpeg", data=np.arange(12, dtype=np.uint8))
     path = recordings.write([("/eye/compressed", message_type, 7, image)])
@@ -45,7 +45,9 @@ def test_compressed_images_go_out_on_their_own_topic(recordings, stand_in, repla
     assert tracker.seen("image") == [image]
 
 
-def test_ground_truth_and_target_of_a_bag_come_with_their_frames(recordings, stand_in, replay):
+def test_ground_truth_and_target_of_a_bag_are_published_with_their_frames(
+    recordings, stand_in, replay
+):
     boxes = [recordings.polygon(stamp) for stamp in recordings.stamps[1:]]
     polygon = "geometry_msgs/msg/PolygonStamped"
     rows = recordings.rows + [("/eye/ground_truth", polygon, 9, box) for box in boxes]
@@ -55,13 +57,13 @@ def test_ground_truth_and_target_of_a_bag_come_with_their_frames(recordings, sta
     replay(source=path, lockstep=True, target_from_ground_truth=True)
     tracker.spin_until(lambda: len(tracker.seen("image")) == 4 and len(tracker.seen("truth")) == 3)
     assert tracker.seen("truth") == boxes
-    # The first box belongs to the second frame, and comes between that and the first.
+    # The first box is for the second frame, and is published before it.
     assert tracker.seen("target") == boxes[:1]
     kinds = [kind for kind, _ in tracker.events if kind in ("image", "target")]
     assert kinds == ["image", "target", "image", "image", "image"]
 
 
-def test_a_sequence_goes_out_with_boxes_and_target(moving_square_sequence, stand_in, replay):
+def test_a_sequence_is_published_with_boxes_and_target(moving_square_sequence, stand_in, replay):
     tracker = stand_in()
     tracker.listen()
     replay(
@@ -91,7 +93,7 @@ def test_a_sequence_goes_out_with_boxes_and_target(moving_square_sequence, stand
 
 
 @pytest.mark.parametrize(("bit_depth", "encoding"), [(np.uint8, "mono8"), (np.uint16, "mono16")])
-def test_gray_pictures_keep_their_depth(tmp_path, stand_in, replay, bit_depth, encoding):
+def test_gray_images_keep_their_depth(tmp_path, stand_in, replay, bit_depth, encoding):
     picture = np.linspace(0, np.iinfo(bit_depth).max, 12, dtype=bit_depth).reshape(3, 4)
     assert cv2.imwrite(str(tmp_path / "1.png"), picture)
     tracker = stand_in()
@@ -105,7 +107,7 @@ def test_gray_pictures_keep_their_depth(tmp_path, stand_in, replay, bit_depth, e
 
 
 @pytest.mark.parametrize("reliability", ["reliable", "best_effort"])
-def test_the_image_publisher_is_as_reliable_as_asked(pictures, stand_in, replay, reliability):
+def test_the_image_publisher_has_the_requested_reliability(pictures, stand_in, replay, reliability):
     tracker = stand_in()
     replay(source=pictures.folder, start_paused=True, image_reliability=reliability)
     tracker.spin_until(lambda: tracker.count_publishers("/image") == 1)
@@ -113,10 +115,8 @@ def test_the_image_publisher_is_as_reliable_as_asked(pictures, stand_in, replay,
     assert publisher.qos_profile.reliability == ReliabilityPolicy[reliability.upper()]
 
 
-def test_a_message_that_cannot_be_read_ends_the_replay_with_the_reason(
-    recordings, stand_in, replay, capfd
-):
-    """In lockstep nobody would answer it."""
+def test_an_invalid_message_ends_the_replay_with_the_reason(recordings, stand_in, replay, capfd):
+    """In lockstep it would get no status."""
     rows = list(recordings.rows)
     rows[2] = (*rows[2][:3], rows[2][3][:30])
     path = recordings.write(rows)
@@ -127,4 +127,4 @@ def test_a_message_that_cannot_be_read_ends_the_replay_with_the_reason(
     assert node.exit_code == 1
     assert tracker.seen("image") == [row[3] for row in rows[:2]]
     log = capfd.readouterr().err
-    assert f"bag {path}, frame 2: a message of 30 bytes is cut off, or of another type" in log
+    assert f"bag {path}, frame 2: a message of 30 bytes is truncated, or not of its topic" in log

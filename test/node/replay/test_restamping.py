@@ -1,4 +1,4 @@
-"""Stamps of a recording without a time of its own, played at any speed, with pauses and loops."""
+"""Stamps of a recording without time stamps, at any rate, with pauses and loops."""
 
 import itertools
 
@@ -16,9 +16,7 @@ INTERVAL = 40_000_000
     length=st.integers(2, 10),
     rate=st.sampled_from([0.5, 1.0, 2.0, 100.0]),
 )
-def test_stamps_rise_by_the_source_s_interval_or_more_and_pauses_and_passes_follow_the_clock(
-    steps, length, rate
-):
+def test_stamps_keep_the_source_intervals_and_follow_the_clock_after_pauses(steps, length, rate):
     now, interval = START, round(INTERVAL / rate)
     played = Restamper(lambda: now)
     stamps = []
@@ -34,7 +32,7 @@ def test_stamps_rise_by_the_source_s_interval_or_more_and_pauses_and_passes_foll
             assert stamps[-1] - stamps[-2] == interval
     assert stamps[0] == START + steps[0][0]
     gaps = [second - first for first, second in itertools.pairwise(stamps)]
-    # Of a source with one frame so far, no interval is known.
+    # The first frame has no interval yet.
     assert min(gaps[1:], default=interval) >= interval
     assert min(gaps) >= 0
 

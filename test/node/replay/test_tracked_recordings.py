@@ -1,4 +1,4 @@
-"""`track` finds in a recording what the node publishes for its replay in lockstep, to the bit."""
+"""`track` gives the same bits as the node for a replay in lockstep."""
 
 import csv
 
@@ -12,10 +12,10 @@ from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.tracking.estimate import DESCRIPTIONS
 
 DEADLINE = 240.0
-# What depends on the moment, not on the recording.
+# Values that depend on time, not on the recording.
 TIMES = {"processing_time_ms", "seconds_since_error"}
-# In lockstep it is the replay that waits for answers, not a client that listens beside it: what is
-# lost on the way to that one has to be there still when it is asked for again.
+# Lockstep waits for the status, not for the test's client. Deep queues let DDS repeat messages that
+# the client has lost.
 KEPT = {
     f"qos_overrides./pf_tracker/{topic}.publisher.depth": 1000
     for topic in ("status", "box", "particles", "overlay")
@@ -27,7 +27,7 @@ REAL = ("otb_bolt", "otb_jogging_1", "pets_t15", "tir_birds", "ir_drone_074")
 
 @pytest.fixture
 def lockstep(graph, replay):
-    """Replays a recording in lockstep through the real node; returns the client that listened."""
+    """Replay a recording in lockstep into the node; returns the client that recorded its output."""
 
     def run(*, tracker=None, pictures=True, **parameters):
         client = graph.client(particles=pictures, overlay=pictures)
@@ -39,8 +39,8 @@ def lockstep(graph, replay):
     return run
 
 
-def told(client):
-    """Stamp to what the node told of each frame."""
+def values_by_stamp(client):
+    """Stamp to the status values of each frame."""
     return {status.stamp: status for status in client.statuses}
 
 
@@ -65,20 +65,20 @@ def corners_of(row):
 
 
 def assert_same(folder, client, count):
-    """The rows of boxes.csv are what the node told, in every bit that a message carries."""
+    """The rows of boxes.csv equal the node's messages to the bit."""
     found = rows(folder)
-    statuses, boxes = told(client), by_stamp(client.boxes)
+    statuses, boxes = values_by_stamp(client), by_stamp(client.boxes)
     assert len(found) == count
-    # Messages without an answer are still on their way.
-    client.wait_for(lambda: len(told(client)) >= count, "statuses of all frames")
+    # Some messages may still be on their way.
+    client.wait_for(lambda: len(values_by_stamp(client)) >= count, "statuses of all frames")
     with_box = [int(row["stamp"]) for row in found if row["x"]]
     client.wait_for(lambda: set(with_box) <= by_stamp(client.boxes).keys(), "all boxes")
-    statuses, boxes = told(client), by_stamp(client.boxes)
+    statuses, boxes = values_by_stamp(client), by_stamp(client.boxes)
     for row in found:
         stamp = int(row["stamp"])
         values = statuses[stamp].values
         assert row["state"] == values["state"]
-        # The node writes the shortest text that reads back to the same bits, and so does the file.
+        # Node and file both write the shortest text of the same bits.
         assert row["confidence"] == values.get("confidence", "")
         assert bool(row["x"]) == (stamp in boxes)
         if row["x"]:
@@ -87,7 +87,7 @@ def assert_same(folder, client, count):
 
 @pytest.fixture
 def source(moving_square_sequence, moving_square, tmp_path, request):
-    """The moving square as a recording of the kind that is asked for."""
+    """The moving square as a recording of the requested kind."""
     kind = request.param
     if kind == "sequence":
         return moving_square_sequence
@@ -118,7 +118,7 @@ def source(moving_square_sequence, moving_square, tmp_path, request):
     ],
     indirect=["source"],
 )
-def test_boxes_are_those_of_a_replay_in_lockstep(lockstep, tmp_path, source, preset, target_box):
+def test_boxes_equal_those_of_a_replay_in_lockstep(lockstep, tmp_path, source, preset, target_box):
     output = tmp_path / "tracked"
     arguments = [str(source), "--output", str(output), "--preset", preset, "--seed", "3"]
     target = {"target_from_ground_truth": True}
@@ -128,11 +128,11 @@ def test_boxes_are_those_of_a_replay_in_lockstep(lockstep, tmp_path, source, pre
     assert main(arguments) == 0
     client = lockstep(source=source, tracker={"preset": preset, "seed": 3}, **target)
     assert_same(output, client, 20)
-    # The stillness of a tracker that has nothing to follow would be no comparison.
+    # Guards against comparing a tracker that never moves.
     assert len({row["x"] for row in rows(output)}) > 10
 
 
-def test_compressed_and_broken_images_of_a_bag_are_what_they_are_to_the_node(
+def test_compressed_and_broken_images_of_a_bag_are_treated_as_by_the_node(
     lockstep, tmp_path, moving_square, make_stamped, write_bag
 ):
     messages = []
@@ -144,7 +144,7 @@ def test_compressed_and_broken_images_of_a_bag_are_what_they_are_to_the_node(
             "sensor_msgs/msg/CompressedImage", stamp, format="jpeg", data=data.ravel()
         )
         messages.append(("/eye/compressed", "sensor_msgs/msg/CompressedImage", stamp, message))
-    # One comes twice, and one late.
+    # One image is repeated, and one is late.
     messages.append((*messages[19][:2], messages[19][2] + 1, messages[19][3]))
     bag = write_bag(tmp_path / "bag", messages)
     output = tmp_path / "tracked"
@@ -161,15 +161,15 @@ def test_compressed_and_broken_images_of_a_bag_are_what_they_are_to_the_node(
     )
     client.wait_for(lambda: len(client.statuses) >= 21, "statuses of all frames")
     assert [status.values["state"] for status in client.statuses] == [row["state"] for row in found]
-    told_confidence = [status.values.get("confidence", "") for status in client.statuses]
-    assert told_confidence == [row["confidence"] for row in found]
+    confidences = [status.values.get("confidence", "") for status in client.statuses]
+    assert confidences == [row["confidence"] for row in found]
     boxes = by_stamp(client.boxes)
     for row in found:
         if row["x"]:
             assert corners_of(row) == corners(boxes[int(row["stamp"])])
 
 
-def test_the_bag_holds_the_messages_that_the_node_publishes(
+def test_the_bag_contains_the_messages_that_the_node_publishes(
     lockstep, tmp_path, moving_square_sequence, typestore, assert_equal_fields
 ):
     from rosbags.rosbag2 import Reader
@@ -199,10 +199,10 @@ def test_the_bag_holds_the_messages_that_the_node_publishes(
         assert found[topic].keys() == published.keys()
         for stamp, message in published.items():
             assert_equal_fields(found[topic][stamp], message)
-    statuses = told(client)
+    statuses = values_by_stamp(client)
     assert found["/pf_tracker/status"].keys() == statuses.keys()
     for stamp, status in statuses.items():
-        # One of the node, and one of each target.
+        # One status of the node, and one of each target.
         recorded = found["/pf_tracker/status"][stamp].status
         names = ["/pf_tracker", "/pf_tracker: target 1"]
         assert [one.name for one in recorded] == names
@@ -216,9 +216,7 @@ def test_the_bag_holds_the_messages_that_the_node_publishes(
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_real_sequences_give_the_boxes_of_a_replay_in_lockstep(
-    lockstep, tmp_path, sequences_directory, name
-):
+def test_real_sequences_equal_a_replay_in_lockstep(lockstep, tmp_path, sequences_directory, name):
     source = sequences_directory / name
     output = tmp_path / "tracked"
     assert main([str(source), "--output", str(output)]) == 0

@@ -170,7 +170,7 @@ def test_jpeg_is_tracked_and_damaged_data_refused(graph, client, compressed, mov
         for data in [*faults, bomb]:
             status = compressed.show(data, client.at(index) - 1_000_000)
             assert (status.level, status.values["frame"]) == ("ERROR", "refused")
-        assert "announces 32752 x 32752 px" in status.message
+        assert "declares 32752 x 32752 px" in status.message
         assert compressed.show(jpeg, client.at(index)).values["frame"] == "tracked"
     corner = client.box_at(client.at(5)).polygon.points[0]
     assert (corner.x, corner.y) == pytest.approx(moving_square.boxes[5][:2], abs=5)

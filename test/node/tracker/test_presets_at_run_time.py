@@ -295,4 +295,4 @@ def test_all_listed_parameters_are_described(graph, client):
             assert descriptor.description.startswith(known[descriptor.name].description)
             assert not descriptor.read_only
     (hog,) = (one for one in described if one.name == "hog.keep")
-    assert hog.description.endswith(" Counts while 'cues' holds 'hog'.")
+    assert hog.description.endswith(" Used only if 'cues' contains 'hog'.")

@@ -239,7 +239,7 @@ def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, argumen
             "console:=true console_port:=99999",
             "argument console_port:=99999; allowed: int, 0 to 65535",
         ),
-        ("params_file:=none.yaml", "argument params_file:=none.yaml; there is no such file"),
+        ("params_file:=none.yaml", "argument params_file:=none.yaml; the file does not exist"),
         ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007, zhang2015"),
     ],
 )
