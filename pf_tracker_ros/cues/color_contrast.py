@@ -106,7 +106,7 @@ class ColorContrast(SearchableCue):
         ring: Width of the ring of surroundings on each side of the box, box sides.
     """
 
-    uses_predicted_size = True
+    uses_center_box_size = True
     is_discriminative = False
 
     def __init__(
@@ -246,8 +246,8 @@ def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
 
 
 def _in_expected_size(region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4) boxes in the size of `Region.predicted_box`, around the same centers."""
-    size = region.predicted_box[2:]
+    """(N, 4) boxes in the size of `Region.center_box`, around the same centers."""
+    size = region.center_box[2:]
     resized = boxes.copy()
     resized[:, :2] += (boxes[:, 2:] - size) / 2
     resized[:, 2:] = size

@@ -260,7 +260,7 @@ class CorrelationResponse(SearchableCue):
                 first.filter, self._windows(region, first.colored).expected, self._cells
             ),
         )
-        near = peak_near(early, region.predicted_box, self._side(region.predicted_box), box)
+        near = peak_near(early, region.center_box, self._side(region.center_box), box)
         peak_to_sidelobe_ratio = peak_to_sidelobe(at_box, answers.deviation)
         first_peak_to_sidelobe_ratio = peak_to_sidelobe(near, deviation_of(early))
         level = max(at_box, SMALLEST_RESPONSE) / template.reference
@@ -273,12 +273,12 @@ class CorrelationResponse(SearchableCue):
     ) -> NDArray[np.float64]:
         """See `SearchableCue.response`: the responses at the centers of the boxes, 0 to 1.
 
-        The windows are around `Region.predicted_box`. Between their sizes a box's response is
+        The windows are around `Region.center_box`. Between their sizes a box's response is
         interpolated; beyond them it is that of the next.
         """
         answers = self._answers(region, template)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        responses = answers.read(centers, self._shares(boxes[:, 2:], region.predicted_box))
+        responses = answers.read(centers, self._shares(boxes[:, 2:], region.center_box))
         return _of_the_best(responses, answers, template)
 
     def response_on_grid(
@@ -287,17 +287,17 @@ class CorrelationResponse(SearchableCue):
         """See `SearchableCue.response_on_grid`."""
         answers = self._answers(region, template)
         width, height = grid.size
-        share = self._shares(grid.size[None], region.predicted_box)
+        share = self._shares(grid.size[None], region.center_box)
         responses = answers.read_grid(grid.left + width / 2, grid.top + height / 2, share)
         return _of_the_best(responses.ravel(), answers, template)
 
     def _shares(
-        self, sizes: NDArray[np.float64], predicted_box: NDArray[np.float64]
+        self, sizes: NDArray[np.float64], center_box: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(N,) where (N, 2) sizes are between the smaller (0) and the larger window (1)."""
         if not self._log_span:
             return np.zeros(len(sizes))
-        areas = sizes[:, 0] * sizes[:, 1] / (predicted_box[2] * predicted_box[3])
+        areas = sizes[:, 0] * sizes[:, 1] / (center_box[2] * center_box[3])
         return np.minimum(np.maximum(np.log(areas) / (2 * self._log_span) + 0.5, 0.0), 1.0)
 
     def _answers(self, region: Region, template: CorrelationTemplate) -> ResponseMaps:
@@ -315,7 +315,7 @@ class CorrelationResponse(SearchableCue):
         """The windows around the prediction in each region."""
         squares = [
             [
-                self._square(region, region.predicted_box, factor)
+                self._square(region, region.center_box, factor)
                 for factor in (self._factors if region.estimates_size else (1.0,))
             ]
             for region in regions

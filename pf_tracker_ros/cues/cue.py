@@ -123,7 +123,7 @@ class Cue(Protocol):
     target owns. To freeze a template is not to replace it.
 
     Attributes:
-        uses_predicted_size: Whether it looks at every box in the size of `Region.place`.
+        uses_center_box_size: Whether it looks at every box in the size of `Region.center_box`.
         is_discriminative: Whether its similarity tells the target from other things, and not only from
             nothing.
         needs_foreground: Whether it reads `Frame.foreground`.
@@ -131,7 +131,7 @@ class Cue(Protocol):
             little, but it does not know the target.
     """
 
-    uses_predicted_size: ClassVar[bool] = False
+    uses_center_box_size: ClassVar[bool] = False
     is_discriminative: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False

@@ -119,7 +119,7 @@ class CueFusion:
         can_search: Whether any of the cues can look for the target.
         context_margin: How far beyond each side of a box the cues look at most, in box sides.
         needs_foreground: Whether any of the cues asks for the foreground.
-        uses_predicted_size: Whether any of the cues looks at every box in the size of `Region.place`.
+        uses_center_box_size: Whether any of the cues looks at every box in the size of `Region.center_box`.
 
     Raises:
         ParameterError: There is no cue, or no weight is above 0.
@@ -143,7 +143,7 @@ class CueFusion:
         self.can_search = bool(self._searchable)
         self.context_margin = max(cue.context_margin for cue in self._cues.values())
         self.needs_foreground = any(cue.needs_foreground for cue in self._cues.values())
-        self.uses_predicted_size = any(cue.uses_predicted_size for cue in self._cues.values())
+        self.uses_center_box_size = any(cue.uses_center_box_size for cue in self._cues.values())
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of what is in a (4,) box."""

@@ -255,8 +255,8 @@ class Measurer:
         self, target: FilterState, frame: Frame, boxes: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Name of each cue to its (N,) log likelihoods of (N, 4) boxes of the target's size."""
-        predicted_box = np.asarray(target.estimate.box)
-        region = self._region(frame, boxes, predicted_box, predicted_box)
+        center_box = np.asarray(target.estimate.box)
+        region = self._region(frame, boxes, center_box, center_box)
         return self._fusion.log_likelihoods(region, boxes, target.templates)
 
     def _region(
@@ -264,13 +264,13 @@ class Measurer:
         frame: Frame,
         boxes: NDArray[np.float64],
         target_box: NDArray[np.float64],
-        predicted_box: NDArray[np.float64] | None = None,
+        center_box: NDArray[np.float64] | None = None,
         *,
         estimates_size: bool = True,
     ) -> Region:
         """What covers (N, 4) boxes, reduced as the size of a (4,) box asks for."""
-        if predicted_box is None and self._fusion.uses_predicted_size:
-            predicted_box = boxes.mean(axis=0)
+        if center_box is None and self._fusion.uses_center_box_size:
+            center_box = boxes.mean(axis=0)
         target_size = math.sqrt(target_box[2] * target_box[3])
         reduction = math.ceil(target_size / self._working_size)
         return Region(
@@ -278,7 +278,7 @@ class Measurer:
             boxes,
             reduction,
             self._fusion.context_margin,
-            predicted_box=predicted_box,
+            center_box=center_box,
             estimates_size=estimates_size,
         )
 
@@ -315,12 +315,12 @@ class SearchingMeasurer(Measurer):
         return templates, search.distractor_ratios(box, own, found)
 
     def search_window(
-        self, frame: Frame, predicted_box: NDArray[np.float64]
+        self, frame: Frame, center_box: NDArray[np.float64]
     ) -> tuple[Search, Region]:
         """A search around a (4,) box, and the region that it reads."""
-        search = Search(predicted_box, self._parameters, frame.size)
+        search = Search(center_box, self._parameters, frame.size)
         return search, self._region(
-            frame, search.cover(predicted_box[None]), predicted_box, predicted_box
+            frame, search.cover(center_box[None]), center_box, center_box
         )
 
     def predict_frame(
@@ -346,7 +346,7 @@ class SearchingMeasurer(Measurer):
             frame,
             search.cover(boxes),
             last_box,
-            search.predicted_box,
+            search.center_box,
             estimates_size=estimates_size,
         )
         return FramePrediction(target, frame, interval, prediction, draw, boxes, region, search)

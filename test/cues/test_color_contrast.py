@@ -93,13 +93,13 @@ def test_likelihood_and_match_by_hand(image):
 def test_all_boxes_are_measured_in_the_size_that_is_expected(image):
     """A box of any size scores as the expected one around the same center."""
     cue = ColorContrast(ColorContrastParameters())
-    assert cue.uses_predicted_size
+    assert cue.uses_center_box_size
     around = np.array([BOX + [shift, 0, 0, 0] for shift in (-6, 0, 4)])
     region = Region(
         Frame(image),
         around + [-10, -10, 20, 20],
         context_margin=cue.context_margin,
-        predicted_box=BOX,
+        center_box=BOX,
     )
     template = cue.learn(region, BOX)
     expected = cue.contrast(region, around, template)
@@ -107,7 +107,7 @@ def test_all_boxes_are_measured_in_the_size_that_is_expected(image):
         boxes = around + np.array([-growth, -growth, 2 * growth, 2 * growth])
         np.testing.assert_allclose(cue.response(region, boxes, template), expected)
         # The region covers that size wherever the boxes are, however small they are.
-        narrow = Region(Frame(image), boxes, context_margin=cue.context_margin, predicted_box=BOX)
+        narrow = Region(Frame(image), boxes, context_margin=cue.context_margin, center_box=BOX)
         np.testing.assert_allclose(cue.response(narrow, boxes, template), expected)
         own = cue.contrast(region, boxes, template)
         assert np.allclose(own, expected) == (growth == 0)

@@ -138,12 +138,12 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     measured = measure(searching, target, frame, prediction)
     before = prediction.particles
     boxes = target.motion.boxes(before.states)
-    np.testing.assert_allclose(measured.search.predicted_box, before.weights @ boxes)
+    np.testing.assert_allclose(measured.search.center_box, before.weights @ boxes)
 
     # The same by the parts, of which the search's own proposal is tested with the proposals.
-    predicted_box = before.weights @ boxes
-    search = Search(predicted_box, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
-    _, region = searching.search_window(frame, predicted_box)
+    center_box = before.weights @ boxes
+    search = Search(center_box, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
+    _, region = searching.search_window(frame, center_box)
     found = cues.responses(region, search.boxes, target.templates)
     cue_weights = cues.adapt(target.distractor_ratios, 1.5)
     assert measured.cue_weights == pytest.approx(cue_weights)
@@ -166,16 +166,16 @@ def test_of_two_places_that_look_alike_one_is_told_and_not_the_middle(target, co
     image = couple.images[couple.hidden[0]].copy()
     # On both sides of where it was.
     places = [couple.first[0] + [right, 0.0, 0.0, 0.0] for right in (-20, 20)]
-    for predicted_box in places:
-        left = int(predicted_box[0])
+    for center_box in places:
+        left = int(center_box[0])
         image[y : y + side, left : left + side] = couple.images[0][y : y + side, x : x + side]
     measured = measure(searching, target, Frame(image), prediction_for(target))
     weights = [
-        measured.particles.weights[np.abs(measured.boxes[:, 0] - predicted_box[0]) < 5.0].sum()
-        for predicted_box in places
+        measured.particles.weights[np.abs(measured.boxes[:, 0] - center_box[0]) < 5.0].sum()
+        for center_box in places
     ]
     assert min(weights) > 0.02
-    assert min(np.abs(measured.box - predicted_box).max() for predicted_box in places) < 1.5
+    assert min(np.abs(measured.box - center_box).max() for center_box in places) < 1.5
 
 
 def test_what_looks_alike_beside_the_target_is_a_distraction(target, couple):
@@ -230,7 +230,7 @@ def test_the_covariance_of_a_search_by_hand(target, couple):
     measured = measure(searching, target, frame, prediction_for(target))
     box = measured.box + [3.0, 0.0, 0.0, 0.0]
     seen = Assessment(box, 0.75, TrackStatus(), measured.particles, measured.boxes)
-    size = np.sqrt(measured.search.predicted_box[2] * measured.search.predicted_box[3])
+    size = np.sqrt(measured.search.center_box[2] * measured.search.center_box[3])
     anywhere = (WINDOW * size) ** 2 / 12.0
     within = covariance_about(measured.particles, box[:2] + box[2:] / 2)
     np.testing.assert_allclose(
