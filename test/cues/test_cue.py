@@ -1,4 +1,4 @@
-"""What a cue must have."""
+"""The abstract methods of a cue."""
 
 import pytest
 
@@ -6,12 +6,12 @@ from pf_tracker_ros.cues.cue import Cue
 
 
 class Half(Cue):
-    """Learns, and compares nothing."""
+    """A cue that only learns."""
 
     def learn(self, region, box):
         return None
 
 
-def test_a_cue_that_lacks_a_method_cannot_be_made():
+def test_a_cue_without_a_required_method_cannot_be_constructed():
     with pytest.raises(TypeError, match=r"abstract .*log_likelihood"):
         Half()
