@@ -38,8 +38,7 @@ def find_ghosts(
     )
     is_ghost = in_model > _MIN_FACTOR * in_image + _MIN_LEVELS * np.bincount(part, minlength=count)
     is_ghost[0] = False
-    ghosts: NDArray[np.bool_] = is_ghost[labels]
-    return ghosts
+    return is_ghost[labels]
 
 
 def _contrast(brightness: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -41,8 +41,7 @@ def box_sums(
     starts = rows * integral.shape[1]
     corners = integral.ravel().take(starts[..., :, None, :] + columns[..., None, :, :])
     across = corners[..., 1, :] - corners[..., 0, :]
-    added: NDArray[Value] = across[..., 1, :] - across[..., 0, :]
-    return added
+    return across[..., 1, :] - across[..., 0, :]
 
 
 def box_sums_on_grid(
@@ -66,14 +65,13 @@ def declared_weight(default: float) -> float:
     Args:
         default: 0 to 1.
     """
-    weight: float = declared(
+    return declared(
         default,
         "Weight (exponent) of this cue in the fused likelihood; 0 switches it off. The weights of "
         "all cues are scaled to a sum of 1.",
         minimum=0.0,
         maximum=1.0,
     )
-    return weight
 
 
 @dataclass(frozen=True)
@@ -91,13 +89,12 @@ def declared_keep(default: float, symbol: str = "") -> float:
         symbol: The paper's symbol, empty without one.
     """
     named = f" ({symbol})" if symbol else ""
-    keep: float = declared(
+    return declared(
         default,
         f"Share of the old template that an update keeps{named}.",
         minimum=0.0,
         maximum=1.0,
     )
-    return keep
 
 
 class Match(NamedTuple):

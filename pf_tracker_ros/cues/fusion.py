@@ -150,7 +150,7 @@ class CueFusion:
         self.uses_center_box_size = any(cue.uses_center_box_size for cue in self._cues.values())
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
-        """Each cue's template of what is in a (4,) box."""
+        """Each cue's template of a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
     def precompute(self, predicted_targets: Sequence[tuple[Region, Templates, Templates]]) -> None:

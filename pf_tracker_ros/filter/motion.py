@@ -139,47 +139,43 @@ class MotionParameters:
 
 def declared_position_noise() -> float:
     """Parameter `position_noise`, which every model has."""
-    noise: float = declared(
+    return declared(
         1.0,
         "Random walk of the position; raise it for jerky motion.",
         unit="box sizes per square root of a second",
         minimum=0.0,
         maximum=50.0,
     )
-    return noise
 
 
 def declared_velocity_noise() -> float:
     """Parameter `velocity_noise` of models with a velocity."""
-    noise: float = declared(
+    return declared(
         0.9,
         "Random walk of the velocity; raise it for targets that turn and brake.",
         unit="box sizes per second per square root of a second",
         minimum=0.0,
         maximum=500.0,
     )
-    return noise
 
 
 def declared_size_noise() -> float:
     """Parameter `size_noise` of models with a size."""
-    noise: float = declared(
+    return declared(
         0.1,
         "Random walk of the logarithm of the size.",
         unit="per square root of a second",
         minimum=0.0,
         maximum=10.0,
     )
-    return noise
 
 
 def declared_aspect_noise() -> float:
     """Parameter `aspect_noise` of models with a width and a height."""
-    noise: float = declared(
+    return declared(
         0.03,
         "Random walk of the logarithm of width / height.",
         unit="per square root of a second",
         minimum=0.0,
         maximum=10.0,
     )
-    return noise

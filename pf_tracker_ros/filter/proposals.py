@@ -6,11 +6,10 @@ puts more particles where the target is (importance sampling):
 1. Draw x_k from q(x_k | x_{k-1}).
 2. Multiply its weight by p(x_k | x_{k-1}) / q(x_k | x_{k-1}).
 3. The weighted particles then represent the same posterior, if q > 0 wherever p > 0.
-4. Here q is always a mixture with p: q = share g + (1 - share) p. So the ratio in step 2 is at
-   most 1 / (1 - share).
+4. Here q is a mixture, q = share g + (1 - share) p, so the ratio is at most 1 / (1 - share).
 
 g is a Kalman filter's prediction (`propose_from_prediction`) or the cues' likelihood on a grid of
-positions (`propose_from_search`).
+positions (`propose_from_search`, where the prior also includes jumps).
 
 Sources: Zhang Bo, section 3.3; Doucet, Godsill, Andrieu 2000, "On sequential Monte Carlo sampling
 methods for Bayesian filtering", section II; Okuma et al. 2004, "A boosted particle filter:

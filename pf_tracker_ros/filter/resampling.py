@@ -4,13 +4,13 @@ After some frames, most of the weight lies on few particles (degeneracy). Resamp
 particles anew, in proportion to their weights:
 
 1. Compute the effective sample size. If it is at least a share of N, stop.
-2. Choose `count` positions in [0, 1). The schemes differ only here.
+2. Choose `count` positions in [0, 1). The schemes differ here.
 3. Look each position up in the cumulative weights; this gives the index of a particle.
 4. Copy these particles and make their weights equal.
 
 All schemes but the elitist one are unbiased: particle i is drawn `count * weight_i` times on
 average. The systematic scheme has the least variance. All take O(N + count log N) time; multinomial
-and residual also sort random numbers.
+and residual also sort random numbers. Residual first draws the whole part of `count * weight_i`.
 
 Source: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for particle filtering".
 """
@@ -100,7 +100,7 @@ class SystematicResampler:
 
 @RESAMPLERS.register("residual")
 class ResidualResampler:
-    """The whole part of count * weight_i for certain, the rest by independent draws."""
+    """The whole part of `count * weight_i` without chance, the rest by independent draws."""
 
     def indices(
         self, weights: NDArray[np.float64], count: int, generator: np.random.Generator

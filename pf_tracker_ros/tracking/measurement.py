@@ -314,14 +314,10 @@ class SearchingMeasurer(Measurer):
         own = self._fusion.responses(region, box[None], templates)
         return templates, search.distractor_ratios(box, own, found)
 
-    def search_window(
-        self, frame: Frame, center_box: NDArray[np.float64]
-    ) -> tuple[Search, Region]:
+    def search_window(self, frame: Frame, center_box: NDArray[np.float64]) -> tuple[Search, Region]:
         """A search around a (4,) box, and the region that it reads."""
         search = Search(center_box, self._parameters, frame.size)
-        return search, self._region(
-            frame, search.cover(center_box[None]), center_box, center_box
-        )
+        return search, self._region(frame, search.cover(center_box[None]), center_box, center_box)
 
     def predict_frame(
         self,

@@ -276,8 +276,7 @@ def _principal_components(
     centered = entries - np.average(entries, axis=0, weights=weights)
     _, axes = np.linalg.eigh((centered * weights[:, None]).T @ centered)
     # The largest come last.
-    components: NDArray[np.float64] = centered @ axes[:, : -count - 1 : -1]
-    return components
+    return centered @ axes[:, : -count - 1 : -1]
 
 
 def _lab(colors: NDArray[np.float64]) -> NDArray[np.float64]:
