@@ -74,17 +74,6 @@ def test_a_template_of_several_pages_is_compared_completely():
     np.testing.assert_allclose(distances(cue, region, boxes, template), expected, atol=ROUNDING)
 
 
-def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
-    cue = ColorHistogram(ColorHistogramParameters())
-    box = np.array([[70.0, 40.0, 30.0, 20.0]])
-    others = np.vstack([box, [[0.0, 0.0, 30.0, 20.0], [165.0, 125.0, 30.0, 20.0]]])
-    template_box = np.array([60.0, 40.0, 30.0, 20.0])
-    template = cue.learn(region_of(image, template_box[None]), template_box)
-    alone = distances(cue, region_of(image, box), box, template)
-    among = distances(cue, region_of(image, others), others, template)
-    assert alone[0] == pytest.approx(among[0], rel=1e-5)
-
-
 def test_many_boxes_of_several_sizes_are_counted_completely():
     """They are counted in parts, which may differ in size."""
     cue = ColorHistogram(ColorHistogramParameters())

@@ -48,14 +48,14 @@ def squared_weight(cells, target):
     return weights**2
 
 
-def dense_solution(samples, answer, pull, total):
+def dense_solution(samples, peak_spectrum, pull, total):
     """(x x^H + total I) f = x y + pull, solved for each frequency."""
     channels, cells, _ = samples.shape
     solution = np.empty_like(samples)
     for y, x in np.ndindex(cells, cells):
         sample = samples[:, y, x]
         matrix = np.outer(sample, sample.conj()) + total * np.eye(channels)
-        right = sample * answer[y, x].conj() + pull[:, y, x]
+        right = sample * peak_spectrum[y, x].conj() + pull[:, y, x]
         solution[:, y, x] = np.linalg.solve(matrix, right)
     return solution
 
@@ -65,14 +65,14 @@ def dense_training(features, target, before, memory, steps=2):
     cells = features.shape[-1]
     area = cells**2
     samples = np.fft.fft2(features.astype(float))
-    answer = np.fft.fft2(peak(cells, target))
+    peak_spectrum = np.fft.fft2(peak(cells, target))
     past = memory * np.fft.fft2(before) if before is not None else np.zeros_like(samples)
     memory = memory if before is not None else 0.0
     inside, dual = np.zeros_like(samples), np.zeros_like(samples)
     for step in range(steps):
         penalty = 10.0**step
         pull = area * (past + penalty * inside - dual)
-        trained = dense_solution(samples, answer, pull, area * (penalty + memory))
+        trained = dense_solution(samples, peak_spectrum, pull, area * (penalty + memory))
         in_space = np.fft.ifft2(penalty * trained + dual).real
         inside = np.fft.fft2(in_space / (squared_weight(cells, target) / area + penalty))
         dual = dual + penalty * (trained - inside)
@@ -88,8 +88,8 @@ def test_the_first_step_is_ridge_regression_at_each_frequency(monkeypatch):
     monkeypatch.setattr(correlation_filter, "_STEPS", 1)
     features = noise(0)
     samples = np.fft.fft2(features.astype(float))
-    answer = np.fft.fft2(peak(CELLS, TARGET))
-    expected = dense_solution(samples, answer, np.zeros_like(samples), float(CELLS**2))
+    peak_spectrum = np.fft.fft2(peak(CELLS, TARGET))
+    expected = dense_solution(samples, peak_spectrum, np.zeros_like(samples), float(CELLS**2))
     trained = train(half_spectrum(features), TARGET, None, 7.0)
     scale = np.abs(expected).max()
     np.testing.assert_allclose(trained, expected[..., : CELLS // 2 + 1], atol=1e-5 * scale)

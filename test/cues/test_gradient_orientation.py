@@ -96,17 +96,6 @@ def test_contrast_and_brightness_do_not_matter(image):
     assert np.linalg.norm(bright - darker) < 0.05
 
 
-def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
-    cue = GradientOrientation(PARAMETERS)
-    box = np.array([[70.0, 40.0, 30.0, 20.0]])
-    others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
-    template_box = np.array([60.0, 40.0, 30.0, 20.0])
-    template = cue.learn(region_of(image, template_box[None]), template_box)
-    alone = cue.log_likelihood(region_of(image, box), box, template)
-    among = cue.log_likelihood(region_of(image, others), others, template)
-    assert alone[0] == pytest.approx(among[0], rel=1e-5)
-
-
 @pytest.mark.parametrize("count", [30, 500])
 def test_the_distances_are_those_of_the_vectors(image, count):
     """e^2 of many boxes at once equals |h - r|^2 of their vectors, learned one by one."""

@@ -201,17 +201,6 @@ def test_smoothing_weights_a_pixel_and_its_neighbors_by_1_2_1(image):
     np.testing.assert_allclose(smooth.learn(region_of(image, box[None]), box), before, atol=1e-4)
 
 
-@pytest.mark.parametrize("smoothed", [False, True])
-def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image, smoothed):
-    cue = hog(smoothed=smoothed)
-    box = np.array([[70.3, 40.2, 30.0, 20.0]])
-    others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
-    template = cue.learn(region_of(image, box), np.array([69.0, 40.0, 30.0, 20.0]))
-    alone = cue.log_likelihood(region_of(image, box), box, template)
-    among = cue.log_likelihood(region_of(image, others), others, template)
-    assert alone[0] == pytest.approx(among[0], rel=1e-5)
-
-
 def test_a_part_of_a_pixel_counts(image):
     """Cells of a small target are few pixels large; whole pixels would hide a small motion."""
     cue = hog()

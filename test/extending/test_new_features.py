@@ -65,12 +65,12 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
 
-asked = []
+shapes = []
 extract = FEATURES["cell_means"].extract
-def remembering(self, windows):
-    asked.append(windows.shape)
+def recording(self, windows):
+    shapes.append(windows.shape)
     return extract(self, windows)
-FEATURES["cell_means"].extract = remembering
+FEATURES["cell_means"].extract = recording
 
 parameters = CUES.parameters_of("correlation_response")(features="cell_means")
 cue = CUES["correlation_response"](parameters)
@@ -80,10 +80,10 @@ templates = [
     cue.learn(Region(Frame(image), box[None]), box)
     for image in (colored, np.ascontiguousarray(colored[..., 1]))
 ]
-print(json.dumps([asked, [template.filter.shape for template in templates]]))
+print(json.dumps([shapes, [template.filter.shape for template in templates]]))
 """
-    asked, filters = extended(code, **ADDED)
-    assert asked == [[1, 320, 320, 3], [1, 320, 320]]
+    shapes, filters = extended(code, **ADDED)
+    assert shapes == [[1, 320, 320, 3], [1, 320, 320]]
     assert filters == [[5, 40, 21], [3, 40, 21]]
 
 

@@ -159,8 +159,8 @@ def ids(**parameters):
     tracker = MultiTracker.from_preset("default", parameters=parameters)
     found = []
     for number, image in enumerate(images):
-        seen = Detections([boxes[number]]) if number % 2 == 0 else None
-        found.append([target.id for target in tracker.update(image, 0.1, seen)])
+        detections = Detections([boxes[number]]) if number % 2 == 0 else None
+        found.append([target.id for target in tracker.update(image, 0.1, detections)])
     track, = tracker._manager._track_set.tracks
     return found[-1], track.descriptor.tolist(), tracker
 last, color, tracker = ids(**{"appearance.kind": "mean_color", "appearance.mean_color.scale": 5.0})

@@ -85,7 +85,7 @@ def near(part, shape, margin=TILE):
 
 
 @st.composite
-def looks(draw, height, width):
+def view_requests(draw, height, width):
     """A reduction, and a part of the reduced view."""
     reduction = draw(st.integers(1, 12))
     ends = []
@@ -96,7 +96,7 @@ def looks(draw, height, width):
 
 
 @st.composite
-def frames_and_looks(draw):
+def frames_and_view_requests(draw):
     height, width = draw(st.integers(1, 140)), draw(st.integers(1, 140))
     kind = draw(st.sampled_from(["gray", "color", "thermal"]))
     seed = draw(st.integers(0, 100))
@@ -104,15 +104,15 @@ def frames_and_looks(draw):
         image = thermal(height, width, seed)
     else:
         image = noise((height, width, 3) if kind == "color" else (height, width), seed)
-    return image, draw(st.lists(looks(height, width), min_size=1, max_size=6))
+    return image, draw(st.lists(view_requests(height, width), min_size=1, max_size=6))
 
 
-@given(frames_and_looks())
+@given(frames_and_view_requests())
 def test_every_view_is_a_part_of_the_whole_one_in_any_order(drawn):
-    image, asked = drawn
+    image, requests = drawn
     frame = Frame(image)
     whole = to_8_bit(image, gray_range(image))
-    for reduction, part in asked:
+    for reduction, part in requests:
         means = block_means if reduction <= 8 else sample_means
         expected = whole if reduction == 1 else means(whole, reduction)
         view = frame.view(part, reduction)
