@@ -56,7 +56,7 @@ class ColorContrastParameters(CueParameters):
 
     sharpness: float = declared(
         400.0,
-        "How fast the likelihood falls with the contrast between box and ring.",
+        "How fast the likelihood falls with a falling contrast between box and ring.",
         minimum=0.0,
         maximum=1000.0,
     )

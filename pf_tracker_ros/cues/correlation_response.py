@@ -77,7 +77,7 @@ class CorrelationResponseParameters(CueParameters):
     )
     sharpness: float = declared(
         100.0,
-        "How fast the likelihood falls with the response.",
+        "How fast the likelihood falls with a falling response.",
         minimum=0.0,
         maximum=1000.0,
     )
@@ -92,8 +92,8 @@ class CorrelationTemplate:
         reference: Its response to its last training window.
         target_cells: (width, height) of the target in cells.
         colored: Whether the features are those of colored or of gray windows.
-        frames: Number of observations so far.
-        frames_since_training: Observations since the last training.
+        frames: Number of updates so far, with or without training.
+        frames_since_training: Updates since the last training.
     """
 
     filter: Spectrum

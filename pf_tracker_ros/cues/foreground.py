@@ -37,7 +37,7 @@ class ForegroundParameters(CueParameters):
     weight: float = declared_weight(0.25)
     sharpness: float = declared(
         20.0,
-        "How fast the likelihood falls with the foreground contrast between box and ring.",
+        "How fast the likelihood falls with a falling foreground contrast between box and ring.",
         minimum=0.0,
         maximum=1000.0,
     )
