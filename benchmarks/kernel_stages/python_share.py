@@ -44,7 +44,7 @@ class SmallestCorrelationResponse(CorrelationResponse):
     def __init__(self, parameters: CorrelationResponseParameters) -> None:
         super().__init__(parameters, cells=4)
         # As windows of the usual number of cells are.
-        self._at_once = 1
+        self._windows_at_once = 1
 
 
 class PythonShare(NamedTuple):

@@ -86,7 +86,7 @@ class Setting:
     def region(self, context_margin: float = 0.0) -> Region:
         """The region of a new frame that covers the particles."""
         reduction = -(-self.side // _WORKING_SIZE)
-        return Region(self.frame(), self.boxes, reduction, context_margin, predicted_box=self.box)
+        return Region(self.frame(), self.boxes, reduction, context_margin, center_box=self.box)
 
     @property
     def text(self) -> str:

@@ -1,7 +1,7 @@
-"""Appearances: what is in a box, described so that targets can be told apart over a long time.
+"""Appearances: descriptors that identify targets over a long time.
 
-A cue's template follows its target from frame to frame, and takes in what hides it. A descriptor is
-made of what a detector has confirmed, and changes slowly.
+A cue's template adapts in every frame, also to an occluder. A descriptor is extracted only from
+confirmed detections and changes slowly, so it can re-identify a target after minutes.
 """
 
 from pf_tracker_ros.appearances.appearance import (

@@ -1,4 +1,4 @@
-"""What every kind of appearance can do."""
+"""The interface of an appearance: extract, compare, average and search for descriptors."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.registry import Registry
 
-# (D,) of one box.
+# (D,) descriptor of one box.
 Descriptor = NDArray[np.float32]
 
 
 class Appearance(Protocol):
-    """Describes what is in boxes, and compares descriptions.
+    """Computes and compares descriptors of boxes.
 
-    It is stateless: it is made once, for all targets, which own their descriptors.
+    It is stateless; descriptors are values, stored in the tracks.
     """
 
     @abstractmethod
     def extract(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(N, D) descriptors of what is in (N, 4) boxes whose centers are inside the image.
+        """(N, D) descriptors of (N, 4) boxes with centers inside the image.
 
-        Those of all detections of a frame are asked for at once.
+        It is called once for all detections of a frame.
         """
 
     @abstractmethod
     def distance(self, descriptor: Descriptor, others: NDArray[np.float32]) -> NDArray[np.float64]:
-        """(N,) how far a (D,) descriptor and (N, D) others differ, 0 (not at all) to 1.
+        """(N,) distances, 0 (equal) to 1, of a (D,) descriptor from (N, D) others.
 
-        The scale is the same for every kind: two views of one target usually differ by about 0.12
-        and hardly by more than 0.25, those of two targets mostly by more than that.
+        Every kind has the same scale: descriptors of one target usually differ by about 0.12 and
+        rarely by more than 0.25; those of two targets mostly by more.
         """
 
     @abstractmethod
-    def blend(self, descriptor: Descriptor, seen: Descriptor, share: float) -> Descriptor:
-        """A descriptor moved to another by a share, 0 to 1."""
+    def blend(self, descriptor: Descriptor, other: Descriptor, share: float) -> Descriptor:
+        """A weighted mean of two descriptors; `share`, 0 to 1, is the weight of the other."""
 
     def find(
         self,
@@ -51,16 +51,16 @@ class Appearance(Protocol):
         excluded: NDArray[np.float64],
         max_count: int,
     ) -> Sequence[NDArray[np.float64]]:
-        """Where in an image it may be like a descriptor, the likeliest first, each a (4,) box.
+        """(4,) boxes in an image that match a descriptor, the best first.
 
-        For a kind that can search a whole image within a frame's time; others find nothing.
+        Optional, for a kind that can search a whole image within a frame's time. By default none.
 
         Args:
-            frame: To be searched.
-            descriptor: Looked for.
+            frame: Frame to search.
+            descriptor: Descriptor of the target.
             size: (2,) width and height of the boxes, pixels.
-            excluded: (K, 4) boxes of what is something else: what overlaps these is passed over.
-            max_count: Boxes, which do not overlap each other by half; less where there is no room.
+            excluded: (K, 4) boxes of other objects; boxes that overlap them are skipped.
+            max_count: Largest number of boxes; they are apart by half a side or more.
         """
         return ()
 
@@ -70,12 +70,12 @@ APPEARANCES = Registry[Appearance]("appearance", group="pf_tracker_ros.appearanc
 
 @dataclass(frozen=True)
 class AppearanceParameters:
-    """What targets are told apart by over a long time."""
+    """The appearance that identifies targets over a long time."""
 
     kind: str = declared(
         "color_stripes",
-        "What detections and targets are told apart by: color_stripes by the colors in stripes of "
-        "their boxes.",
+        "Appearance that identifies targets: color_stripes uses color histograms of horizontal "
+        "stripes of their boxes.",
         choices=APPEARANCES,
         read_only=True,
     )

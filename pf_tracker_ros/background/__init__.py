@@ -1,4 +1,4 @@
-"""What of the image is background: a ViBe model."""
+"""Background subtraction by a ViBe model."""
 
 from pf_tracker_ros.background.vibe import UPDATE_EVERY, BackgroundModel, BackgroundState
 

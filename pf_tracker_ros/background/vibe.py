@@ -1,8 +1,11 @@
-"""ViBe: a background model of sample values a pixel, kept up to date at random.
+"""ViBe: a background model of N sample values for each pixel, updated at random.
 
-A pixel is background when enough of its samples lie near its value. A background pixel then, by
-chance, replaces one of its samples, and by chance one of a neighbor's: memory fades exponentially,
-and background spreads into what wrongly counts as foreground.
+1. Initialize: the samples of a pixel are drawn from its 3 x 3 neighborhood in the first image.
+2. Classify: a pixel is background if at least U_min samples lie within the radius R of its value.
+3. Update: a background pixel replaces, with probability 1 / 16, a random one of its own samples,
+   so old samples decay exponentially.
+4. Propagate: with the same probability it replaces a random sample of a random neighbor, so
+   background grows into wrong foreground.
 
 Sources: Zhang Bo, section 2 (equations (1) to (3)); Barnich, Van Droogenbroeck 2011, "ViBe: a
 universal background subtraction algorithm for video sequences".
@@ -22,14 +25,14 @@ from numpy.typing import NDArray
 from pf_tracker_ros.background.ghosts import find_ghosts
 from pf_tracker_ros.boxes import Box
 
-# No scene has more foreground than this share: then the camera has moved, or the light changed.
+# With a larger share of foreground, the camera has moved or the light has changed.
 _LARGEST_FOREGROUND = 0.5
-# Pixels of the model; one of more takes seconds to begin.
-_MOST_PIXELS = 960 * 540
-# Every how many frames ghosts are looked for, and samples that the model's brightness is a mean of.
+# Largest model in pixels; a larger one takes seconds to initialize.
+_MAX_PIXELS = 960 * 540
+# Frames from one search for ghosts to the next; samples averaged for the model's brightness.
 _GHOSTS_EVERY, _SAMPLES_OF_MEAN = 4, 4
 UPDATE_EVERY = 16
-"""Frames that a model learns for, before its foreground counts."""
+"""Average frames between updates of a pixel; a new model learns for as many frames."""
 _ALL_CHANGED = "most of the image has changed, as when the camera moves"
 # Steps to the eight neighbors.
 _RIGHT, _DOWN = np.array(
@@ -39,11 +42,11 @@ _RIGHT, _DOWN = np.array(
 
 @dataclass(frozen=True)
 class BackgroundState:
-    """What the foreground of a frame is worth.
+    """Whether the foreground of a frame is usable.
 
     Attributes:
-        name: "learning" while the model has not seen as many frames as it takes a pixel, on
-            average, to renew a sample; "ready" after that; "off" where the foreground says nothing.
+        name: "learning" in the first `update_every` frames, then "ready"; "off" if the foreground
+            is unusable.
         reason: Why it is off, empty otherwise.
     """
 
@@ -55,32 +58,28 @@ class BackgroundState:
 
 
 class BackgroundModel:
-    """ViBe, one update a frame.
+    """ViBe with one update per frame, in place.
 
-    Where most of the image stays foreground for `update_every` frames, the model begins anew: only
-    background is ever learned, so it would never recover.
-
-    Unlike a cue it has a memory of its own, which every update changes in place.
+    If most of the image stays foreground for `update_every` frames, the model is initialized again.
+    It could not recover otherwise, because only background is learned.
 
     Args:
         image: (H, W, 3) uint8 BGR or (H, W) uint8 first frame, which initializes the model.
         generator: Source of all randomness.
-        foreground_boxes: Boxes of what is known not to be background, such as targets; the model there begins
-            with a continuation of what is around them, so that they leave no ghosts behind.
-        samples: Values that the model keeps of a pixel (N).
+        foreground_boxes: Boxes of known foreground, such as targets. The model there is inpainted
+            from the surroundings, so that no ghosts remain when they leave.
+        samples: Sample values of a pixel (N).
         radius: A sample matches a pixel when no channel differs by more gray levels than this (R).
-        matches: Samples that must match for a pixel to count as background (U_min).
-        update_every: A background pixel updates its samples, and a neighbor's, once in so many
-            frames on average.
-        reduction: Whole number of image pixels that one pixel of the model averages along each
-            axis; more where the model would have more pixels than for half of 1920 x 1080.
-        color: Whether the model keeps colors; without, it keeps brightness at a third of the cost.
-        removes_ghosts: Whether what was background only in the first image is learned anew as soon as
-            it is told, see `find_ghosts`; the papers have nothing of it.
+        matches: Matching samples that make a pixel background (U_min).
+        update_every: Average number of frames between updates of a background pixel.
+        reduction: Image pixels averaged along each axis for one model pixel, a whole number; raised
+            if the model would have more than 960 x 540 pixels.
+        color: Use colors; otherwise brightness, at a third of the cost.
+        removes_ghosts: Learn ghosts as background at once, see `find_ghosts`; not in the papers.
 
     Attributes:
-        reduction: Image pixels that one pixel of the mask stands for along each axis.
-        state: What the foreground of the last image is worth.
+        reduction: Image pixels per mask pixel along each axis.
+        state: State of the model at the last image.
     """
 
     def __init__(
@@ -103,9 +102,9 @@ class BackgroundModel:
         self._matches = matches
         self._update_every = update_every
         self._color = color
-        self._lays_ghosts = removes_ghosts
+        self._removes_ghosts = removes_ghosts
         self._generator = generator
-        self._begin(self._planes(image), foreground_boxes)
+        self._initialize(self._planes(image), foreground_boxes)
         self.state = BackgroundState("learning")
 
     @property
@@ -116,11 +115,11 @@ class BackgroundModel:
     def update(
         self, image: NDArray[np.uint8], foreground_boxes: Sequence[Box] = ()
     ) -> NDArray[np.uint8]:
-        """Tell foreground from background, then learn the background.
+        """Classify the pixels of an image, then learn its background.
 
         Args:
-            image: As the first, of the same size.
-            foreground_boxes: As for the first image, should the model begin anew with this one.
+            image: Image of the first one's shape.
+            foreground_boxes: As for the first image, if the model is initialized again.
 
         Returns:
             (h, w) uint8, 255 for foreground, 0 for background; h and w are those of the image
@@ -129,8 +128,8 @@ class BackgroundModel:
         planes = self._planes(image)
         foreground = self._foreground(planes)
         self._age += 1
-        if self._lays_ghosts and self._age % _GHOSTS_EVERY == 0:
-            self._lay_ghosts(planes, foreground)
+        if self._removes_ghosts and self._age % _GHOSTS_EVERY == 0:
+            self._remove_ghosts(planes, foreground)
         self._learn(planes, foreground)
         if cv2.countNonZero(foreground) <= _LARGEST_FOREGROUND * foreground.size:
             self._changed_for = 0
@@ -140,18 +139,18 @@ class BackgroundModel:
         self.state = BackgroundState("off", _ALL_CHANGED)
         self._changed_for += 1
         if self._changed_for >= self._update_every:
-            self._begin(planes, foreground_boxes)
+            self._initialize(planes, foreground_boxes)
         return foreground
 
-    def _begin(self, planes: NDArray[np.uint8], foreground_boxes: Sequence[Box]) -> None:
-        self._model = self._fresh(
-            self._filled(planes, foreground_boxes) if foreground_boxes else planes
+    def _initialize(self, planes: NDArray[np.uint8], foreground_boxes: Sequence[Box]) -> None:
+        self._model = self._initial_model(
+            self._inpainted(planes, foreground_boxes) if foreground_boxes else planes
         )
         self._age = 0
         self._changed_for = 0
 
     def _planes(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(channels, h, w) the image as the model sees it."""
+        """(channels, h, w) the reduced image, in brightness unless the model has colors."""
         if image.ndim == 3 and not self._color:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
         reduction = self.reduction
@@ -165,7 +164,10 @@ class BackgroundModel:
         return planes
 
     def _foreground(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Source: Zhang Bo, equations (2) and (3), the sphere that of the largest difference."""
+        """(h, w) foreground mask; the distance is the largest difference of any channel.
+
+        Source: Zhang Bo, equations (2) and (3).
+        """
         channels, height, width = planes.shape
         stacked = planes.reshape(-1, width)
         difference = np.empty_like(stacked)
@@ -176,24 +178,23 @@ class BackgroundModel:
             for channel in range(1, channels):
                 start = channel * height
                 cv2.max(largest, difference[start : start + height], dst=largest)
-            # 255 where it matches, which is -1 for bytes that wrap: the count goes up by 1.
+            # A match is 255, which is -1 modulo 256: the count grows by 1.
             cv2.threshold(largest, self._radius, 255, cv2.THRESH_BINARY_INV, dst=largest)
             matches -= largest
-        fewest = self._matches
-        return cv2.threshold(matches, fewest - 1, 255, cv2.THRESH_BINARY_INV)[1]
+        return cv2.threshold(matches, self._matches - 1, 255, cv2.THRESH_BINARY_INV)[1]
 
-    def _lay_ghosts(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
-        """Begin anew where the foreground is a ghost, which it then is no more."""
-        some = np.array([_gray(sample) for sample in self._model[:_SAMPLES_OF_MEAN]])
-        known = some.mean(axis=0, dtype=np.float32).astype(np.uint8)
-        ghosts = find_ghosts(foreground, _gray(planes), known)
+    def _remove_ghosts(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
+        """Initialize the model again at ghosts, and clear them from the foreground in place."""
+        samples = np.array([_gray(sample) for sample in self._model[:_SAMPLES_OF_MEAN]])
+        background = samples.mean(axis=0, dtype=np.float32).astype(np.uint8)
+        ghosts = find_ghosts(foreground, _gray(planes), background)
         pixels = np.flatnonzero(ghosts)
         model = self._model.reshape(*self._model.shape[:2], -1)
         model[:, :, pixels] = self._neighborhood_samples(planes, pixels)
         foreground[ghosts] = 0
 
     def _learn(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
-        """Conservative update and spatial propagation: only background pixels give their value.
+        """Update and propagate; only background pixels give their value (conservative update).
 
         Source: Zhang Bo, step 3; Barnich, Van Droogenbroeck 2011, section III-C.
         """
@@ -203,52 +204,52 @@ class BackgroundModel:
         model = self._model.reshape(-1)
         background = foreground.ravel() == 0
         for propagate in (False, True):
-            givers = self._chosen(pixels)
-            givers = givers[background[givers]]
-            takers = givers
+            sources = self._random_pixels(pixels)
+            sources = sources[background[sources]]
+            targets = sources
             if propagate:
-                to = self._generator.integers(0, len(_RIGHT), len(givers), dtype=np.uint8)
-                y, x = np.divmod(givers, width)
+                to = self._generator.integers(0, len(_RIGHT), len(sources), dtype=np.uint8)
+                y, x = np.divmod(sources, width)
                 x = np.clip(x + _RIGHT[to], 0, width - 1)
-                takers = np.clip(y + _DOWN[to], 0, height - 1) * width + x
-            replaced = self._generator.integers(0, len(self._model), len(givers), dtype=np.uint8)
-            # One flat index a sample: far faster than one for each axis.
-            places = takers + replaced * np.intp(values.size)
+                targets = np.clip(y + _DOWN[to], 0, height - 1) * width + x
+            replaced = self._generator.integers(0, len(self._model), len(sources), dtype=np.uint8)
+            # One flat index per sample is much faster than one for each axis.
+            indices = targets + replaced * np.intp(values.size)
             for channel in values:
-                model[places] = channel[givers]
-                places += pixels
+                model[indices] = channel[sources]
+                indices += pixels
 
-    def _chosen(self, pixels: int) -> NDArray[np.intp]:
-        """Pixels out of a number of them, each with a chance of 1 in `update_every`.
+    def _random_pixels(self, pixels: int) -> NDArray[np.intp]:
+        """Indices below `pixels`, each drawn with probability 1 / `update_every`.
 
-        Gaps between successes are geometric, exponential ones in whole pixels: far fewer random
-        numbers than one a pixel.
+        The gaps between them are geometric, computed as rounded exponential numbers: this needs
+        much fewer random numbers than one per pixel.
         """
         if self._update_every == 1:
             return np.arange(pixels)
-        chance = 1.0 / self._update_every
-        expected = pixels * chance
+        probability = 1.0 / self._update_every
+        expected = pixels * probability
         gaps = self._generator.standard_exponential(
             int(expected + 6 * np.sqrt(expected) + 10), dtype=np.float32
         )
-        gaps *= -1.0 / math.log1p(-chance)
-        places = np.cumsum(gaps.astype(np.intp) + 1) - 1
-        return places[: np.searchsorted(places, pixels)]
+        gaps *= -1.0 / math.log1p(-probability)
+        indices = np.cumsum(gaps.astype(np.intp) + 1) - 1
+        return indices[: np.searchsorted(indices, pixels)]
 
-    def _filled(
+    def _inpainted(
         self, planes: NDArray[np.uint8], foreground_boxes: Sequence[Box]
     ) -> NDArray[np.uint8]:
-        """The planes with the holes painted over from their surroundings."""
+        """The planes with the boxes inpainted from their surroundings."""
         mask = np.zeros(planes.shape[1:], np.uint8)
-        for hole in foreground_boxes:
-            x, y, width, height = (side / self.reduction for side in hole)
+        for box in foreground_boxes:
+            x, y, width, height = (side / self.reduction for side in box)
             left, top = max(math.floor(x), 0), max(math.floor(y), 0)
             right, bottom = max(math.ceil(x + width), 0), max(math.ceil(y + height), 0)
             mask[top:bottom, left:right] = 255
         return np.stack([cv2.inpaint(plane, mask, 3, cv2.INPAINT_TELEA) for plane in planes])
 
-    def _fresh(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(N, channels, h, w) a model of this frame alone.
+    def _initial_model(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(N, channels, h, w) samples from one frame.
 
         Source: Zhang Bo, equation (1) and step 1; Barnich, Van Droogenbroeck 2011, section III-B.
         """
@@ -265,15 +266,15 @@ class BackgroundModel:
         drawn = np.empty((self._samples, len(planes), len(pixels)), np.uint8)
         for samples in drawn:
             step = self._generator.integers(0, 9, len(pixels))
-            places = corners + step // 3 * padded.shape[2] + step % 3
-            samples[:] = padded.reshape(len(planes), -1)[:, places]
+            indices = corners + step // 3 * padded.shape[2] + step % 3
+            samples[:] = padded.reshape(len(planes), -1)[:, indices]
         return drawn
 
 
 def _gray(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The brightest part of the eye's answer, green, is brightness enough to compare."""
+    """(h, w) brightness, approximated by the middle channel, green."""
     return planes[len(planes) // 2]
 
 
 def _least_reduction(image: NDArray[np.uint8]) -> int:
-    return math.ceil(math.sqrt(image.shape[0] * image.shape[1] / _MOST_PIXELS))
+    return math.ceil(math.sqrt(image.shape[0] * image.shape[1] / _MAX_PIXELS))

@@ -1,8 +1,12 @@
-"""Color contrast cue: colors of the target that its surroundings do not have.
+"""Color contrast cue: colors that the target has and its surroundings do not.
 
-A color histogram also counts colors that lie all around the target; here they say nothing. A box
-scores by the contrast between its inside and the ring around it, so it is drawn to the target's
-place and to its size at once.
+1. The template has two color histograms: of the box, and of the ring around it.
+2. A pixel of color c is the target's with probability P(c) = inside(c) / (inside(c) + ring(c)).
+3. The contrast of a box is the mean of P inside minus the mean of P in its ring. An integral image
+   of P gives it for any number of boxes at little cost.
+4. The log likelihood falls linearly with the contrast that is missing to the template's.
+
+Unlike a color histogram, this cue ignores colors that are also around the target.
 
 Sources: Possegger, Mauthner, Bischof 2015, "In defense of color-based model-free tracking",
 section 3.1; Collins, Liu, Leordeanu 2005, "Online selection of discriminative tracking
@@ -32,18 +36,18 @@ from pf_tracker_ros.cues.cue import (
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
-# The share that inside and ring are granted of every color, so that unseen ones count as undecided.
+# Added to both histograms, so that unseen colors have probability 1/2.
 _PRIOR_SHARE = 1e-4
-# How fast the log odds that it is the target grow, and where they are even: with the Bhattacharyya
-# coefficient of a box's colors and the first ones, ...
-_LIKENESS_ODDS, _EVEN_LIKENESS = 3.3, 0.4
-# ... and with its contrast by the first colors, as a share of what it was then. Gray levels are
-# shared by too much for that to tell.
-_CONTRAST_ODDS, _EVEN_CONTRAST, _LEAST_CONTRAST_SHARE = 2.8, 0.7, -0.2
-# Share of pixels that must not be gray for there to be colors.
-_LEAST_COLORED = 0.05
-# Targets of less contrast are as their surroundings.
-_LEAST_CONTRAST = 1e-3
+# Slope and zero of the log odds: of the Bhattacharyya coefficient of the box's colors and the first
+# template's, ...
+_SIMILARITY_ODDS, _EVEN_SIMILARITY = 3.3, 0.4
+# ... and of the contrast by the first template, as a share of that template's own. The latter is
+# for colored targets only, because gray levels are too common.
+_CONTRAST_ODDS, _EVEN_CONTRAST, _MIN_CONTRAST_SHARE = 2.8, 0.7, -0.2
+# A target with at least this share of pixels that are not gray is colored.
+_MIN_COLORED_SHARE = 0.05
+# Smallest contrast used as a divisor.
+_MIN_CONTRAST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class ColorContrastParameters(CueParameters):
 
     sharpness: float = declared(
         400.0,
-        "How fast the likelihood falls as the contrast between box and ring does.",
+        "How fast the likelihood falls with a falling contrast between box and ring.",
         minimum=0.0,
         maximum=1000.0,
     )
@@ -64,8 +68,8 @@ class ContrastTemplate:
     """The colors of the target and of its surroundings.
 
     Attributes:
-        inside: (levels^3,) share of each color among the pixels of the box.
-        ring: (levels^3,) share of each color among the pixels of the ring around it.
+        inside: (levels^3,) share of each color in the box.
+        ring: (levels^3,) share of each color in the ring around it.
     """
 
     inside: NDArray[np.float32]
@@ -73,21 +77,21 @@ class ContrastTemplate:
 
     @cached_property
     def probabilities(self) -> NDArray[np.float32]:
-        """(levels^3,) probability, 0 to 1, that a pixel of each color belongs to the target."""
+        """(levels^3,) probability, 0 to 1, that a pixel of each color is the target's."""
         inside, ring = self.inside + _PRIOR_SHARE, self.ring + _PRIOR_SHARE
         return (inside / (inside + ring)).astype(np.float32)
 
     @cached_property
     def contrast(self) -> float:
-        """0 to 1: the target's own contrast, and so how much its colors say."""
+        """The target's own contrast, 0 to 1."""
         return max(float((self.inside - self.ring) @ self.probabilities), 0.0)
 
     @cached_property
     def is_colored(self) -> bool:
-        """Whether there are other colors than grays."""
+        """Whether the target has colors other than gray."""
         levels = round(len(self.inside) ** (1 / 3))
         grays = np.arange(levels) * (levels**2 + levels + 1)
-        return float(1.0 - self.inside[grays].sum()) >= _LEAST_COLORED
+        return float(1.0 - self.inside[grays].sum()) >= _MIN_COLORED_SHARE
 
 
 Contrast = TypeVar("Contrast", np.float64, NDArray[np.float64])
@@ -95,18 +99,18 @@ Contrast = TypeVar("Contrast", np.float64, NDArray[np.float64])
 
 @CUES.register("color_contrast", ColorContrastParameters)
 class ColorContrast(SearchableCue):
-    """Mean probability that a pixel of the box is the target's, minus that in the ring around it.
+    """Contrast of the target's colors between a box and the ring around it.
 
-    All boxes are measured in the size that the target is expected in: so the contrast tells its
-    place, and leaves its size to another cue. Whatever has the target's colors has the contrast.
+    All boxes are read in the size of `Region.center_box`: the contrast locates the target, and
+    another cue measures its size. Other objects of the same colors have the same contrast.
 
     Args:
-        parameters: Sharpness, and how slowly the template changes.
-        levels: Steps that each of red, green and blue is divided into, at most 32.
-        ring: Width of the ring of surroundings on each side of the box, box sides.
+        parameters: Sharpness and rate of template updates.
+        levels: Levels of each of red, green and blue, at most 32.
+        ring: Width of the ring on each side of the box, box sides.
     """
 
-    uses_predicted_size = True
+    uses_center_box_size = True
     is_discriminative = False
 
     def __init__(
@@ -139,8 +143,8 @@ class ColorContrast(SearchableCue):
     def response(
         self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
-        """See `SearchableCue.response`: the contrast."""
-        return self.contrast(region, _in_expected_size(region, boxes), template)
+        """See `SearchableCue.response`; the response is the contrast."""
+        return self.contrast(region, _in_center_box_size(region, boxes), template)
 
     def response_on_grid(
         self, region: Region, grid: BoxGrid, template: ContrastTemplate
@@ -148,7 +152,7 @@ class ColorContrast(SearchableCue):
         """See `SearchableCue.response_on_grid`."""
         integral = self._integral(region, template)
         row, column = (
-            region.region_boxes(_in_expected_size(region, boxes)).T
+            region.region_boxes(_in_center_box_size(region, boxes)).T
             for boxes in (grid.boxes[: len(grid.left)], grid.boxes[:: len(grid.left)])
         )
         columns, rows = self._edges(row[0], row[2]), self._edges(column[1], column[3])
@@ -160,29 +164,29 @@ class ColorContrast(SearchableCue):
         return _contrast(inside, outer, area, outer_area).ravel()
 
     def log_likelihood_of(
-        self, strength: NDArray[np.float64], template: ContrastTemplate
+        self, response: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.log_likelihood_of`."""
-        return self._log_likelihood(strength, template)
+        return self._log_likelihood(response, template)
 
-    def match(self, seen: ContrastTemplate, template: ContrastTemplate) -> Match:
-        """See `Cue.match`; the similarity is the contrast's share of the target's own."""
-        contrast = np.float64((seen.inside - seen.ring) @ template.probabilities)
+    def match(self, observation: ContrastTemplate, template: ContrastTemplate) -> Match:
+        """See `Cue.match`; the similarity is the contrast / the template's own contrast."""
+        contrast = np.float64((observation.inside - observation.ring) @ template.probabilities)
         share = contrast / template.contrast if template.contrast > 0.0 else 1.0
         return Match(
             float(self._log_likelihood(contrast, template)), min(max(float(share), 0.0), 1.0)
         )
 
     def log_odds(
-        self, seen: ContrastTemplate, template: ContrastTemplate, first: ContrastTemplate
+        self, observation: ContrastTemplate, template: ContrastTemplate, first: ContrastTemplate
     ) -> dict[str, float]:
-        """See `Cue.log_odds`: whether the box has the first colors, and stands out by them."""
-        likeness = float(np.sqrt(seen.inside * first.inside).sum())
-        odds = {"first colors": _LIKENESS_ODDS * (likeness - _EVEN_LIKENESS)}
+        """See `Cue.log_odds`: similarity to the first colors, and the contrast by these."""
+        similarity = float(np.sqrt(observation.inside * first.inside).sum())
+        odds = {"first colors": _SIMILARITY_ODDS * (similarity - _EVEN_SIMILARITY)}
         if first.is_colored:
-            contrast = float((seen.inside - seen.ring) @ first.probabilities)
-            share = contrast / max(first.contrast, _LEAST_CONTRAST)
-            share = min(max(share, _LEAST_CONTRAST_SHARE), 1.0)
+            contrast = float((observation.inside - observation.ring) @ first.probabilities)
+            share = contrast / max(first.contrast, _MIN_CONTRAST)
+            share = min(max(share, _MIN_CONTRAST_SHARE), 1.0)
             odds["contrast by the first colors"] = _CONTRAST_ODDS * (share - _EVEN_CONTRAST)
         return odds
 
@@ -190,7 +194,7 @@ class ColorContrast(SearchableCue):
         self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """(N,) contrasts, -1 to 1, of (N, 4) boxes; pixels outside the image have probability 0."""
-        # In memory as it is read, each of x, y, width and height in a row.
+        # Contiguous in the order of access.
         region_boxes = np.ascontiguousarray(region.region_boxes(boxes).T)
         edges = self._edges(region_boxes[:2], region_boxes[2:])
         sides = edges[:, 1] - edges[:, 0]
@@ -198,11 +202,12 @@ class ColorContrast(SearchableCue):
         inside, outer = box_sums(self._integral(region, template), edges[:, :, 0], edges[:, :, 1])
         return _contrast(inside, outer, area, outer_area)
 
-    def blend(self, template: ContrastTemplate, seen: ContrastTemplate) -> ContrastTemplate:
+    def blend(self, template: ContrastTemplate, observation: ContrastTemplate) -> ContrastTemplate:
         """See `Cue.blend`."""
         old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
         return ContrastTemplate(
-            old * template.inside + new * seen.inside, old * template.ring + new * seen.ring
+            old * template.inside + new * observation.inside,
+            old * template.ring + new * observation.ring,
         )
 
     def _log_likelihood(self, contrast: Contrast, template: ContrastTemplate) -> Contrast:
@@ -213,7 +218,7 @@ class ColorContrast(SearchableCue):
         return np.bincount(bins.ravel(), minlength=self._levels**3)
 
     def _integral(self, region: Region, template: ContrastTemplate) -> NDArray[np.float64]:
-        """(h + 1, w + 1) integral image of the probabilities that a pixel is the target's."""
+        """(h + 1, w + 1) integral image of the probabilities."""
 
         def integrate() -> NDArray[np.float64]:
             probabilities = template.probabilities.take(region.color_bins(self._levels))
@@ -222,14 +227,14 @@ class ColorContrast(SearchableCue):
         return region.cached(template, integrate)
 
     def _edges(self, starts: NDArray[np.float64], sides: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Whole-pixel edges of boxes and of the rings around them, in region pixels.
+        """Whole-pixel edges of boxes and of their rings, in region pixels.
 
         Args:
             starts: (..., N) left or upper edges of the boxes.
             sides: (..., N) widths or heights.
 
         Returns:
-            (2, 2, ..., N): of the boxes, then of the rings; where they start, then where they end.
+            (2, 2, ..., N): boxes and rings, then first and last edges.
         """
         edges = np.empty((2, 2, *starts.shape))
         edges[0, 0] = starts
@@ -245,9 +250,9 @@ def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
     return (counts / max(int(counts.sum()), 1)).astype(np.float32)
 
 
-def _in_expected_size(region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4) boxes in the size of `Region.predicted_box`, around the same centers."""
-    size = region.predicted_box[2:]
+def _in_center_box_size(region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4) boxes with the size of `Region.center_box` and the same centers."""
+    size = region.center_box[2:]
     resized = boxes.copy()
     resized[:, :2] += (boxes[:, 2:] - size) / 2
     resized[:, 2:] = size
@@ -260,5 +265,5 @@ def _contrast(
     area: NDArray[np.intp],
     outer_area: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """What the mean over boxes has above that over their rings, from the sums over both."""
+    """Mean over boxes minus mean over their rings, from the sums inside and in both."""
     return inside / area - (outer - inside) / np.maximum(outer_area - area, 1)

@@ -1,6 +1,14 @@
-"""Color histogram cue: which colors a box holds, wherever in it they are.
+"""Color histogram cue: the colors in a box, wherever they are in it.
 
-Source: Li et al. 2007, section 2.2.1; Perez et al. 2002, "Color-based probabilistic tracking".
+1. Count the box's pixels in levels^3 RGB bins; the histogram p has the shares.
+2. Bhattacharyya coefficient with the template q: rho = sum sqrt(p q); distance d = sqrt(1 - rho).
+3. Likelihood: exp(-lambda d^2).
+
+Only bins that the template holds contribute to rho. So each pixel gets the label of its bin in the
+template, and one two-dimensional histogram of (box, label) counts all boxes at once.
+
+Source: Li et al. 2007, section 2.2.1 and equations (4) to (6) and (9); Perez et al. 2002,
+"Color-based probabilistic tracking".
 """
 
 from __future__ import annotations
@@ -20,15 +28,15 @@ from pf_tracker_ros.cues.duplicates import DEDUPLICATE_FROM, unique_pairs
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 
-Place = TypeVar("Place", float, NDArray[np.float64])
+Coordinate = TypeVar("Coordinate", float, NDArray[np.float64])
 
-# 8 bits number the boxes of one calcHist call, and the colors on one page of a template.
+# 8-bit numbers limit the boxes of one calcHist call, and the labels of one page of a template.
 _BOXES_AT_ONCE = 256
 _COLORS_PER_PAGE = 255
-# Their numbers are kept for a multiple of so many.
+# Arrays of box numbers are cached for multiples of this.
 _NUMBERED_AT_ONCE = 64
-# A bin that old updates left with less than this share of one pixel has faded away.
-_FADED = 0.01
+# A bin with less than this share of one pixel is removed from the template.
+_MIN_PIXEL_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -50,9 +58,8 @@ class ColorTemplate:
     """The colors of the target.
 
     Attributes:
-        histogram: (levels^3,) share of each color, numbered as in `Region.color_bins`, and where
-            the background is set apart one more, its share. They sum to the share of the box that
-            is inside the image.
+        histogram: (levels^3,) share of each bin of `Region.color_bins`, or (levels^3 + 1,) with the
+            background's share last. The sum is the share of the box inside the image.
         smallest_share: Share of one pixel of the box.
     """
 
@@ -61,17 +68,17 @@ class ColorTemplate:
 
     @cached_property
     def pages(self) -> tuple[tuple[NDArray[np.uint8], NDArray[np.float32]], ...]:
-        """The colors that the histogram holds, up to 255 to a page.
+        """Label tables of the nonempty bins, up to 255 bins per page.
 
         Returns:
-            For each page the label of every color, 1, 2, ... for its own and 0 for all others, and
-            the (labels,) square roots of their shares, that of label 0 left out as 0.
+            For each page the (bins,) label of every bin: 1, 2, ... for the page's own and 0 for all
+            others; and the (labels,) square roots of their shares, 0 for label 0.
         """
-        # Of truth values, the nonzero ones are found several times as fast.
-        held = (self.histogram > 0.0).nonzero()[0]
+        # `nonzero` is several times as fast on booleans.
+        nonempty = (self.histogram > 0.0).nonzero()[0]
         pages = []
-        for start in range(0, len(held), _COLORS_PER_PAGE):
-            page = held[start : start + _COLORS_PER_PAGE]
+        for start in range(0, len(nonempty), _COLORS_PER_PAGE):
+            page = nonempty[start : start + _COLORS_PER_PAGE]
             labels = np.zeros(len(self.histogram), dtype=np.uint8)
             labels[page] = np.arange(1, len(page) + 1)
             roots = np.zeros(len(page) + 1, dtype=np.float32)
@@ -82,13 +89,13 @@ class ColorTemplate:
 
 @CUES.register("color_histogram", ColorHistogramParameters)
 class ColorHistogram(Cue):
-    """RGB histogram against a template histogram by their Bhattacharyya distance.
+    """Bhattacharyya distance of a box's RGB histogram from the template.
 
-    Pixels outside the image match nothing; a gray image counts as R = G = B.
+    Pixels outside the image match no bin; gray pixels have R = G = B.
 
     Args:
-        parameters: Sharpness, and how slowly the template changes.
-        levels: Steps that each of red, green and blue is divided into, at most 32.
+        parameters: Sharpness and rate of template updates.
+        levels: Levels of each of red, green and blue, at most 32.
     """
 
     def __init__(self, parameters: ColorHistogramParameters, *, levels: int = 16) -> None:
@@ -114,18 +121,18 @@ class ColorHistogram(Cue):
         """See `Cue.log_likelihood`; source: Li et al. 2007, equation (6)."""
         return -self._sharpness * self.squared_distance(region, boxes, template)
 
-    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match | None:
+    def match(self, observation: ColorTemplate, template: ColorTemplate) -> Match | None:
         """See `Cue.match`; the similarity is the Bhattacharyya coefficient."""
-        coefficient = min(float(np.sqrt(seen.histogram * template.histogram).sum()), 1.0)
+        coefficient = min(float(np.sqrt(observation.histogram * template.histogram).sum()), 1.0)
         return Match(-self._sharpness * (1.0 - coefficient), coefficient)
 
     @property
     def _colors(self) -> int:
-        """How many numbers `_bins` has."""
+        """Number of bins."""
         return self._levels**3
 
     def _bins(self, region: Region) -> NDArray[np.intp]:
-        """(h, w) number of each pixel's color."""
+        """(h, w) bin of each pixel."""
         return region.color_bins(self._levels)
 
     def squared_distance(
@@ -133,57 +140,54 @@ class ColorHistogram(Cue):
     ) -> NDArray[np.float64]:
         """(N,) squared Bhattacharyya distances d^2, 0 to 1, of (N, 4) boxes from the template.
 
-        Only bins that the template holds add to the coefficient, so pixels are labeled with those,
-        and all boxes counted at once by a two-dimensional histogram of (box, label).
-
         Source: Li et al. 2007, equations (4) and (5).
         """
-        samples, repeated = _samples(region.region_boxes(boxes))
+        samples, positions = _samples(region.region_boxes(boxes))
         coefficient = np.zeros(len(samples))
-        for number, (labels_of_colors, roots) in enumerate(template.pages):
+        for number, (label_table, roots) in enumerate(template.pages):
 
-            def label_pixels(table: NDArray[np.uint8] = labels_of_colors) -> NDArray[np.uint8]:
+            def label_pixels(table: NDArray[np.uint8] = label_table) -> NDArray[np.uint8]:
                 return region.pad(table.take(self._bins(region)))
 
             labels = region.cached((template, number), label_pixels)
             coefficient += _root_coefficient(labels, samples, roots)
         squared = 1.0 - np.minimum(coefficient, 1.0)
-        return squared if repeated is None else squared[repeated]
+        return squared if positions is None else squared[positions]
 
-    def blend(self, template: ColorTemplate, seen: ColorTemplate) -> ColorTemplate:
+    def blend(self, template: ColorTemplate, observation: ColorTemplate) -> ColorTemplate:
         """See `Cue.blend`; source: Li et al. 2007, equation (9)."""
         old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
-        blended = old * template.histogram + new * seen.histogram
-        _, kept = cv2.threshold(blended, _FADED * seen.smallest_share, 0.0, cv2.THRESH_TOZERO)
-        return ColorTemplate(kept.ravel(), seen.smallest_share)
+        blended = old * template.histogram + new * observation.histogram
+        smallest = observation.smallest_share
+        _, kept = cv2.threshold(blended, _MIN_PIXEL_SHARE * smallest, 0.0, cv2.THRESH_TOZERO)
+        return ColorTemplate(kept.ravel(), smallest)
 
 
 @CUES.register("foreground_color_histogram", ColorHistogramParameters)
 class ForegroundColorHistogram(ColorHistogram):
-    """Histogram in which all of the background is one color, whatever its pixels look like.
+    """Color histogram with one bin for all background pixels.
 
-    So the background cannot be taken for the target, and a box must hold as much of it as the
-    target's did. Without a background model, no pixel is background.
+    The background cannot match the target's colors, and a box must contain as much background as
+    the target's did. Without a background model, no pixel is background.
 
     Args:
         parameters: As for `ColorHistogram`.
         levels: As for `ColorHistogram`.
 
-    Source: Zhang Bo, section 2 (the foreground is extracted before its colors are counted).
+    Source: Zhang Bo, section 2 (foreground extraction before the color histogram).
     """
 
     needs_foreground = True
 
-    def match(self, seen: ColorTemplate, template: ColorTemplate) -> Match | None:
-        """See `Cue.match`; the similarity is that of the target's colors alone.
+    def match(self, observation: ColorTemplate, template: ColorTemplate) -> Match | None:
+        """See `Cue.match`; the similarity is that of the foreground colors, None without any.
 
-        It is a share of what a perfect match has: a box full of background is not like the target.
-        Of a target that had nothing but background in its box, no color is known to tell it by.
+        It is a share of that of a perfect match, so a box of background is not similar.
         """
         perfect = float(template.histogram[:-1].sum())
         if perfect == 0.0:
             return None
-        roots = np.sqrt(seen.histogram * template.histogram)
+        roots = np.sqrt(observation.histogram * template.histogram)
         return Match(
             -self._sharpness * (1.0 - min(float(roots.sum()), 1.0)),
             min(float(roots[:-1].sum()) / perfect, 1.0),
@@ -194,7 +198,7 @@ class ForegroundColorHistogram(ColorHistogram):
         return self._levels**3 + 1
 
     def _bins(self, region: Region) -> NDArray[np.intp]:
-        """(h, w) number of each pixel's color, the last one for the background."""
+        """(h, w) bin of each pixel, the last one for background."""
         bins, foreground = super()._bins(region), region.foreground_pixels
         if foreground is None:
             return bins
@@ -206,13 +210,13 @@ class ForegroundColorHistogram(ColorHistogram):
 
 @dataclass(frozen=True, eq=False)
 class _Windows:
-    """Boxes of one size: exactly their pixels.
+    """Samples of boxes of one size: all their pixels.
 
     Attributes:
-        left: (N,) x of their first pixels.
-        top: (N,) y of them.
-        columns: Of a box.
-        rows: Of a box.
+        left: (N,) first columns.
+        top: (N,) first rows.
+        columns: Columns of a box.
+        rows: Rows of a box.
     """
 
     left: NDArray[np.intp]
@@ -224,11 +228,11 @@ class _Windows:
         return len(self.left)
 
     def read(self, labels: NDArray[np.uint8], part: slice) -> NDArray[np.uint8]:
-        """(n, pixels) labels in a part of the boxes."""
+        """(n, pixels) labels in a slice of the boxes."""
         height, width = labels.shape
         shape = (height - self.rows + 1, width - self.columns + 1, self.rows, self.columns)
-        # The window whose top-left pixel is (y, x) at [y, x]. `sliding_window_view` would give the
-        # same, for more time than reading the windows takes.
+        # [y, x] is the window with its top-left pixel at (y, x), as by `sliding_window_view`, which
+        # takes longer than reading the windows.
         windows = np.ndarray(shape, np.uint8, labels, strides=2 * labels.strides)
         top = self.top[part]
         return windows[top, self.left[part]].reshape(len(top), -1)
@@ -236,12 +240,12 @@ class _Windows:
 
 @dataclass(frozen=True, eq=False)
 class _Grids:
-    """Boxes of several sizes: the centers of a grid with one cell a pixel in the box of mean size.
+    """Samples of boxes of several sizes: a grid in each, one cell per pixel of the mean box.
 
     Attributes:
-        region_boxes: (N, 4).
-        columns: Of the grid.
-        rows: Of the grid.
+        region_boxes: (N, 4) boxes in region pixels.
+        columns: Columns of the grid.
+        rows: Rows of the grid.
     """
 
     region_boxes: NDArray[np.float64]
@@ -252,21 +256,21 @@ class _Grids:
         return len(self.region_boxes)
 
     def read(self, labels: NDArray[np.uint8], part: slice) -> NDArray[np.uint8]:
-        """(n, cells) labels in a part of the boxes."""
+        """(n, cells) labels in a slice of the boxes."""
         boxes = self.region_boxes[part]
         x = boxes[:, :1] + (np.arange(self.columns) + 0.5) / self.columns * boxes[:, 2:3]
         y = boxes[:, 1:2] + (np.arange(self.rows) + 0.5) / self.rows * boxes[:, 3:]
         row_starts = y.astype(np.intp) * labels.shape[1]
-        places = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
-        return labels.ravel().take(places).reshape(len(boxes), -1)
+        indices = row_starts[:, :, None] + x.astype(np.intp)[:, None, :]
+        return labels.ravel().take(indices).reshape(len(boxes), -1)
 
 
 def _samples(
     region_boxes: NDArray[np.float64],
 ) -> tuple[_Windows | _Grids, NDArray[np.intp] | None]:
-    """What (N, 4) boxes read, those with the same pixels once, and which of it each box has.
+    """Samples of (N, 4) boxes without duplicates, and (N,) the position of each box in these.
 
-    None if each has its own: where they are few or of several sizes, none are left out.
+    Few boxes, or boxes of several sizes, are not deduplicated; the positions are then None.
     """
     sizes = region_boxes[:, 2:]
     if not (sizes == sizes[0]).all():
@@ -277,20 +281,20 @@ def _samples(
     top = _first_center(region_boxes[:, 1], height, rows).astype(np.intp)
     if len(region_boxes) < DEDUPLICATE_FROM:
         return _Windows(left, top, columns, rows), None
-    kept, repeated = unique_pairs(left, top)
-    return _Windows(left[kept], top[kept], columns, rows), repeated
+    unique, positions = unique_pairs(left, top)
+    return _Windows(left[unique], top[unique], columns, rows), positions
 
 
 def _root_coefficient(
     labels: NDArray[np.uint8], samples: _Windows | _Grids, roots: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """(N,) sums over all labels of sqrt(share of a box's pixels with that label) * root."""
+    """(N,) sums over all labels of sqrt(share of the box's pixels) * root."""
     coefficient = np.empty(len(samples), dtype=np.float32)
     for start in range(0, len(samples), _BOXES_AT_ONCE):
         part = slice(start, start + _BOXES_AT_ONCE)
         patches = samples.read(labels, part)
         count, pixels = patches.shape
-        # Label 0 is counted, too: to pass over a pixel takes longer, as no processor foresees it.
+        # Counting label 0 too is faster than skipping its pixels.
         counts = cv2.calcHist(
             [_box_numbers(count, pixels), patches],
             [0, 1],
@@ -303,8 +307,8 @@ def _root_coefficient(
 
 
 def _box_numbers(count: int, pixels: int) -> NDArray[np.uint8]:
-    """(count, pixels) with row i full of i."""
-    # How many boxes are read differs from frame to frame: with rows to spare, one array does.
+    """(count, pixels) array of row numbers."""
+    # The number of boxes varies from frame to frame; spare rows let one cached array serve.
     return _numbered_rows(-(-count // _NUMBERED_AT_ONCE) * _NUMBERED_AT_ONCE, pixels)[:count]
 
 
@@ -314,10 +318,10 @@ def _numbered_rows(count: int, pixels: int) -> NDArray[np.uint8]:
 
 
 def _grid(size: Sequence[float]) -> tuple[int, int]:
-    """Whole columns and rows of a box of (width, height)."""
+    """Columns and rows of a box of (width, height)."""
     return max(round(size[0]), 1), max(round(size[1]), 1)
 
 
-def _first_center(start: Place, side: float, count: int) -> Place:
-    """Center of the first of as many cells along a side; a box's first pixel is the one there."""
+def _first_center(start: Coordinate, side: float, count: int) -> Coordinate:
+    """Center of the first of `count` cells along a side; it lies in the box's first pixel."""
     return start + 0.5 * side / count

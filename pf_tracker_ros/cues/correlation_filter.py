@@ -1,19 +1,25 @@
-"""Correlation filters that are kept inside the target and near their past.
+"""Correlation filters with spatial and temporal regularization (STRCF).
 
-A filter f is trained so that its correlation with the features x of a window around the target is
-a given peak y. Found in the Fourier domain, it would also use the window's surroundings and its
-periodic repetition; a weight on its values outside the target forbids that, and a weight on its
-change from frame to frame lets it adapt without forgetting.
+1. A window around the target is divided into cells, with feature channels x_k.
+2. A filter f is trained so that its correlation with the features is a Gaussian peak y at the
+   target's center:
 
-    f = argmin |y - sum_k x_k * f_k|^2 + sum_k |w f_k|^2 + mu |f - f_before|^2
+       f = argmin |y - sum_k x_k * f_k|^2 + sum_k |w f_k|^2 + mu |f - f_before|^2
+
+   The weight w is small inside the target and large outside: it keeps the filter from using the
+   background and the periodic repetition of the window (spatial regularization). mu limits the
+   change from frame to frame (temporal regularization).
+3. The minimum is computed in the Fourier domain by a few steps of the alternating direction method
+   of multipliers (ADMM).
+4. The correlation of the filter with a window of a later frame is the response map. Its peak is the
+   most likely position of the target.
+
+Windows of a few dozen cells per side are transformed by matrix products, which are faster than an
+FFT and can include the cosine window.
 
 Source: Li, Tian, Zuo, Zhang, Yang 2018, "Learning spatial-temporal regularized correlation filters
 for visual tracking", section 3; Danelljan et al. 2015, "Learning spatially regularized correlation
 filters for visual tracking" (w).
-
-Windows of a few dozen points a side are transformed by products of matrices, which take less time
-than a fast transform; whatever else is done to rows and columns, such as a window or a stretch, is
-in the matrices. A response map is what the filter answers to windows of a frame.
 """
 
 from __future__ import annotations
@@ -28,13 +34,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 ONE_THREAD = 2**18
-"""Multiplications in a matrix product up to which OpenBLAS starts no threads."""
+"""Largest number of multiplications in a matrix product that OpenBLAS computes on one thread."""
 
 
 def product(matrix: NDArray[np.float32], columns: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The matrix times the columns, in blocks that OpenBLAS computes on one thread.
+    """The matrix product, in blocks that OpenBLAS computes on one thread.
 
-    Its other threads would keep a processor busy for longer than a whole frame takes.
+    More threads would keep a processor busy for longer than a frame takes.
     """
     block = max(ONE_THREAD // matrix.size, 1)
     result = np.empty((len(matrix), columns.shape[1]), dtype=np.float32)
@@ -47,33 +53,33 @@ Spectrum = NDArray[np.complex64]
 
 
 class SquareTransform:
-    """The Fourier transform of squares to whose rows and columns a matrix is applied first.
+    """The Fourier transform of n x n squares, after a matrix is applied to rows and columns.
 
     Args:
-        matrix: (n, n), n even; the identity for the transform alone.
+        matrix: (n, n) matrix, n even; the identity for the transform alone.
     """
 
     def __init__(self, matrix: NDArray[np.float64]) -> None:
         waves = _waves(len(matrix)) @ matrix
         self._down = waves.astype(np.complex64)
         across = waves[: len(matrix) // 2 + 1].T
-        # Real and imaginary part side by side, as in the memory of complex numbers.
+        # Real and imaginary parts alternate, as in complex numbers.
         parts = np.stack([across.real, across.imag], axis=-1)
         self._across = parts.reshape(len(matrix), -1).astype(np.float32)
 
     def apply(self, squares: NDArray[np.float32]) -> Spectrum:
-        """(..., n, n // 2 + 1) spectra of (..., n, n) squares: the half that tells the other."""
+        """(..., n, n // 2 + 1) half spectra of (..., n, n) real squares."""
         return self._down @ (squares @ self._across).view(np.complex64)
 
 
 @cache
 def transform(n: int) -> SquareTransform:
-    """The Fourier transform of n x n squares, n even, and nothing else."""
+    """The Fourier transform of n x n squares, n even."""
     return SquareTransform(np.eye(n))
 
 
 def invert(spectra: Spectrum) -> NDArray[np.float32]:
-    """(..., n, n) squares of (..., n, n // 2 + 1) spectra."""
+    """(..., n, n) real squares of (..., n, n // 2 + 1) half spectra."""
     down, across = _inverse(spectra.shape[-2])
     return (down @ spectra).view(np.float32) @ across
 
@@ -84,9 +90,9 @@ def _waves(n: int) -> NDArray[np.complex128]:
 
 @cache
 def _inverse(n: int) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
-    """The matrices for columns, and for rows with their halves of real and imaginary parts."""
+    """The inverse matrices for columns, and for rows of alternating real and imaginary parts."""
     waves = np.conj(_waves(n)) / n
-    # Those between stand for their counterparts in the other half, too.
+    # Middle frequencies also represent their conjugates in the other half.
     waves[1 : n // 2] *= 2.0
     half = waves[: n // 2 + 1]
     across = np.stack([half.real, -half.imag], axis=1).reshape(-1, n)
@@ -95,21 +101,22 @@ def _inverse(n: int) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
 
 Value = TypeVar("Value", bound=np.inexact)
 
-# How many boxes are read at once, well within what OpenCV can (2^15 - 2).
+# Boxes read at once; OpenCV's limit is 2^15 - 2.
 _READ_AT_ONCE = 2**14
-# Responses below this share of the one to the trained window are as good as none.
+# Smallest response used as a divisor.
 SMALLEST_RESPONSE = 1e-9
-_LEAST_STANDING_OUT = 0.1
+_MIN_PEAK_TO_SIDELOBE = 0.1
 
 
 class Windows(NamedTuple):
-    """Square parts of the frame around the prediction.
+    """Square windows of the frame with a common center, in one or two sizes.
 
     Attributes:
-        spectra: (windows, channels, cells, cells // 2 + 1) of their features.
-        expected: (channels, cells, cells // 2 + 1), of a window of the expected size, about.
-        center: (2,) in image pixels.
-        sides: Of each, image pixels, from small to large.
+        spectra: (windows, channels, cells, cells // 2 + 1) spectra of their features.
+        expected: (channels, cells, cells // 2 + 1) mean spectrum, approximately that of a window
+            of the predicted size.
+        center: (2,) common center, image pixels.
+        sides: Side of each window, image pixels, ascending.
     """
 
     spectra: Spectrum
@@ -119,14 +126,14 @@ class Windows(NamedTuple):
 
 
 class ResponseMaps(NamedTuple):
-    """What the filter answers to the windows around the prediction.
+    """The filter's responses to the windows of a frame.
 
     Attributes:
-        maps: (windows, S, S) responses.
-        windows: That they are to.
-        expected: (S, S) responses in the expected size.
-        deviation: Their standard deviation, above 0.
-        largest: Of all responses.
+        maps: (windows, S, S) response maps.
+        windows: The windows.
+        expected: (S, S) mean map, approximately that of the predicted size.
+        deviation: Standard deviation of `expected`, > 0.
+        largest: Largest response of all maps.
     """
 
     maps: NDArray[np.float32]
@@ -137,71 +144,71 @@ class ResponseMaps(NamedTuple):
 
     @classmethod
     def of(cls, maps: NDArray[np.float32], windows: Windows) -> ResponseMaps:
-        """Those that (windows, S, S) responses to some windows make."""
+        """Response maps from (windows, S, S) responses."""
         expected = mean_of(maps)
         return cls(maps, windows, expected, deviation_of(expected), float(maps.max()))
 
     def read(
         self, centers: NDArray[np.float64], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N,) responses, 0 outside of the windows.
+        """(N,) responses at box centers, 0 outside of the windows.
 
         Args:
-            centers: (N, 2) in image pixels.
-            shares: (N,) of the largest window in the response, 0 to 1; the rest is the smallest's.
+            centers: (N, 2) box centers, image pixels.
+            shares: (N,) weight of the largest window, 0 to 1, in the interpolation between sizes.
         """
 
         def read_one(number: int) -> NDArray[np.float32]:
             values = self.maps[number]
-            places = self._places(number, centers, self.windows.center)
-            if len(places) <= _READ_AT_ONCE:
-                return _interpolate(values, places[None])[0]
-            parts = np.split(places, range(_READ_AT_ONCE, len(places), _READ_AT_ONCE))
+            points = self._to_map(number, centers, self.windows.center)
+            if len(points) <= _READ_AT_ONCE:
+                return _interpolate(values, points[None])[0]
+            parts = np.split(points, range(_READ_AT_ONCE, len(points), _READ_AT_ONCE))
             return np.concatenate([_interpolate(values, part[None])[0] for part in parts])
 
-        return self._between(read_one, shares)
+        return self._interpolate_size(read_one, shares)
 
     def read_grid(
         self, x: NDArray[np.float64], y: NDArray[np.float64], share: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(rows, columns) the same of a grid, whose sides are below 2^15.
+        """(rows, columns) responses on a grid with sides below 2^15.
 
         Args:
-            x: (columns,) of the centers, image pixels.
-            y: (rows,) of the centers, image pixels.
-            share: (1,) as in `read`.
+            x: (columns,) x of the centers, image pixels.
+            y: (rows,) y of the centers, image pixels.
+            share: (1,) weight as in `read`.
         """
         center = self.windows.center
 
         def read_one(number: int) -> NDArray[np.float32]:
-            places = np.empty((len(y), len(x), 2), dtype=np.float32)
-            places[..., 0] = self._places(number, x, center[0])
-            places[..., 1] = self._places(number, y, center[1])[:, None]
-            return _interpolate(self.maps[number], places)
+            points = np.empty((len(y), len(x), 2), dtype=np.float32)
+            points[..., 0] = self._to_map(number, x, center[0])
+            points[..., 1] = self._to_map(number, y, center[1])[:, None]
+            return _interpolate(self.maps[number], points)
 
-        return self._between(read_one, share)
+        return self._interpolate_size(read_one, share)
 
-    def _places(
+    def _to_map(
         self, number: int, positions: NDArray[np.float64], center: NDArray[np.float64] | np.float64
     ) -> NDArray[np.float32]:
-        """Positions in image pixels as those in a window's map."""
+        """Positions in a window's map, for positions in image pixels."""
         samples = len(self.maps[number])
         scale = samples / self.windows.sides[number]
         return ((positions - center) * scale + samples // 2).astype(np.float32)
 
-    def _between(
+    def _interpolate_size(
         self, read_one: Callable[[int], NDArray[np.float32]], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """What is read of the smallest and of the largest window, by the shares of the latter."""
+        """Linear interpolation between the responses of the smallest and the largest window."""
         smallest = read_one(0).astype(np.float64)
         if len(self.maps) == 1:
             return smallest
         return smallest + shares * (read_one(-1) - smallest)
 
 
-def _interpolate(values: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(rows, columns) values of a map at (rows, columns, 2) places in it, 0 outside of it."""
-    return cv2.remap(values, places, None, cv2.INTER_CUBIC)
+def _interpolate(values: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(rows, columns) values of a map at (rows, columns, 2) points, 0 outside of it."""
+    return cv2.remap(values, points, None, cv2.INTER_CUBIC)
 
 
 def mean_of(windows: NDArray[Value]) -> NDArray[Value]:
@@ -210,75 +217,82 @@ def mean_of(windows: NDArray[Value]) -> NDArray[Value]:
 
 
 def deviation_of(values: NDArray[np.float32]) -> float:
-    """Standard deviation of a response map, above 0."""
+    """Standard deviation of a response map, > 0."""
     return max(float(cv2.meanStdDev(values)[1][0, 0]), SMALLEST_RESPONSE)
 
 
 def peak_near(
-    values: NDArray[np.float32], place: NDArray[np.float64], side: float, box: NDArray[np.float64]
+    values: NDArray[np.float32],
+    center_box: NDArray[np.float64],
+    side: float,
+    box: NDArray[np.float64],
 ) -> float:
-    """The largest value of a response map within a quarter of a box around its center.
+    """The largest value of a response map within a quarter of a box's sides from its center.
 
     Args:
-        values: (S, S), of a window around a place.
-        place: (4,) box, image pixels.
-        side: Of the window, image pixels.
-        box: (4,), image pixels.
+        values: (S, S) response map of a window.
+        center_box: (4,) box in the middle of the window, image pixels.
+        side: Side of the window, image pixels.
+        box: (4,) box, image pixels.
     """
     samples = len(values)
     scale = samples / side
-    center = (box[:2] + box[2:] / 2 - place[:2] - place[2:] / 2) * scale + samples // 2
-    reach = np.maximum(box[2:] * scale / 4, 1.0)
-    edges = np.rint([center - reach, center + reach]).astype(np.intp)
+    offset = box[:2] + box[2:] / 2 - center_box[:2] - center_box[2:] / 2
+    center = offset * scale + samples // 2
+    radius = np.maximum(box[2:] * scale / 4, 1.0)
+    edges = np.rint([center - radius, center + radius]).astype(np.intp)
     (left, top), (right, bottom) = np.minimum(np.maximum(edges, 0), samples - 1).tolist()
     return float(values[top : bottom + 1, left : right + 1].max())
 
 
 def peak_to_sidelobe(value: float, deviation: float) -> float:
-    """A value of a response map in units of the map's standard deviation, kept from 0."""
-    return max(value / deviation, _LEAST_STANDING_OUT)
+    """Peak-to-sidelobe ratio: a response / the standard deviation of its whole map, limited > 0.
+
+    Source: Bolme et al. 2010, section 3.5, who exclude the peak from the deviation.
+    """
+    return max(value / deviation, _MIN_PEAK_TO_SIDELOBE)
 
 
-# Width of the peak y, in target sizes.
+# Standard deviation of the peak y, in target sizes.
 _PEAK_WIDTH = 1.0 / 16.0
-# The weights w inside and outside the target.
+# The weight w inside and outside the target.
 _INSIDE, _OUTSIDE = 1e-3, 1e5
-# The penalty of the alternating direction method: at first, and its growth with every step.
+# ADMM penalty in the first step, its factor from step to step, and the number of steps.
 _FIRST_PENALTY, _PENALTY_GROWTH = 1.0, 10.0
 _STEPS = 2
-# Root mean square length that the cells' features are brought to, which sets the strength of the
-# penalties: weak features make a filter that answers to what the samples have in common.
-_FEATURE_STRENGTH = 0.294
-# Targets whose peak and weight are remembered; each new box has its own.
+# Root mean square length of the cells' features after scaling. It sets the effect of the penalties:
+# weak features make a filter that responds to what all samples have in common.
+_FEATURE_SCALE = 0.294
+# Cached peaks and weights; each target size has its own.
 _TARGETS = 8
 
 
 def spectra_of(features: NDArray[np.float32]) -> Spectrum:
-    """(K, channels, cells, cells // 2 + 1) transforms of (K, channels, cells, cells) features.
+    """(K, channels, cells, cells // 2 + 1) spectra of (K, channels, cells, cells) features.
 
-    Each channel's mean, which is much the same in every window, is taken out: a filter that is
-    trained with it answers to any window. A cosine window takes the features down to 0 at the
-    borders; all channels together are then brought to one strength.
+    Each channel's mean is subtracted: it is similar in every window, so a filter trained with it
+    would respond to any window. A cosine window lets the features fall to 0 at the borders. All
+    channels together are scaled to a fixed energy.
     """
     cells = features.shape[-1]
     windowed, flat = _windowed(cells)
     spectra = windowed.apply(features)
     spectra -= (spectra[..., :1, :1] / flat[0, 0]) * flat
-    for seen in spectra:
-        # Half of the spectrum stands for both, but for its first and its last column.
-        energy = 2.0 * _energy(seen) - _energy(seen[..., 0]) - _energy(seen[..., -1])
-        strength = _FEATURE_STRENGTH * cells * cells / math.sqrt(max(energy, 1e-9))
-        np.multiply(seen, np.float32(strength), out=seen)
+    for spectrum in spectra:
+        # Every column but the first and the last also represents its conjugate.
+        energy = 2.0 * _energy(spectrum) - _energy(spectrum[..., 0]) - _energy(spectrum[..., -1])
+        scale = _FEATURE_SCALE * cells * cells / math.sqrt(max(energy, 1e-9))
+        np.multiply(spectrum, np.float32(scale), out=spectrum)
     return spectra
 
 
 def train(
-    seen: Spectrum, target_cells: tuple[float, float], before: Spectrum | None, memory: float
+    spectrum: Spectrum, target_cells: tuple[float, float], before: Spectrum | None, memory: float
 ) -> Spectrum:
     """The filter after one more sample; source: Li et al. 2018, equations (8) to (12).
 
     Args:
-        seen: Spectrum of the features of a window that is centered on the target.
+        spectrum: Spectrum of the features of a window centered on the target.
         target_cells: (width, height) of the target in cells.
         before: The last filter, None for the first.
         memory: Weight mu of the change from the last filter, at least 0.
@@ -286,22 +300,22 @@ def train(
     Returns:
         The filter's spectrum.
     """
-    cells = seen.shape[1]
+    cells = spectrum.shape[1]
     area = np.float32(cells * cells)
     peak, weight = _peak(cells, target_cells), _squared_weight(cells, target_cells)
-    conjugate = np.conj(seen)
-    energy = (conjugate * seen).real.sum(axis=0)
-    past = np.zeros_like(seen) if before is None else before * np.float32(memory)
+    conjugate = np.conj(spectrum)
+    energy = (conjugate * spectrum).real.sum(axis=0)
+    past = np.zeros_like(spectrum) if before is None else before * np.float32(memory)
     memory = 0.0 if before is None else memory
     penalty = np.float32(_FIRST_PENALTY)
     pull = past
-    dual = np.zeros_like(seen)
+    dual = np.zeros_like(spectrum)
     for step in range(_STEPS):
         total = area * (penalty + np.float32(memory))
-        # (x x^H + total I) f = x y + area * pull, solved for each frequency on its own.
+        # (x x^H + total I) f = x y + area * pull, solved for each frequency alone.
         projected = area * (conjugate * pull).sum(axis=0)
         error = (peak - (energy * peak + projected) / (energy + total)) / total
-        trained = seen * error + pull * (area / total)
+        trained = spectrum * error + pull * (area / total)
         if step < _STEPS - 1:
             inside = invert(penalty * trained + dual)
             inside *= area / (weight + area * penalty)
@@ -312,27 +326,27 @@ def train(
     return trained
 
 
-def response(trained: Spectrum, seen: Spectrum, samples: int) -> NDArray[np.float32]:
-    """Correlation of a filter with a window, or several, at every displacement.
+def response(trained: Spectrum, spectra: Spectrum, samples: int) -> NDArray[np.float32]:
+    """Response maps: the correlation of filters with windows at every displacement.
 
     Args:
-        trained: (..., channels, cells, cells // 2 + 1), as `train` gives it; one filter, or one for
-            each window.
-        seen: (..., channels, cells, cells // 2 + 1) spectra of the windows' features.
-        samples: Along each side of the maps; a multiple of the number of cells, which it refines.
+        trained: (..., channels, cells, cells // 2 + 1) spectrum from `train`: one filter, or one
+            per window.
+        spectra: (..., channels, cells, cells // 2 + 1) spectra of the windows' features.
+        samples: Samples along each side of the maps, a multiple of the number of cells.
 
     Returns:
-        (..., samples, samples), about 1 where a window holds the target, that displacement
-        (0, 0) at [samples // 2, samples // 2].
+        (..., samples, samples), about 1 at the target; displacement (0, 0) is at
+        [samples // 2, samples // 2].
     """
-    cells = seen.shape[-2]
-    product = (np.conj(trained) * seen).sum(axis=-3) * _to_middle(cells)
+    cells = spectra.shape[-2]
+    product = (np.conj(trained) * spectra).sum(axis=-3) * _to_middle(cells)
     refined = np.zeros((*product.shape[:-2], samples, samples // 2 + 1), dtype=np.complex64)
     half = cells // 2
     refined[..., :half, : half + 1] = product[..., :half, :]
     refined[..., -half:, : half + 1] = product[..., -half:, :]
     if samples > cells:
-        # The highest frequency stands for both of its signs, which the refined map tells apart.
+        # The highest frequency represents both signs, which are distinct in the refined map.
         refined[..., -half, :] *= 0.5
         refined[..., half, :] = refined[..., -half, :]
         refined[..., half] *= 0.5
@@ -340,28 +354,28 @@ def response(trained: Spectrum, seen: Spectrum, samples: int) -> NDArray[np.floa
     return np.asarray(values * np.float32((samples / cells) ** 2), dtype=np.float32)
 
 
-def response_at_center(filter_spectrum: Spectrum, seen: Spectrum) -> float:
-    """The correlation without any displacement."""
-    cells = seen.shape[1]
-    product = (np.conj(filter_spectrum) * seen).real
+def response_at_center(trained: Spectrum, spectrum: Spectrum) -> float:
+    """The correlation of a filter with a window at displacement (0, 0)."""
+    cells = spectrum.shape[1]
+    product = (np.conj(trained) * spectrum).real
     total = 2.0 * product.sum() - product[..., 0].sum() - product[..., -1].sum()
     return float(total) / cells**2
 
 
-def _energy(seen: Spectrum) -> float:
-    return float(np.vdot(seen, seen).real)
+def _energy(spectrum: Spectrum) -> float:
+    return float(np.vdot(spectrum, spectrum).real)
 
 
 @cache
 def _windowed(cells: int) -> tuple[SquareTransform, Spectrum]:
-    """The transform of squares under a cosine window, and what it makes of a square of ones."""
+    """The transform with a cosine window, and its result for a square of ones."""
     windowed = SquareTransform(np.diag(np.hanning(cells + 2)[1:-1]))
     return windowed, windowed.apply(np.ones((cells, cells), dtype=np.float32))
 
 
 @cache
 def _to_middle(cells: int) -> NDArray[np.float32]:
-    """(cells, cells // 2 + 1) factors that bring displacement (0, 0) to the middle of a map."""
+    """(cells, cells // 2 + 1) factors that move displacement (0, 0) to the middle of a map."""
     frequency = np.fft.fftfreq(cells, 1 / cells)
     signs = (-1.0) ** (frequency[:, None] + np.arange(cells // 2 + 1))
     return signs.astype(np.float32)
@@ -369,17 +383,17 @@ def _to_middle(cells: int) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=_TARGETS)
 def _peak(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
-    """Spectrum, which is real, of a Gaussian peak at displacement (0, 0)."""
-    place = np.fft.fftfreq(cells) * cells
+    """Real spectrum of a Gaussian peak at displacement (0, 0)."""
+    displacement = np.fft.fftfreq(cells) * cells
     width = _PEAK_WIDTH * np.sqrt(target_cells[0] * target_cells[1])
-    side = np.exp(-0.5 * np.square(place / width))
+    side = np.exp(-0.5 * np.square(displacement / width))
     return np.fft.rfft2(np.outer(side, side)).real.astype(np.float32)
 
 
 @lru_cache(maxsize=_TARGETS)
 def _squared_weight(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
-    """(cells, cells) w^2, small inside the target, cells that it covers in part between."""
-    place = np.abs(np.arange(cells) - (cells - 1) / 2)
-    across, down = (np.clip(side / 2 - place + 0.5, 0.0, 1.0) for side in target_cells)
+    """(cells, cells) w^2, small inside the target, interpolated in partly covered cells."""
+    distance = np.abs(np.arange(cells) - (cells - 1) / 2)
+    across, down = (np.clip(side / 2 - distance + 0.5, 0.0, 1.0) for side in target_cells)
     inside = np.outer(down, across)
     return np.square(_INSIDE * inside + _OUTSIDE * (1.0 - inside)).astype(np.float32)

@@ -1,10 +1,15 @@
-"""Correlation response cue: how strongly a trained filter answers at each place.
+"""Correlation response cue: the response of a trained correlation filter at each box.
 
-The filter's answers to the window around the prediction, in two sizes of it where the target's size
-is asked for, are computed once a frame, and each particle reads them at its center and size: any
-number of particles costs nearly the same.
+1. A window around the predicted box, in two sizes if the target's size is estimated, is converted
+   to features.
+2. The filter's response maps to these windows are computed once per frame.
+3. Each particle reads the maps at its center and interpolates to its size, so any number of
+   particles costs almost the same.
+4. The log likelihood falls linearly with the response that is missing to the trained one.
+5. Every few frames, the filter is trained with the window at the estimate.
 
-Sources: as in `correlation_filter` and in the features.
+Sources: see `correlation_filter` and the features; Bolme, Beveridge, Draper, Lui 2010, "Visual
+object tracking using adaptive correlation filters", section 3.5 (the peak-to-sidelobe ratio).
 """
 
 from __future__ import annotations
@@ -41,13 +46,13 @@ from pf_tracker_ros.parameters import declared, parts
 
 Value = TypeVar("Value", bound=np.generic)
 
-# Cells of windows that are worked on at once: a processor's cache does not hold what more need.
+# Cells of the windows processed at once, limited by the processor's cache.
 _CELLS_AT_ONCE = 2400
-# Places along each side of a cell at which the response is computed.
+# Samples of the response along each side of a cell.
 _REFINEMENT = 2
-# Mean difference between the largest and the smallest of a pixel's channels, in gray levels, from
-# which on a window shows colors; some cameras give gray images three channels.
-_LEAST_COLOR = 2.0
+# A window is colored from this mean difference on between a pixel's largest and smallest channel,
+# gray levels. Some cameras send gray images with three channels.
+_MIN_COLOR_DIFFERENCE = 2.0
 
 
 @dataclass(frozen=True)
@@ -56,15 +61,15 @@ class CorrelationResponseParameters(CueParameters):
 
     features: str = declared(
         "gradients_and_colors",
-        "What the filter looks at.",
+        "Features of the filter.",
         choices=FEATURES,
         read_only=True,
     )
     of_features: dict[str, Any] = parts("features", FEATURES)
     window: float = declared(
         4.0,
-        "Side of the square window around the target that the filter is trained in; a larger one "
-        "sees faster targets, and more of what is not the target.",
+        "Side of the filter's square window around the target; a larger one covers faster targets "
+        "and more background.",
         unit="box sizes",
         minimum=2.0,
         maximum=8.0,
@@ -72,7 +77,7 @@ class CorrelationResponseParameters(CueParameters):
     )
     sharpness: float = declared(
         100.0,
-        "How fast the likelihood falls as the response does.",
+        "How fast the likelihood falls with a falling response.",
         minimum=0.0,
         maximum=1000.0,
     )
@@ -83,12 +88,12 @@ class CorrelationTemplate:
     """A trained filter.
 
     Attributes:
-        filter: Its spectrum.
-        reference: Its response to the window that it was trained on last.
+        filter: Spectrum of the filter.
+        reference: Its response to its last training window.
         target_cells: (width, height) of the target in cells.
-        colored: Whether it looks at colors; where there are none, at gray levels.
-        frames: That could be learned from so far.
-        frames_since_training: Those since the last training.
+        colored: Whether the features are those of colored or of gray windows.
+        frames: Number of updates so far, with or without training.
+        frames_since_training: Updates since the last training.
     """
 
     filter: Spectrum
@@ -100,10 +105,10 @@ class CorrelationTemplate:
 
 
 class DeferredObservation(NamedTuple):
-    """Where to look in the frame at hand: training the filter costs too much for every frame.
+    """Region and box of an observation, whose features are computed only when needed.
 
     Attributes:
-        region: Of that frame.
+        region: Region of the frame.
         box: (4,) x, y, width, height in pixels.
     """
 
@@ -112,12 +117,12 @@ class DeferredObservation(NamedTuple):
 
 
 class Patch(NamedTuple):
-    """Part of a frame.
+    """A square part of a frame; arguments of `read_window`.
 
     Attributes:
-        frame: All of it.
-        center: (2,) in image pixels.
-        side: Image pixels.
+        frame: The frame.
+        center: (2,) center, image pixels.
+        side: Side, image pixels.
     """
 
     frame: Frame
@@ -127,23 +132,17 @@ class Patch(NamedTuple):
 
 @CUES.register("correlation_response", CorrelationResponseParameters)
 class CorrelationResponse(SearchableCue):
-    """Response of a regularized correlation filter, against that to the window it was trained on.
-
-    What a response says of the target depends on the features, which bring their calibration.
+    """Response of a regularized correlation filter, relative to that to its training window.
 
     Args:
         parameters: Features, window and sharpness.
-        cells: Along each side of the window, even; each has as many pixels as the features ask for,
-            once the window is brought to that resolution.
-        size_span: Factor from the smaller to the larger of the two windows that are compared each
-            frame, as much smaller and larger than the prediction's; with 1 there is one window,
-            which says nothing about the target's size. Nor is there another where nobody asks for
-            that.
-        memory: Weight of the filter's change from one frame to the next (mu); more adapts slower.
-        training_interval: Frames from one training of the filter to the next, each counting for all
-            of them.
-        settling_frames: Frames, from the first on, in which the filter is trained each time, and
-            over which the weight of its memory grows to the full one: the first views say most.
+        cells: Cells along each side of the window, even; the features define a cell's pixels.
+        size_span: Size ratio of the two windows around the predicted size; 1 means one window,
+            which does not measure the size.
+        memory: Weight of the filter's change from frame to frame (mu); more adapts more slowly.
+        training_interval: Frames from one training to the next.
+        settling_frames: Number of first frames that are all trained with; over these, the memory
+            grows to its full weight.
     """
 
     def __init__(
@@ -161,11 +160,10 @@ class CorrelationResponse(SearchableCue):
         )
         self._window = parameters.window
         self._cells = cells
-        # Windows that are worked on at once.
-        self._at_once = max(_CELLS_AT_ONCE // cells**2, 1)
+        self._windows_at_once = max(_CELLS_AT_ONCE // cells**2, 1)
         self._log_span = math.log(size_span)
-        reach = self._log_span / 2
-        self._factors = (math.exp(-reach), math.exp(reach)) if reach else (1.0,)
+        half_span = self._log_span / 2
+        self._factors = (math.exp(-half_span), math.exp(half_span)) if half_span else (1.0,)
         self._sharpness = parameters.sharpness
         self._interval = training_interval
         self._settling = settling_frames
@@ -173,28 +171,32 @@ class CorrelationResponse(SearchableCue):
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> CorrelationTemplate:
         """See `Cue.learn`."""
-        square = self._square(region, box)
-        (pixels,) = self._pixels([square], gray=False)
-        colored = pixels.ndim == 3 and float(np.ptp(pixels, axis=2).mean()) >= _LEAST_COLOR
-        (seen,) = self._spectra([square], colored)
-        width, height = (float(length) * self._cells / square.side for length in box[2:])
-        trained = train(seen, (width, height), None, 0.0)
-        return CorrelationTemplate(trained, _reference(trained, seen), (width, height), colored)
+        patch = self._patch(region, box)
+        (pixels,) = self._pixels([patch], gray=False)
+        difference = float(np.ptp(pixels, axis=2).mean()) if pixels.ndim == 3 else 0.0
+        colored = difference >= _MIN_COLOR_DIFFERENCE
+        (spectrum,) = self._spectra([patch], colored)
+        width, height = (float(length) * self._cells / patch.side for length in box[2:])
+        trained = train(spectrum, (width, height), None, 0.0)
+        reference = _reference(trained, spectrum)
+        return CorrelationTemplate(trained, reference, (width, height), colored)
 
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """See `Cue.precompute`."""
         for colored in (False, True):
-            of_kind = [
+            selected = [
                 one
                 for one in predicted_targets
                 if one.template.colored == one.first.colored == colored
             ]
-            for start in range(0, len(of_kind), self._at_once):
-                some = of_kind[start : start + self._at_once]
-                if len(some) > 1:
-                    self._prepare(some, colored)
+            for start in range(0, len(selected), self._windows_at_once):
+                batch = selected[start : start + self._windows_at_once]
+                if len(batch) > 1:
+                    self._precompute_batch(batch, colored)
 
-    def _prepare(self, predicted_targets: Sequence[PredictedTarget], colored: bool) -> None:
+    def _precompute_batch(
+        self, predicted_targets: Sequence[PredictedTarget], colored: bool
+    ) -> None:
         windows = self._read([one.region for one in predicted_targets], colored)
         counts = [len(one.spectra) for one in windows]
         filters = np.stack([one.template.filter for one in predicted_targets])
@@ -202,166 +204,156 @@ class CorrelationResponse(SearchableCue):
         maps = response(np.repeat(filters, counts, axis=0), spectra, _REFINEMENT * self._cells)
         first = np.stack([one.first.filter for one in predicted_targets])
         expected = np.stack([one.expected for one in windows])
-        early_maps = response(first, expected, self._cells)
-        for one, seen, answers, early in zip(
-            predicted_targets, windows, _parts(maps, counts), early_maps, strict=True
+        first_maps = response(first, expected, self._cells)
+        for one, its_windows, its_maps, first_map in zip(
+            predicted_targets, windows, _split(maps, counts), first_maps, strict=True
         ):
-            one.region.store((self, colored), seen)
-            one.region.store(_key(one.template), ResponseMaps.of(answers, seen))
-            one.region.store(_first_key(one.first), early)
+            one.region.store((self, colored), its_windows)
+            one.region.store(_key(one.template), ResponseMaps.of(its_maps, its_windows))
+            one.region.store(_first_key(one.first), first_map)
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> DeferredObservation:
         """See `Cue.observe`."""
         return DeferredObservation(region, box)
 
-    def template_from(self, seen: DeferredObservation) -> CorrelationTemplate:
+    def template_from(self, observation: DeferredObservation) -> CorrelationTemplate:
         """See `Cue.template_from`."""
-        return self.learn(seen.region, seen.box)
+        return self.learn(observation.region, observation.box)
 
     def log_likelihood_of(
-        self, strength: NDArray[np.float64], template: CorrelationTemplate
+        self, response: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.log_likelihood_of`."""
-        return -self._sharpness * (1.0 - strength)
+        return -self._sharpness * (1.0 - response)
 
-    def match(self, seen: DeferredObservation, template: CorrelationTemplate) -> Match:
+    def match(self, observation: DeferredObservation, template: CorrelationTemplate) -> Match:
         """See `Cue.match`.
 
-        The response at the box says little, since there is a best place even where the target is
-        hidden. The similarity is how far the best place stands out from all others, and whether its
-        response is on the level of the last one that was learned from (`Calibration`).
-
-        Source: Bolme, Beveridge, Draper, Lui 2010, "Visual object tracking using adaptive
-        correlation filters", section 3.5 (the peak-to-sidelobe ratio).
+        The similarity is computed from the map's peak-to-sidelobe ratio and the level of the peak
+        (`Calibration`), not from the response at the box: a hidden target has a peak too.
         """
-        value = float(self.response(seen.region, seen.box[None], template)[0])
-        answers = self._answers(seen.region, template)
-        peak = max(float(answers.expected.max()), SMALLEST_RESPONSE)
-        similarity = self._features.calibration.similarity(
-            peak, answers.deviation, template.reference
-        )
+        value = float(self.response(observation.region, observation.box[None], template)[0])
+        maps = self._response_maps(observation.region, template)
+        peak = max(float(maps.expected.max()), SMALLEST_RESPONSE)
+        similarity = self._features.calibration.similarity(peak, maps.deviation, template.reference)
         return Match(-self._sharpness * (1.0 - value), similarity)
 
     def log_odds(
-        self, seen: DeferredObservation, template: CorrelationTemplate, first: CorrelationTemplate
+        self,
+        observation: DeferredObservation,
+        template: CorrelationTemplate,
+        first: CorrelationTemplate,
     ) -> dict[str, float]:
-        """See `Cue.log_odds`.
-
-        How far the box stands out for the filter, and near it for the first one, and whether the
-        response is by far below the level of the last one that was learned from.
-        """
-        region, box = seen
-        answers = self._answers(region, template)
-        at_box = float(answers.read((box[:2] + box[2:] / 2)[None], np.array([0.5]))[0])
-        early = region.cached(
+        """See `Cue.log_odds` and `Calibration.log_odds`."""
+        region, box = observation
+        maps = self._response_maps(region, template)
+        at_box = float(maps.read((box[:2] + box[2:] / 2)[None], np.array([0.5]))[0])
+        first_map = region.cached(
             _first_key(first),
-            # It may look at colors where the last one looks at gray levels.
+            # The first filter may be for colored windows and the present one for gray ones.
             lambda: response(
                 first.filter, self._windows(region, first.colored).expected, self._cells
             ),
         )
-        near = peak_near(early, region.predicted_box, self._side(region.predicted_box), box)
-        peak_to_sidelobe_ratio = peak_to_sidelobe(at_box, answers.deviation)
-        first_peak_to_sidelobe_ratio = peak_to_sidelobe(near, deviation_of(early))
-        level = max(at_box, SMALLEST_RESPONSE) / template.reference
+        near_box = peak_near(first_map, region.center_box, self._side(region.center_box), box)
         return self._features.calibration.log_odds(
-            peak_to_sidelobe_ratio, first_peak_to_sidelobe_ratio, level
+            peak_to_sidelobe(at_box, maps.deviation),
+            peak_to_sidelobe(near_box, deviation_of(first_map)),
+            max(at_box, SMALLEST_RESPONSE) / template.reference,
         )
 
     def response(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
-        """See `SearchableCue.response`: the responses at the centers of the boxes, 0 to 1.
+        """See `SearchableCue.response`: the responses at the boxes' centers, 0 to 1.
 
-        The windows are around `Region.predicted_box`. Between their sizes a box's response is
-        interpolated; beyond them it is that of the next.
+        Responses are interpolated between the sizes of the windows, and constant beyond these.
         """
-        answers = self._answers(region, template)
+        maps = self._response_maps(region, template)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
-        responses = answers.read(centers, self._shares(boxes[:, 2:], region.predicted_box))
-        return _of_the_best(responses, answers, template)
+        responses = maps.read(centers, self._shares(boxes[:, 2:], region.center_box))
+        return _relative(responses, maps, template)
 
     def response_on_grid(
         self, region: Region, grid: BoxGrid, template: CorrelationTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.response_on_grid`."""
-        answers = self._answers(region, template)
+        maps = self._response_maps(region, template)
         width, height = grid.size
-        share = self._shares(grid.size[None], region.predicted_box)
-        responses = answers.read_grid(grid.left + width / 2, grid.top + height / 2, share)
-        return _of_the_best(responses.ravel(), answers, template)
+        share = self._shares(grid.size[None], region.center_box)
+        responses = maps.read_grid(grid.left + width / 2, grid.top + height / 2, share)
+        return _relative(responses.ravel(), maps, template)
 
     def _shares(
-        self, sizes: NDArray[np.float64], predicted_box: NDArray[np.float64]
+        self, sizes: NDArray[np.float64], center_box: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N,) where (N, 2) sizes are between the smaller (0) and the larger window (1)."""
+        """(N,) position of (N, 2) sizes between the smaller window (0) and the larger one (1)."""
         if not self._log_span:
             return np.zeros(len(sizes))
-        areas = sizes[:, 0] * sizes[:, 1] / (predicted_box[2] * predicted_box[3])
+        areas = sizes[:, 0] * sizes[:, 1] / (center_box[2] * center_box[3])
         return np.minimum(np.maximum(np.log(areas) / (2 * self._log_span) + 0.5, 0.0), 1.0)
 
-    def _answers(self, region: Region, template: CorrelationTemplate) -> ResponseMaps:
-        def answer() -> ResponseMaps:
+    def _response_maps(self, region: Region, template: CorrelationTemplate) -> ResponseMaps:
+        def compute() -> ResponseMaps:
             windows = self._windows(region, template.colored)
             maps = response(template.filter, windows.spectra, _REFINEMENT * self._cells)
             return ResponseMaps.of(maps, windows)
 
-        return region.cached(_key(template), answer)
+        return region.cached(_key(template), compute)
 
     def _windows(self, region: Region, colored: bool) -> Windows:
         return region.cached((self, colored), lambda: self._read([region], colored)[0])
 
     def _read(self, regions: Sequence[Region], colored: bool) -> list[Windows]:
-        """The windows around the prediction in each region."""
-        squares = [
+        """The windows around each region's `center_box`."""
+        patches = [
             [
-                self._square(region, region.predicted_box, factor)
+                self._patch(region, region.center_box, factor)
                 for factor in (self._factors if region.estimates_size else (1.0,))
             ]
             for region in regions
         ]
-        spectra = self._spectra([*itertools.chain(*squares)], colored)
+        spectra = self._spectra([*itertools.chain(*patches)], colored)
         return [
-            Windows(part, mean_of(part), some[0].center, [one.side for one in some])
-            for part, some in zip(_parts(spectra, map(len, squares)), squares, strict=True)
+            Windows(part, mean_of(part), sizes[0].center, [one.side for one in sizes])
+            for part, sizes in zip(_split(spectra, map(len, patches)), patches, strict=True)
         ]
 
     def blend(
-        self, template: CorrelationTemplate, seen: DeferredObservation
+        self, template: CorrelationTemplate, observation: DeferredObservation
     ) -> CorrelationTemplate:
-        """See `Cue.blend`; the filter's memory holds it near what it was."""
-        learned = replace(
+        """See `Cue.blend`; the filter is trained every few frames, all of which count."""
+        counted = replace(
             template,
             frames=template.frames + 1,
             frames_since_training=template.frames_since_training + 1,
         )
         settled = min(template.frames / self._settling, 1.0)
         interval = self._interval if settled == 1.0 else 1
-        if learned.frames_since_training < interval:
-            return learned
-        (view,) = self._spectra([self._square(seen.region, seen.box)], template.colored)
+        if counted.frames_since_training < interval:
+            return counted
+        patch = self._patch(observation.region, observation.box)
+        (spectrum,) = self._spectra([patch], template.colored)
         memory = settled * self._memory / interval
-        trained = train(view, template.target_cells, template.filter, memory)
-        reference = _reference(trained, view)
-        return replace(learned, filter=trained, reference=reference, frames_since_training=0)
+        trained = train(spectrum, template.target_cells, template.filter, memory)
+        reference = _reference(trained, spectrum)
+        return replace(counted, filter=trained, reference=reference, frames_since_training=0)
 
-    def _spectra(self, squares: Sequence[Patch], colored: bool) -> Spectrum:
-        """(K, channels, cells, cells // 2 + 1) of the features in K squares."""
+    def _spectra(self, patches: Sequence[Patch], colored: bool) -> Spectrum:
+        """(K, channels, cells, cells // 2 + 1) spectra of the features of K patches."""
+        size = self._windows_at_once
         spectra = [
-            spectra_of(self._features.extract(self._pixels(some, gray=not colored)))
-            for some in (
-                squares[start : start + self._at_once]
-                for start in range(0, len(squares), self._at_once)
-            )
+            spectra_of(self._features.extract(self._pixels(batch, gray=not colored)))
+            for batch in (patches[start : start + size] for start in range(0, len(patches), size))
         ]
         return spectra[0] if len(spectra) == 1 else np.concatenate(spectra)
 
-    def _pixels(self, squares: Sequence[Patch], *, gray: bool) -> NDArray[np.uint8]:
+    def _pixels(self, patches: Sequence[Patch], *, gray: bool) -> NDArray[np.uint8]:
         pixels = self._features.cell_size * self._cells
-        return np.stack([read_window(*square, pixels, gray) for square in squares])
+        return np.stack([read_window(*patch, pixels, gray) for patch in patches])
 
-    def _square(self, region: Region, box: NDArray[np.float64], factor: float = 1.0) -> Patch:
-        """Around a (4,) box, in so many times its size."""
+    def _patch(self, region: Region, box: NDArray[np.float64], factor: float = 1.0) -> Patch:
+        """The window around a (4,) box, for `factor` times its size."""
         return Patch(region.frame, box[:2] + box[2:] / 2, factor * self._side(box))
 
     def _side(self, box: NDArray[np.float64]) -> float:
@@ -369,7 +361,7 @@ class CorrelationResponse(SearchableCue):
 
 
 def _key(template: CorrelationTemplate) -> object:
-    """Under which a region keeps the answers to its windows."""
+    """Key of the response maps in a region's cache."""
     return "correlation responses", template
 
 
@@ -377,23 +369,22 @@ def _first_key(first: CorrelationTemplate) -> object:
     return "first correlation response", first
 
 
-def _parts(values: NDArray[Value], counts: Iterable[int]) -> list[NDArray[Value]]:
-    """One part after the other of so many entries each."""
+def _split(values: NDArray[Value], counts: Iterable[int]) -> list[NDArray[Value]]:
+    """Consecutive parts of the given lengths."""
     ends = [*itertools.accumulate(counts)]
     return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
-def _of_the_best(
-    responses: NDArray[np.float64], answers: ResponseMaps, template: CorrelationTemplate
+def _relative(
+    responses: NDArray[np.float64], maps: ResponseMaps, template: CorrelationTemplate
 ) -> NDArray[np.float64]:
-    """(N,) responses as shares, 0 to 1, of the one that was learned."""
-    # A view may answer more than the one that was learned; still no place beats the best.
-    full = max(template.reference, answers.largest)
+    """(N,) responses, 0 to 1, relative to the trained one or to a larger one in the maps."""
+    full = max(template.reference, maps.largest)
     return np.minimum(np.maximum(responses / full, 0.0), 1.0)
 
 
-def _reference(trained: Spectrum, seen: Spectrum) -> float:
-    return max(response_at_center(trained, seen), SMALLEST_RESPONSE)
+def _reference(trained: Spectrum, spectrum: Spectrum) -> float:
+    return max(response_at_center(trained, spectrum), SMALLEST_RESPONSE)
 
 
 @dataclass(frozen=True)
@@ -402,8 +393,8 @@ class CoarseCorrelationResponseParameters(CorrelationResponseParameters):
 
     window: float = declared(
         2.5,
-        "Side of the square window around the target that the filter is trained in; a larger one "
-        "sees faster targets, and more of what is not the target.",
+        "Side of the filter's square window around the target; a larger one covers faster targets "
+        "and more background.",
         unit="box sizes",
         minimum=2.0,
         maximum=8.0,
@@ -413,11 +404,11 @@ class CoarseCorrelationResponseParameters(CorrelationResponseParameters):
 
 @CUES.register("coarse_correlation_response", CoarseCorrelationResponseParameters)
 class CoarseCorrelationResponse(CorrelationResponse):
-    """The correlation response in fewer, larger cells, and in sizes further apart.
+    """The correlation response with fewer, larger cells and a larger span of sizes.
 
     Args:
         parameters: Features, window and sharpness.
-        cells: Along each side of the window, even.
+        cells: Cells along each side of the window, even.
         settling_frames: As for `CorrelationResponse`.
     """
 

@@ -1,4 +1,14 @@
-"""What every cue can do; and sums over boxes, read from an integral image at their corners."""
+"""The interface of a cue, and sums over boxes from an integral image.
+
+A cue models the likelihood of the image given a box. Most compute a distance d between the box's
+descriptor and the template's, and the likelihood exp(-sharpness * d^2).
+
+The sum over a box of an integral image I, which holds at each place the sum of all pixels above and
+left, takes four values: I(bottom, right) - I(top, right) - I(bottom, left) + I(top, left).
+
+Source: Li et al. 2007, section 2.2; Viola, Jones 2001, "Rapid object detection using a boosted
+cascade of simple features" (integral images).
+"""
 
 from __future__ import annotations
 
@@ -24,26 +34,25 @@ def box_sums(
     """(..., N) sums over boxes.
 
     Args:
-        integral: (h + 1, w + 1), the sum over all pixels above and left of each place.
-        columns: (..., 2, N) where each box starts and where it ends, 0 to w.
-        rows: (..., 2, N) the same down, 0 to h.
+        integral: (h + 1, w + 1) integral image.
+        columns: (..., 2, N) left and right edges of the boxes, 0 to w.
+        rows: (..., 2, N) top and bottom edges, 0 to h.
     """
     starts = rows * integral.shape[1]
     corners = integral.ravel().take(starts[..., :, None, :] + columns[..., None, :, :])
     across = corners[..., 1, :] - corners[..., 0, :]
-    added: NDArray[Value] = across[..., 1, :] - across[..., 0, :]
-    return added
+    return across[..., 1, :] - across[..., 0, :]
 
 
 def box_sums_on_grid(
     integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
 ) -> NDArray[Value]:
-    """(R, C) sums over boxes in rows and columns.
+    """(R, C) sums over the boxes of a grid.
 
     Args:
-        integral: As for `box_sums`.
-        columns: (2, C) where the boxes of each column start and where they end.
-        rows: (2, R) the same of each row.
+        integral: (h + 1, w + 1) integral image.
+        columns: (2, C) left and right edges of each column of boxes.
+        rows: (2, R) top and bottom edges of each row of boxes.
     """
     down = integral.take(rows[1], axis=0)
     down -= integral.take(rows[0], axis=0)
@@ -51,51 +60,49 @@ def box_sums_on_grid(
 
 
 def declared_weight(default: float) -> float:
-    """The parameter that every cue has.
+    """Parameter `weight`, which every cue has.
 
     Args:
         default: 0 to 1.
     """
-    weight: float = declared(
+    return declared(
         default,
-        "Power of this cue in the fused likelihood beside other cues; 0 switches it off. The "
-        "powers of all cues are scaled to a sum of 1.",
+        "Weight (exponent) of this cue in the fused likelihood; 0 switches it off. The weights of "
+        "all cues are scaled to a sum of 1.",
         minimum=0.0,
         maximum=1.0,
     )
-    return weight
 
 
 @dataclass(frozen=True)
 class CueParameters:
-    """What every cue has; those of a cue are derived from it."""
+    """Parameters of every cue; a cue's own parameters derive from this class."""
 
     weight: float = declared_weight(0.5)
 
 
 def declared_keep(default: float, symbol: str = "") -> float:
-    """The parameter of cues whose template is a mean: how slowly it follows the target.
+    """Parameter `keep` of cues whose template is an exponential moving average.
 
     Args:
         default: 0 to 1.
-        symbol: The paper's symbol for it, empty where it has none.
+        symbol: The paper's symbol, empty without one.
     """
     named = f" ({symbol})" if symbol else ""
-    keep: float = declared(
+    return declared(
         default,
         f"Share of the old template that an update keeps{named}.",
         minimum=0.0,
         maximum=1.0,
     )
-    return keep
 
 
 class Match(NamedTuple):
-    """How well one box fits a template.
+    """How well the observation of one box matches a template.
 
     Attributes:
-        log_likelihood: log p(Z | X), as `Cue.log_likelihood` gives it for that box.
-        similarity: 0 (nothing in common) to 1 (the same), whatever the cue's sharpness.
+        log_likelihood: log p(Z | X), as `Cue.log_likelihood` of that box.
+        similarity: 0 (nothing in common) to 1 (equal), independent of the cue's sharpness.
     """
 
     log_likelihood: float
@@ -103,12 +110,12 @@ class Match(NamedTuple):
 
 
 class PredictedTarget(NamedTuple):
-    """A target in a frame that it has not been looked for in.
+    """A target before its measurement in a frame.
 
     Attributes:
-        region: Of the frame, where it is expected.
-        template: As it looked last.
-        first: As it looked in the beginning.
+        region: Region around its predicted box.
+        template: Present template.
+        first: Template of the first frame.
     """
 
     region: Region
@@ -119,48 +126,45 @@ class PredictedTarget(NamedTuple):
 class Cue(Protocol):
     """Compares boxes with a template of the target.
 
-    A cue is stateless: it is configured once, and the templates that it learns are values that the
-    target owns. To freeze a template is not to replace it.
+    A cue is stateless. Templates are immutable values, stored in the target's state.
 
     Attributes:
-        uses_predicted_size: Whether it looks at every box in the size of `Region.place`.
-        is_discriminative: Whether its similarity tells the target from other things, and not only from
-            nothing.
+        uses_center_box_size: Whether it reads every box in the size of `Region.center_box`.
+        is_discriminative: Whether its similarity distinguishes the target from other objects.
         needs_foreground: Whether it reads `Frame.foreground`.
-        joins_search: Whether it has a say in a search that searchable cues lead: many boxes cost it
-            little, but it does not know the target.
+        joins_search: Whether its likelihood is added in a search by searchable cues. It is cheap
+            for many boxes, but does not find the target alone.
     """
 
-    uses_predicted_size: ClassVar[bool] = False
+    uses_center_box_size: ClassVar[bool] = False
     is_discriminative: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False
 
     @property
     def context_margin(self) -> float:
-        """How far beyond each side of a box the cue reads the region, in box sides."""
+        """Margin around a box that the cue reads, in box sides."""
         return 0.0
 
     @abstractmethod
     def learn(self, region: Region, box: NDArray[np.float64]) -> Any:
-        """The template of what is in a (4,) box (x, y, width, height), pixels."""
+        """Template of the image in a (4,) box (x, y, width, height), pixels."""
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> Any:
-        """What is in a (4,) box of the frame at hand, for `match` and `blend`.
+        """Observation of a (4,) box, for `match`, `log_odds` and `blend`; valid in this frame.
 
-        The template that `learn` gives, unless a cue can put off work that not every frame needs;
-        what it gives then is of use in this frame only.
+        By default a template. A cue can defer work that not every frame needs.
         """
         return self.learn(region, box)
 
-    def template_from(self, seen: Any) -> Any:
-        """The template of what was observed, for a cue that has none yet."""
-        return seen
+    def template_from(self, observation: Any) -> Any:
+        """Template of an observation, for a cue without one."""
+        return observation
 
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
-        """Compute at once what several targets will ask of their regions, and leave it there.
+        """Compute maps of several targets' regions at once and store them there.
 
-        For a cue to which that costs less than one target after another; no answer depends on it.
+        This only saves time; results do not depend on it.
         """
         return
 
@@ -168,36 +172,35 @@ class Cue(Protocol):
     def log_likelihood(
         self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
-        """(N,) log p(Z | X), at most 0, of (N, 4) boxes of any size; 0 is a perfect match."""
+        """(N,) log p(Z | X) <= 0 of (N, 4) boxes of any size; 0 is a perfect match."""
 
     def log_likelihood_on_grid(
         self, region: Region, grid: BoxGrid, template: Any
     ) -> NDArray[np.float64]:
-        """(M,) the same of the boxes of a grid; for a cue that joins a search."""
+        """(M,) log likelihoods of the boxes of a grid, for a cue that joins a search."""
         return self.log_likelihood(region, grid.boxes, template)
 
     @abstractmethod
-    def match(self, seen: Any, template: Any) -> Match | None:
-        """How well the one box that was observed fits; None if the cue cannot tell."""
+    def match(self, observation: Any, template: Any) -> Match | None:
+        """Match of an observation with a template; None if the cue cannot decide."""
 
-    def log_odds(self, seen: Any, template: Any, first: Any) -> dict[str, float]:
-        """How much what was observed speaks for the target: log odds, which all add up.
+    def log_odds(self, observation: Any, template: Any, first: Any) -> dict[str, float]:
+        """Log odds that the observed box is the target, as independent terms.
 
         Args:
-            seen: Of the one box.
-            template: As the target looked last.
-            first: As it looked in the beginning; it never changes, so what was learned by mistake
-                since then does not make it like anything else.
+            observation: Observation of the box.
+            template: Present template.
+            first: Template of the first frame. It never changes, so later wrong updates do not
+                affect it.
 
         Returns:
-            Question that was asked to what its answer says, above 0 for the target and below for
-            something else; empty if the cue cannot tell.
+            Name of each term to its log odds, > 0 for the target; empty if the cue cannot decide.
         """
         return {}
 
     @abstractmethod
-    def blend(self, template: Any, seen: Any) -> Any:
-        """The template moved towards what was observed, as far as the cue's parameters say."""
+    def blend(self, template: Any, observation: Any) -> Any:
+        """The template, updated by an observation at the rate of the cue's parameters."""
 
 
 # Each cue registers itself.
@@ -206,26 +209,26 @@ CUES = Registry[Cue]("cue", CueParameters, group="pf_tracker_ros.cues")
 
 @runtime_checkable
 class SearchableCue(Cue, Protocol):
-    """A cue that many boxes cost next to nothing, so that it can look for the target.
+    """A cue that is cheap for many boxes, so that it can search for the target.
 
-    It measures one number, from which its log likelihood follows.
+    It computes a response, from which its log likelihood follows.
     """
 
     @abstractmethod
     def response(
         self, region: Region, boxes: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
-        """(N,) how much of the target there is at (N, 4) boxes, at most 1."""
+        """(N,) responses, at most 1, at (N, 4) boxes."""
 
     def response_on_grid(self, region: Region, grid: BoxGrid, template: Any) -> NDArray[np.float64]:
-        """(M,) the same of the boxes of a grid; for a cue that does rows and columns at once."""
+        """(M,) responses at the boxes of a grid; a cue can override it to save time."""
         return self.response(region, grid.boxes, template)
 
     @abstractmethod
     def log_likelihood_of(
-        self, strength: NDArray[np.float64], template: Any
+        self, response: NDArray[np.float64], template: Any
     ) -> NDArray[np.float64]:
-        """(N,) log p(Z | X), at most 0, of (N,) strengths."""
+        """(N,) log p(Z | X) <= 0 of (N,) responses."""
 
     def log_likelihood(
         self, region: Region, boxes: NDArray[np.float64], template: Any

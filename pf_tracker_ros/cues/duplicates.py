@@ -1,46 +1,46 @@
-"""Particles that read the same pixels: what is said of one is said of all."""
+"""Deduplication of boxes that read the same pixels, so that each is computed once."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-# With fewer, finding those that repeat costs more than it saves.
+# For fewer boxes, deduplication costs more than it saves.
 DEDUPLICATE_FROM = 256
-# Where there are more places than this for each pair, hardly any repeats.
-_MOST_PLACES = 16
+# With more possible positions per pair than this, duplicates are rare.
+_MAX_POSITIONS_PER_PAIR = 16
 
 
 def unique_pairs(
     x: NDArray[np.intp], y: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Which of (N,) pairs of whole numbers are to be looked at, and which stands for each.
+    """Indices of the unique pairs among (N,) pairs of integers, like `numpy.unique`.
+
+    If the pairs are so spread out that duplicates are rare, all pairs are returned.
 
     Args:
-        x: (N,) of any sign.
-        y: (N,) of any sign.
+        x: (N,) first numbers, of any sign.
+        y: (N,) second numbers, of any sign.
 
     Returns:
-        (K,) numbers of pairs, each different from all others unless they are spread so far that
-        hardly any could be equal; and for each of the N pairs the place in that list of one that
-        is equal to it.
+        (K,) indices of the unique pairs, and (N,) the position in these of each pair's equal.
     """
     (columns, width), (rows, height) = _ranks(x), _ranks(y)
-    if width * height > _MOST_PLACES * len(x):
-        all_of_them = np.arange(len(x))
-        return all_of_them, all_of_them
-    places = rows * width + columns
-    holder = np.full(width * height, -1)
-    holder[places] = np.arange(len(places))
-    kept = holder[holder >= 0]
-    holder[places[kept]] = np.arange(len(kept))
-    return kept, holder[places]
+    if width * height > _MAX_POSITIONS_PER_PAIR * len(x):
+        everything = np.arange(len(x))
+        return everything, everything
+    positions = rows * width + columns
+    index_at = np.full(width * height, -1)
+    index_at[positions] = np.arange(len(positions))
+    unique = index_at[index_at >= 0]
+    index_at[positions[unique]] = np.arange(len(unique))
+    return unique, index_at[positions]
 
 
 def _ranks(values: NDArray[np.intp]) -> tuple[NDArray[np.intp], int]:
-    """(N,) ranks among the different values there are, from 0, and how many these are."""
+    """(N,) ranks, from 0, among the distinct values, and the number of distinct values."""
     offsets = values - values.min()
-    there = np.zeros(int(offsets.max()) + 1, dtype=np.bool_)
-    there[offsets] = True
-    ranks = np.cumsum(there) - 1
+    occurs = np.zeros(int(offsets.max()) + 1, dtype=np.bool_)
+    occurs[offsets] = True
+    ranks = np.cumsum(occurs) - 1
     return ranks[offsets], int(ranks[-1]) + 1

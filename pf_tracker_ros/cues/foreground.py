@@ -1,7 +1,10 @@
-"""Foreground cue: what differs from the background model, and so is not background.
+"""Foreground cue: moving objects, by their difference from the background model.
 
-A box scores by the share of foreground in it minus that in the ring around it. The cue knows no
-target: what moves looks alike to it, and a color cue beside it has to tell who is who.
+1. The contrast of a box is the share of foreground inside minus the share in the ring around it,
+   -1 to 1, from an integral image of the foreground mask.
+2. log p = sharpness * (contrast - 1).
+
+The cue has no template and responds to every moving object. Another cue must distinguish them.
 
 Source: Zhang Bo, sections 2 and 3.3 (the background is extracted before the target is measured).
 """
@@ -34,8 +37,7 @@ class ForegroundParameters(CueParameters):
     weight: float = declared_weight(0.25)
     sharpness: float = declared(
         20.0,
-        "How fast the likelihood falls as the foreground's share in the box does, against that in "
-        "the ring.",
+        "How fast the likelihood falls with a falling foreground contrast between box and ring.",
         minimum=0.0,
         maximum=1000.0,
     )
@@ -43,11 +45,11 @@ class ForegroundParameters(CueParameters):
 
 @CUES.register("foreground", ForegroundParameters)
 class ForegroundCue(Cue):
-    """Share of foreground in the box minus that in the ring around it.
+    """Share of foreground in the box minus the share in the ring around it.
 
     Args:
         parameters: Sharpness.
-        ring: Width of the ring of surroundings on each side of the box, box sides.
+        ring: Width of the ring on each side of the box, box sides.
     """
 
     needs_foreground = True
@@ -58,13 +60,13 @@ class ForegroundCue(Cue):
         self._sharpness = parameters.sharpness
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> None:
-        """See `Cue.learn`; there is nothing to learn."""
+        """See `Cue.learn`; there is no template."""
         return None
 
     def log_likelihood(
         self, region: Region, boxes: NDArray[np.float64], template: None
     ) -> NDArray[np.float64]:
-        """See `Cue.log_likelihood`; without a foreground mask, all boxes are alike."""
+        """See `Cue.log_likelihood`; without a foreground mask, all are 0."""
         if region.frame.foreground is None:
             return np.zeros(len(boxes))
         return self._log_likelihood(self.contrast(region, boxes))
@@ -72,7 +74,7 @@ class ForegroundCue(Cue):
     def log_likelihood_on_grid(
         self, region: Region, grid: BoxGrid, template: None
     ) -> NDArray[np.float64]:
-        """See `Cue.log_likelihood_on_grid`; edges are found once for each row and column."""
+        """See `Cue.log_likelihood_on_grid`; edges are computed once per row and column."""
         if region.frame.foreground is None:
             return np.zeros(len(grid.top) * len(grid.left))
         return self._log_likelihood(self.contrast_on_grid(region, grid).ravel())
@@ -80,25 +82,25 @@ class ForegroundCue(Cue):
     def _log_likelihood(self, contrast: NDArray[np.float64]) -> NDArray[np.float64]:
         return self._sharpness * (contrast - 1.0)
 
-    def match(self, seen: None, template: None) -> None:
-        """See `Cue.match`; that something moves there does not tell whether it is the target."""
+    def match(self, observation: None, template: None) -> None:
+        """See `Cue.match`; foreground does not identify the target."""
         return None
 
-    def blend(self, template: None, seen: None) -> None:
+    def blend(self, template: None, observation: None) -> None:
         """See `Cue.blend`."""
         return None
 
     def contrast(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) share of foreground in (N, 4) boxes minus that in their rings, -1 to 1.
+        """(N,) contrasts, -1 to 1, of (N, 4) boxes.
 
-        Pixels of the mask are counted whole and areas are not, so that the share in a box of few
-        pixels is off by up to one row and one column of them.
+        Box edges are rounded to whole mask pixels but areas are not, so the share in a small box
+        has an error of up to one row and one column.
 
         Raises:
             ValueError: There is no mask.
         """
         integral, reduction = _integral(region.frame)
-        # In memory as it is read, each of x, y, width and height in a row.
+        # Contiguous in the order of access.
         x, y, width, height = np.ascontiguousarray(boxes.T)
         columns = self._edges(x, width, reduction, integral.shape[1] - 1)
         rows = self._edges(y, height, reduction, integral.shape[0] - 1)
@@ -106,7 +108,7 @@ class ForegroundCue(Cue):
         return self._contrast(inside, outer, width, height, reduction)
 
     def contrast_on_grid(self, region: Region, grid: BoxGrid) -> NDArray[np.float64]:
-        """(rows, columns) the same of the boxes of a grid."""
+        """(rows, columns) contrasts of the boxes of a grid."""
         integral, reduction = _integral(region.frame)
         width, height = grid.size
         columns = self._edges(grid.left, width, reduction, integral.shape[1] - 1)
@@ -123,23 +125,23 @@ class ForegroundCue(Cue):
         reduction: int,
         length: int,
     ) -> NDArray[np.intp]:
-        """Edges along an axis, each the one next to it between pixels of the mask.
+        """Edges along an axis, rounded to whole mask pixels.
 
         Args:
-            starts: (N,) of boxes, image pixels.
-            sides: (N,) or one for all.
-            reduction: Image pixels to one of the mask's.
-            length: Pixels of the mask.
+            starts: (N,) left or upper edges of the boxes, image pixels.
+            sides: (N,) widths or heights, or one for all.
+            reduction: Image pixels per mask pixel.
+            length: Size of the mask along the axis.
 
         Returns:
-            (2, 2, N): of the boxes, then of the rings; where they start, then where they end.
+            (2, 2, N): boxes and rings, then first and last edges.
         """
-        beyond = self._ring * sides
+        margin = self._ring * sides
         edges = np.empty((2, 2, len(starts)))
         np.divide(starts, reduction, out=edges[0, 0])
         np.add(edges[0, 0], sides / reduction, out=edges[0, 1])
-        np.divide(starts - beyond, reduction, out=edges[1, 0])
-        np.add(edges[1, 0], (sides + 2 * beyond) / reduction, out=edges[1, 1])
+        np.divide(starts - margin, reduction, out=edges[1, 0])
+        np.add(edges[1, 0], (sides + 2 * margin) / reduction, out=edges[1, 1])
         whole = np.minimum(np.maximum(np.rint(edges, out=edges), 0, out=edges), length, out=edges)
         return whole.astype(np.intp)
 
@@ -151,7 +153,7 @@ class ForegroundCue(Cue):
         height: NDArray[np.float64] | np.float64,
         reduction: int,
     ) -> NDArray[np.float64]:
-        """What boxes have above their rings, from the mask's sums over both and their sizes."""
+        """Contrasts, from the mask's sums inside the boxes and in both, and the boxes' sizes."""
         area = width * height / reduction**2
         across, down = self._ring * width, self._ring * height
         ring_area = (width + 2 * across) * (height + 2 * down) / reduction**2 - area
@@ -160,7 +162,7 @@ class ForegroundCue(Cue):
 
 
 def _integral(frame: Frame) -> tuple[NDArray[np.int32], int]:
-    """The integral image of a frame's mask, and the image pixels to one of its pixels."""
+    """Integral image of a frame's mask, and image pixels per mask pixel."""
     if frame.foreground is None:
         raise ValueError("the frame has no foreground")
     mask, reduction = frame.foreground

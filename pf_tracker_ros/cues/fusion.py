@@ -1,4 +1,15 @@
-"""Several cues fused into one likelihood, and their templates kept up to date."""
+"""Fusion of several cues into one likelihood, with weights that adapt.
+
+1. The cues are taken as independent: p(Z | X) = prod_k p_k(Z_k | X)^alpha_k, sum_k alpha_k = 1. In
+   logarithms this is a weighted sum; alpha_k are the cue weights.
+2. In each frame, a searchable cue's distractor ratio is measured: its largest response beside the
+   target over that at the target. It is smoothed over frames.
+3. A cue whose ratio is below the mean gets more weight, one above it less.
+4. The templates of all cues are updated when the fused likelihood and similarity of the estimate
+   are high enough.
+
+Source: Li et al. 2007, section 2.2.3 and equations (8) to (10).
+"""
 
 from __future__ import annotations
 
@@ -15,35 +26,34 @@ from pf_tracker_ros.cues.cue import CUES, Cue, Match, PredictedTarget, Searchabl
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
 
-# Name of a cue to its template.
+# Name of a cue to its template, or to its observation.
 Templates = Mapping[str, Any]
-# Name of a searchable cue to its (N,) strengths at N boxes.
+# Name of a searchable cue to its (N,) responses at N boxes.
 Responses = Mapping[str, NDArray[np.float64]]
 # Name of a cue to its weight; they sum to 1.
 CueWeights = Mapping[str, float]
-# Name of a searchable cue to its strength at the likeliest place beside the target, as a share of
-# the one at the target: 0 where nothing around looks like the target, 1 where something does.
+# Name of a searchable cue to its largest response beside the target / that at the target: 0 without
+# a distractor, 1 with an equal one.
 DistractorRatios = Mapping[str, float]
 
-_LARGEST_DISTRACTION = 2.0
-# However little a cue tells at the moment, it keeps this share of its weight, and never gets more
-# than this multiple of it.
-_LEAST_POWER, _MOST_POWER = 0.15, 2.0
-# Share of each frame in what is known of how well a cue tells the target.
+_LARGEST_RATIO = 2.0
+# Limits of an adapted cue weight, as multiples of the configured one.
+_MIN_FACTOR, _MAX_FACTOR = 0.15, 2.0
+# Share of a new frame in the smoothed distractor ratios.
 _ADAPTATION_RATE = 0.1
-# Frames, from the first on, over which the confidence that learning asks for rises from 0: few
-# views do not yet tell what the target looks like in the next one.
+# Frames over which the required similarity rises from 0, while the template is still based on few
+# frames.
 _SETTLING_FRAMES = 40
 
 
 @dataclass(frozen=True)
 class FusionParameters:
-    """How the cues' powers follow what each can tell."""
+    """How the cue weights adapt."""
 
     adaptation: float = declared(
         1.5,
-        "How strongly the powers move to the cues that tell the target from what is around it "
-        "(those that can search); 0 keeps the powers as they are.",
+        "How strongly the cue weights move to the searchable cues that best distinguish the target "
+        "from its surroundings; 0 keeps the weights constant.",
         minimum=0.0,
         maximum=10.0,
     )
@@ -51,29 +61,29 @@ class FusionParameters:
 
 @dataclass(frozen=True)
 class TemplateParameters:
-    """When and how fast the templates follow the target."""
+    """When the templates are updated."""
 
     update_above: float = declared(
         0.1,
-        "The templates are updated only when the fused likelihood of the estimate exceeds this "
-        "(w_Th); 1 never updates.",
+        "Update the templates only when the fused likelihood of the estimate exceeds this (w_Th); "
+        "1 never updates.",
         minimum=0.0,
         maximum=1.0,
     )
     similarity_above: float = declared(
         0.0,
-        "No template is updated unless what the box holds looks at least so much like it, 0 to 1 "
-        "as a confidence; the least rises from 0 to this over the first 40 frames. Light that "
-        "jumps is learned all the same.",
+        "Update the templates only when the box is at least so similar to them, 0 to 1; the limit "
+        "rises from 0 to this value over the first 40 frames. After a sudden change of "
+        "illumination they are updated in any case.",
         minimum=0.0,
         maximum=1.0,
     )
 
     def required_similarity(self, frames: int) -> float:
-        """The least similarity that lets the templates be updated, 0 to 1.
+        """The smallest similarity for a template update, 0 to 1.
 
         Args:
-            frames: For which the target has been followed.
+            frames: Number of frames since the target was initialized.
         """
         return self.similarity_above * min(frames / _SETTLING_FRAMES, 1.0)
 
@@ -81,22 +91,20 @@ class TemplateParameters:
 def measure_distractor_ratios(
     at_target: Mapping[str, float], beside: Responses
 ) -> DistractorRatios:
-    """Each cue's largest strength beside the target over that at the target.
+    """Each cue's largest response beside the target / that at the target.
 
     Args:
-        at_target: Name to strength.
-        beside: Name to (N,) strengths; N may be 0.
+        at_target: Name to response.
+        beside: Name to (N,) responses, N >= 0.
     """
     return {
-        name: min(
-            max(float(beside[name].max(initial=0.0)), 0.0) / max(own, 1e-3), _LARGEST_DISTRACTION
-        )
+        name: min(max(float(beside[name].max(initial=0.0)), 0.0) / max(own, 1e-3), _LARGEST_RATIO)
         for name, own in at_target.items()
     }
 
 
 def smooth_distractor_ratios(before: DistractorRatios, now: DistractorRatios) -> DistractorRatios:
-    """The distraction of this frame mixed into that of the frames before."""
+    """Exponentially smoothed ratios of the frames before and this one."""
     rate = _ADAPTATION_RATE
     return {
         name: rate * value + (1.0 - rate) * before.get(name, value) for name, value in now.items()
@@ -104,22 +112,18 @@ def smooth_distractor_ratios(before: DistractorRatios, now: DistractorRatios) ->
 
 
 class CueFusion:
-    """Any number of cues as one: the product of their likelihoods' powers.
-
-    p(Z | X) = prod_k p_k(Z_k | X)^alpha_k with sum_k alpha_k = 1.
-
-    Source: Li et al. 2007, section 2.2.3 and equation (8).
+    """Several cues as one: the product of their weighted likelihoods, equation (8).
 
     Args:
-        cues: Name to (cue, weight); powers of at least 0 are scaled to a sum of 1, and a cue of
-            weight 0 is left out, so that it costs nothing.
+        cues: Name to (cue, weight); weights >= 0 are scaled to a sum of 1, and cues of weight 0 are
+            left out.
 
     Attributes:
-        cue_weights: Name of a cue to its weight as configured; they sum to 1.
-        can_search: Whether any of the cues can look for the target.
-        context_margin: How far beyond each side of a box the cues look at most, in box sides.
-        needs_foreground: Whether any of the cues asks for the foreground.
-        uses_predicted_size: Whether any of the cues looks at every box in the size of `Region.place`.
+        cue_weights: Name of a cue to its configured weight; they sum to 1.
+        can_search: Whether any cue is searchable.
+        context_margin: Largest margin around a box that a cue reads, in box sides.
+        needs_foreground: Whether any cue reads the foreground.
+        uses_center_box_size: Whether any cue reads every box in the size of `Region.center_box`.
 
     Raises:
         ParameterError: There is no cue, or no weight is above 0.
@@ -143,29 +147,29 @@ class CueFusion:
         self.can_search = bool(self._searchable)
         self.context_margin = max(cue.context_margin for cue in self._cues.values())
         self.needs_foreground = any(cue.needs_foreground for cue in self._cues.values())
-        self.uses_predicted_size = any(cue.uses_predicted_size for cue in self._cues.values())
+        self.uses_center_box_size = any(cue.uses_center_box_size for cue in self._cues.values())
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
-        """Each cue's template of what is in a (4,) box."""
+        """Each cue's template of a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
     def precompute(self, predicted_targets: Sequence[tuple[Region, Templates, Templates]]) -> None:
-        """Let each cue compute at once what it reads of several regions; see `Cue.precompute`.
+        """Compute maps of several regions at once; see `Cue.precompute`.
 
         Args:
             predicted_targets: Region, templates and first templates of each target.
         """
         for name, cue in self._cues.items():
-            known = [
+            with_template = [
                 PredictedTarget(region, templates[name], first[name])
                 for region, templates, first in predicted_targets
                 if name in templates
             ]
-            if known:
-                cue.precompute(known)
+            if with_template:
+                cue.precompute(with_template)
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> Templates:
-        """What each cue sees in a (4,) box of the frame at hand; see `Cue.observe`."""
+        """Each cue's observation of a (4,) box; see `Cue.observe`."""
         return {name: cue.observe(region, box) for name, cue in self._cues.items()}
 
     def log_likelihood(
@@ -175,34 +179,34 @@ class CueFusion:
         templates: Templates,
         cue_weights: CueWeights | None = None,
     ) -> NDArray[np.float64]:
-        """(N,) log p(Z | X), at most 0, of (N, 4) boxes; source: Li et al. 2007, equation (8).
+        """(N,) log p(Z | X) <= 0 of (N, 4) boxes; source: Li et al. 2007, equation (8).
 
-        `cue_weights` take the place of the configured ones where they are given. A cue that has no
-        template yet, because it was switched on while tracking, says nothing.
+        `cue_weights` default to the configured ones. Cues without a template, which were switched
+        on while tracking, are ignored.
         """
         fused = np.zeros(len(boxes))
         cue_weights = cue_weights or self.cue_weights
-        for name, cue, template in self._known(templates):
+        for name, cue, template in self._with_template(templates):
             fused += cue_weights[name] * cue.log_likelihood(region, boxes, template)
         return fused
 
     def log_likelihoods(
         self, region: Region, boxes: NDArray[np.float64], templates: Templates
     ) -> dict[str, NDArray[np.float64]]:
-        """Name of each cue that has a template to its (N,) log likelihoods of (N, 4) boxes."""
+        """Name of each cue with a template to its (N,) log likelihoods of (N, 4) boxes."""
         return {
             name: cue.log_likelihood(region, boxes, template)
-            for name, cue, template in self._known(templates)
+            for name, cue, template in self._with_template(templates)
         }
 
     def searches(self, templates: Templates) -> bool:
-        """Whether a cue that has a template can look for the target."""
+        """Whether any searchable cue has a template."""
         return any(name in templates for name in self._searchable)
 
     def responses(
         self, region: Region, boxes: NDArray[np.float64], templates: Templates
     ) -> Responses:
-        """Name of each searchable cue to its (N,) strengths at (N, 4) boxes."""
+        """Name of each searchable cue to its (N,) responses at (N, 4) boxes."""
         return {
             name: cue.response(region, boxes, templates[name])
             for name, cue in self._searchable.items()
@@ -210,7 +214,7 @@ class CueFusion:
         }
 
     def responses_on_grid(self, region: Region, grid: BoxGrid, templates: Templates) -> Responses:
-        """Name of each searchable cue to its (M,) strengths at the boxes of a grid."""
+        """Name of each searchable cue to its (M,) responses at the boxes of a grid."""
         return {
             name: cue.response_on_grid(region, grid, templates[name])
             for name, cue in self._searchable.items()
@@ -225,77 +229,81 @@ class CueFusion:
         templates: Templates,
         cue_weights: CueWeights,
     ) -> NDArray[np.float64]:
-        """(M,) log likelihoods of the boxes of a grid, as far as cues know that can be asked there.
+        """(M,) log likelihoods of the boxes of a grid, by the cues that search or join a search.
 
-        `responses` are those of the searchable cues on that grid, of at least one.
+        `responses` are those of at least one searchable cue on that grid.
         """
         fused = np.zeros(len(grid.left) * len(grid.top))
         for name, response in responses.items():
             likelihood = self._searchable[name].log_likelihood_of(response, templates[name])
             fused += cue_weights[name] * likelihood
-        for name, cue, template in self._known(templates):
+        for name, cue, template in self._with_template(templates):
             if cue.joins_search:
                 fused += cue_weights[name] * cue.log_likelihood_on_grid(region, grid, template)
         return fused
 
     def adapt(self, distractor_ratios: DistractorRatios, adaptation: float) -> CueWeights:
-        """The powers moved to the cues that are distracted less than the mean; they sum to 1."""
+        """The cue weights, raised for cues of below-average distractor ratio; they sum to 1."""
         if not distractor_ratios or adaptation == 0.0:
             return self.cue_weights
         mean = sum(distractor_ratios.values()) / len(distractor_ratios)
         cue_weights = {
             name: weight
             * min(
-                max(1.0 + adaptation * (mean - distractor_ratios.get(name, mean)), _LEAST_POWER),
-                _MOST_POWER,
+                max(1.0 + adaptation * (mean - distractor_ratios.get(name, mean)), _MIN_FACTOR),
+                _MAX_FACTOR,
             )
             for name, weight in self.cue_weights.items()
         }
         total = sum(cue_weights.values())
         return {name: weight / total for name, weight in cue_weights.items()}
 
-    def match(self, seen: Templates, templates: Templates) -> Match:
-        """How well the one box that was observed fits, fused by equation (8).
+    def match(self, observation: Templates, templates: Templates) -> Match:
+        """Match of the observation of a box, fused by equation (8).
 
-        The powers of the cues that can tell are scaled to a sum of 1; without any it fits. The
-        similarity is that of the cues that judge, if there are any.
+        The weights of the cues that can decide are scaled to a sum of 1; without any, the match is
+        perfect. The similarity is that of the discriminative cues, if there are any.
         """
         matches = [
             (cue.is_discriminative, self.cue_weights[name], match)
-            for name, cue, template in self._known(templates)
-            if (match := cue.match(seen[name], template))
+            for name, cue, template in self._with_template(templates)
+            if (match := cue.match(observation[name], template))
         ]
-        judges = [entry for entry in matches if entry[0]] or matches
+        discriminative = [entry for entry in matches if entry[0]] or matches
         total = sum([weight for _, weight, _ in matches])
-        judging = sum([weight for _, weight, _ in judges])
+        of_these = sum([weight for _, weight, _ in discriminative])
         return Match(
             sum([weight / total * match.log_likelihood for _, weight, match in matches]),
-            math.prod([match.similarity ** (weight / judging) for _, weight, match in judges]),
+            math.prod(
+                [match.similarity ** (weight / of_these) for _, weight, match in discriminative]
+            ),
         )
 
-    def log_odds(self, seen: Templates, templates: Templates, first: Templates) -> dict[str, float]:
-        """What all cues that can tell say, see `Cue.log_odds`; questions as `cue.question`."""
+    def log_odds(
+        self, observation: Templates, templates: Templates, first: Templates
+    ) -> dict[str, float]:
+        """Log odds of all cues, see `Cue.log_odds`; terms are named `<cue>.<term>`."""
         return {
-            f"{name}.{question}": odds
-            for name, cue, template in self._known(templates)
-            for question, odds in cue.log_odds(seen[name], template, first[name]).items()
+            f"{name}.{term}": odds
+            for name, cue, template in self._with_template(templates)
+            for term, odds in cue.log_odds(observation[name], template, first[name]).items()
         }
 
-    def update(self, templates: Templates, seen: Templates) -> Templates:
-        """The templates moved towards what was observed at a trusted estimate.
+    def update(self, templates: Templates, observation: Templates) -> Templates:
+        """The templates, updated by the observation at a trusted estimate.
 
-        Those of cues of weight 0 stay as they are.
+        Templates of cues of weight 0 are kept.
 
         Source: Li et al. 2007, equations (9) and (10).
         """
         return dict(templates) | {
-            name: cue.blend(templates[name], seen[name])
+            name: cue.blend(templates[name], observation[name])
             if name in templates
-            else cue.template_from(seen[name])
+            else cue.template_from(observation[name])
             for name, cue in self._cues.items()
         }
 
-    def _known(self, templates: Templates) -> list[tuple[str, Cue, Any]]:
+    def _with_template(self, templates: Templates) -> list[tuple[str, Cue, Any]]:
         """Name, cue and template of each cue that has one."""
         return [
             (name, cue, templates[name]) for name, cue in self._cues.items() if name in templates

@@ -1,6 +1,13 @@
-"""Gradient orientation vector cue: which edge directions a box holds, and where in it.
+"""Gradient orientation vector cue: the edge directions in each part of a box.
 
-Source: Li et al. 2007, section 2.2.2, after Lowe's keypoint descriptor.
+1. The box is divided into cells; in each, the gradient magnitudes are summed per direction, with a
+   Gaussian weight around the center of the box.
+2. The vector of all sums is scaled to unit length, so contrast does not matter.
+3. The likelihood is exp(-mu e^2), with the Euclidean distance e to the template vector.
+
+Integral images of each direction give the sums for any number of boxes at little cost.
+
+Source: Li et al. 2007, section 2.2.2 and equations (7) and (10), after Lowe's keypoint descriptor.
 """
 
 from __future__ import annotations
@@ -17,7 +24,7 @@ from pf_tracker_ros.cues.duplicates import DEDUPLICATE_FROM, unique_pairs
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
-# The Gaussian weight is constant over each of so many parts of a cell along an axis.
+# Parts of a cell along each axis; the Gaussian weight is constant in a part.
 _PARTS = 2
 
 
@@ -37,18 +44,15 @@ class GradientOrientationParameters(CueParameters):
 
 @CUES.register("gradient_orientation", GradientOrientationParameters)
 class GradientOrientation(Cue):
-    """Gradient orientation vector against a template vector by their Euclidean distance.
+    """Euclidean distance of a box's gradient orientation vector from the template.
 
-    The vector has one number for each cell and direction, the Gaussian-weighted sum of gradient
-    magnitudes, and unit length, so that contrast does not matter. A box without any gradient has
-    the zero vector. The template is such a (cells^2 * directions,) vector.
+    The template is a (cells^2 * directions,) vector of unit length; without any gradient it is 0.
 
     Args:
-        parameters: Sharpness, and how slowly the template changes.
-        cells: Along each side of the box.
-        directions: That the 360 degrees are divided into.
-        gaussian_width: Standard deviation of the Gaussian weight around the center of the box, box
-            sides.
+        parameters: Sharpness and rate of template updates.
+        cells: Cells along each side of the box.
+        directions: Direction bins over 360 degrees.
+        gaussian_width: Standard deviation of the Gaussian weight, box sides.
     """
 
     def __init__(
@@ -80,9 +84,9 @@ class GradientOrientation(Cue):
         """See `Cue.log_likelihood`; source: Li et al. 2007, equation (7)."""
         return -self._sharpness * self.squared_distance(region, boxes, template)
 
-    def match(self, seen: NDArray[np.float64], template: NDArray[np.float64]) -> Match:
+    def match(self, observation: NDArray[np.float64], template: NDArray[np.float64]) -> Match:
         """See `Cue.match`; the similarity is 1 - e^2 / 2, for unit vectors their cosine."""
-        offset = seen - template
+        offset = observation - template
         squared_distance = float(offset @ offset)
         similarity = max(1.0 - squared_distance / 2.0, 0.0)
         return Match(-self._sharpness * squared_distance, similarity)
@@ -90,16 +94,16 @@ class GradientOrientation(Cue):
     def squared_distance(
         self, region: Region, boxes: NDArray[np.float64], template: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N,) squared Euclidean distances e^2, from 0 to 2, of (N, 4) boxes from the template.
+        """(N,) squared Euclidean distances e^2, 0 to 2, of (N, 4) boxes from the template.
 
         |h - r|^2 = |h|^2 - 2 h.r + |r|^2, with |h| = 1, or 0 in a box without any gradient.
         """
         columns, rows = self._corners(region, boxes)
-        repeated = None
+        positions = None
         if len(boxes) >= DEDUPLICATE_FROM and (boxes[:, 2:] == boxes[0, 2:]).all():
-            # The corners of boxes of one size move together: their sums tell them apart.
-            kept, repeated = unique_pairs(columns.sum(axis=0), rows.sum(axis=0))
-            columns, rows = columns[:, kept], rows[:, kept]
+            # Corners of boxes of one size move together, so their sums identify them.
+            unique, positions = unique_pairs(columns.sum(axis=0), rows.sum(axis=0))
+            columns, rows = columns[:, unique], rows[:, unique]
         sums = self._cell_sums(region, columns, rows)
         reference = template.reshape(-1, self._directions)
         projection = np.einsum("cnd,cd->n", sums, reference.astype(np.float32))
@@ -108,13 +112,13 @@ class GradientOrientation(Cue):
         cosine = projection / np.sqrt(np.where(textured, squared_length, 1.0))
         squared: NDArray[np.float64]
         squared = np.maximum(textured - 2.0 * cosine + template @ template, 0.0)
-        return squared if repeated is None else squared[repeated]
+        return squared if positions is None else squared[positions]
 
     def _corners(
         self, region: Region, boxes: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """(corners along each axis, N) columns and rows of the corners of the boxes' parts."""
-        # In memory as it is read, each of x, y, width and height in a row.
+        # Contiguous in the order of access.
         region_boxes = np.ascontiguousarray(region.region_boxes(boxes).T)
         edges = self._fractions * region_boxes[2:]
         edges += region_boxes[:2]
@@ -126,9 +130,9 @@ class GradientOrientation(Cue):
     ) -> NDArray[np.float32]:
         """(cells^2, N, directions) Gaussian-weighted sums of gradient magnitude in N boxes.
 
-        A part's sum is that of the integral image at its corners. Parts are weighted along x times
-        along y: so all cells of all boxes are two matrix products, of so many boxes at once that
-        OpenBLAS computes them on one thread.
+        The integral image gives the sum of each part. The weight is a product of one along x and
+        one along y, so two matrix products give all cells, in blocks of boxes small enough for one
+        thread of OpenBLAS.
         """
         integral = region.gradient_integral(self._directions)
         flat, row_starts = integral.reshape(-1, self._directions), rows * integral.shape[1]
@@ -138,8 +142,7 @@ class GradientOrientation(Cue):
             part = slice(start, start + self._boxes_at_once)
             corners = row_starts[:, None, part] + columns[:, part]
             values = flat.take(corners, axis=0).reshape(edges, edges, -1)
-            # Exact, as they are whole numbers: the rounding errors of weighted ones would be a
-            # texture of boxes that have none.
+            # Differences of integers are exact; rounding errors would be texture in flat boxes.
             values = values[1:] - values[:-1]
             values = values[:, 1:] - values[:, :-1]
             across = weights @ values.astype(np.float32, copy=False)
@@ -148,17 +151,17 @@ class GradientOrientation(Cue):
         return sums[0] if len(sums) == 1 else np.concatenate(sums, axis=1)
 
     def blend(
-        self, template: NDArray[np.float64], seen: NDArray[np.float64]
+        self, template: NDArray[np.float64], observation: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """See `Cue.blend`; source: Li et al. 2007, equation (10)."""
-        return self._keep * template + (1.0 - self._keep) * seen
+        return self._keep * template + (1.0 - self._keep) * observation
 
 
 def _part_weights(cells: int, gaussian_width: float) -> NDArray[np.float32]:
-    """(cells, parts) how much each part along an axis counts for each cell.
+    """(cells, parts) weight of each part along an axis in each cell.
 
-    The box is divided into parts, `_PARTS` times `cells` along each axis; each counts with the
-    Gaussian at its center, for its own cell.
+    There are `_PARTS` * `cells` parts. Each has the Gaussian at its center as its weight in its own
+    cell, and 0 in the others.
     """
     parts = _PARTS * cells
     centers = (np.arange(parts) + 0.5) / parts - 0.5

@@ -1,7 +1,13 @@
-"""Histograms of oriented gradients (HOG) cue: the outline of the target, without a sign.
+"""Histograms of oriented gradients (HOG) cue: the outline of the target.
 
-A person who is brighter than the ground and one who is darker have the same outline: directions
-are counted over 180 degrees, so the cue outlives the change of polarity that infrared images know.
+1. In each cell of the box, gradient magnitudes are summed per direction, over 180 degrees. A
+   gradient and its opposite count alike, so the cue survives polarity changes of infrared images.
+2. Blocks of 2 x 2 cells, which overlap by half, are scaled to unit length; all blocks together form
+   the descriptor, scaled to a sum of 1.
+3. Bhattacharyya distance from the template: D = sqrt(1 - sum sqrt(p q)).
+4. Likelihood: exp(-lambda D^2 / 2).
+
+Integral images of each direction give the cells of any number of boxes.
 
 Sources: Zhang et al. 2015, sections 2 and 3.2; Dalal, Triggs 2005, "Histograms of oriented
 gradients for human detection".
@@ -21,16 +27,16 @@ from pf_tracker_ros.frames import Region
 from pf_tracker_ros.frames.region import all_gradients
 from pf_tracker_ros.parameters import declared
 
-# Cells along each side of a block, and in it; neighboring blocks share half of theirs.
+# Cells along each side of a block, and in a block.
 _BLOCK = 2
 _CORNERS = _BLOCK**2
-# Sums of magnitude in a cell, in halves of a gray level, below which there is none.
+# A smaller sum of magnitudes in a cell, half gray levels, is a rounding error.
 _ROUNDING = 1e-3
 
 
 @dataclass(frozen=True)
 class HogParameters(CueParameters):
-    """The cue of histograms of oriented gradients (HOG)."""
+    """The HOG cue."""
 
     sharpness: float = declared(
         300.0,
@@ -43,19 +49,17 @@ class HogParameters(CueParameters):
 
 @CUES.register("hog", HogParameters)
 class Hog(Cue):
-    """HOG descriptor against a template descriptor by their Bhattacharyya distance.
+    """Bhattacharyya distance of a box's HOG descriptor from the template.
 
-    The descriptor has one number for each block, cell of the block and direction bin, and sums to
-    1, or to 0 for a box without any gradient. What is missing to 1 counts as one more number, the
-    share of the box that has no gradient. The template is such a descriptor, (4, blocks down,
-    blocks across, bins), the cells of a block in reading order.
+    The template is a descriptor, (4, blocks down, blocks across, bins), the 4 cells of a block in
+    reading order. It sums to 1, or to 0 without any gradient. A sum below 1 counts as one more bin
+    with the rest.
 
     Args:
-        parameters: Sharpness, and how slowly the template changes.
-        cells: (across, down) the box, each at least 2.
-        bins: Direction bins that the 180 degrees are divided into.
-        smoothed: Whether each pixel is averaged with its neighbors before the gradients are taken,
-            for noisy sensors.
+        parameters: Sharpness and rate of template updates.
+        cells: Cells (across, down) of the box, each at least 2.
+        bins: Direction bins over 180 degrees.
+        smoothed: Average each pixel with its neighbors first, for noisy sensors.
     """
 
     def __init__(
@@ -73,7 +77,7 @@ class Hog(Cue):
         across, down = cells
         self._columns = np.arange(across + 1)[:, None] / across
         self._rows = np.arange(down + 1)[:, None] / down
-        # It takes several frames' time, which the first frame of a target does not have.
+        # Computed in advance: it takes the time of several frames.
         _direction_table(bins)
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,15 +92,15 @@ class Hog(Cue):
     ) -> NDArray[np.float64]:
         """See `Cue.log_likelihood`; source: Zhang et al. 2015, equation (9).
 
-        Its constant factor 1 / sqrt(2 pi) cancels in the normalization of the weights, (11), and
-        is left out, so that a perfect match has likelihood 1.
+        Its constant factor 1 / sqrt(2 pi) is omitted, so a perfect match has likelihood 1; it
+        cancels when the weights are normalized, equation (11).
         """
         return -0.5 * self._sharpness * self.squared_distance(region, boxes, template)
 
-    def match(self, seen: NDArray[np.float64], template: NDArray[np.float64]) -> Match:
+    def match(self, observation: NDArray[np.float64], template: NDArray[np.float64]) -> Match:
         """See `Cue.match`; the similarity is 1 - D."""
-        coefficient = np.sqrt(seen * template).sum()
-        coefficient += np.sqrt(_missing(seen) * _missing(template))
+        coefficient = np.sqrt(observation * template).sum()
+        coefficient += np.sqrt(_missing(observation) * _missing(template))
         squared_distance = max(1.0 - float(coefficient), 0.0)
         return Match(-0.5 * self._sharpness * squared_distance, 1.0 - squared_distance**0.5)
 
@@ -105,9 +109,8 @@ class Hog(Cue):
     ) -> NDArray[np.float64]:
         """(N,) squared Bhattacharyya distances D^2, 0 to 1, of (N, 4) boxes from the template.
 
-        The root of a cell's number is the same in each of the up to four blocks that the cell is
-        in, but for the block's length. So roots are taken, and multiplied with the template's
-        roots, once a cell, and only the products are put together by block.
+        A cell is in up to four blocks, where its values differ only by the block's length. So the
+        products of square roots are computed once per cell, and then summed by block.
 
         Source: Zhang et al. 2015, equation (8).
         """
@@ -126,10 +129,10 @@ class Hog(Cue):
         return np.maximum(1.0 - coefficient, 0.0).astype(np.float64)
 
     def blend(
-        self, template: NDArray[np.float64], seen: NDArray[np.float64]
+        self, template: NDArray[np.float64], observation: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """See `Cue.blend`; with a share of 0 the template is replaced, as the paper has it."""
-        return self._keep * template + (1.0 - self._keep) * seen
+        """See `Cue.blend`; `keep` 0 replaces the template, as in the paper."""
+        return self._keep * template + (1.0 - self._keep) * observation
 
     def _cells(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
         """(cells down, cells across, N, bins) sums of gradient magnitude in N boxes."""
@@ -143,7 +146,7 @@ class Hog(Cue):
         x, y, width, height = region.region_boxes(boxes).T
         sums = _interpolated(integral, x + self._columns * width, y + self._rows * height)
         cells = np.diff(np.diff(sums, axis=0), axis=1).astype(np.float32)
-        # Interpolated sums round, and a block's length would blow up what is left of nothing.
+        # Rounding errors of interpolated sums would be amplified by the block's length.
         cells[cells < _ROUNDING] = 0.0
         return cells
 
@@ -151,13 +154,13 @@ class Hog(Cue):
 def _interpolated(
     integral: NDArray[np.int32], x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(rows, columns, N, bins) sums above and left of edges that may cut through pixels.
+    """(rows, columns, N, bins) bilinear values of an integral image at subpixel edges.
 
-    Linear in between, which counts a pixel with the share of it that is above and left: cells of a
-    small target, a few pixels large, change with every part of a pixel that a box moves or grows.
+    A pixel counts with the share of it inside, so the small cells of a small target change smoothly
+    when a box moves or grows by part of a pixel.
 
     Args:
-        integral: (h + 1, w + 1, bins).
+        integral: (h + 1, w + 1, bins) integral image.
         x: (columns, N) edges from left to right.
         y: (rows, N) edges from top to bottom.
     """
@@ -176,10 +179,10 @@ def _interpolated(
 
 
 def _corners(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(4, blocks down, blocks across, ...) what the cells of each block have, in reading order.
+    """(4, blocks down, blocks across, ...) values of the cells of each block, in reading order.
 
     Args:
-        values: (cells down, cells across, ...).
+        values: (cells down, cells across, ...) values of the cells.
     """
     down, across = values.shape[0] - 1, values.shape[1] - 1
     return np.stack(
@@ -191,7 +194,7 @@ def _inverse_lengths(cells: NDArray[np.float32]) -> NDArray[np.float32]:
     """(blocks down, blocks across, N) 1 / Euclidean length of each block; 0 without a gradient.
 
     Args:
-        cells: (cells down, cells across, N, bins).
+        cells: (cells down, cells across, N, bins) sums of gradient magnitude.
     """
     squared = _corners(np.einsum("yxnd,yxnd->yxn", cells, cells)).sum(axis=0)
     textured = squared > 0.0
@@ -199,10 +202,10 @@ def _inverse_lengths(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _roots_by_cell(template: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(cells down, cells across, bins, 4) roots of what the template has of a cell.
+    """(cells down, cells across, bins, 4) square roots of the template, arranged by cell.
 
-    The last axis is the cell's place in a block; where a cell at the border is in no such block,
-    there are zeros.
+    The last axis is the cell's position in a block. Cells at the border are in fewer blocks; the
+    rest is 0.
     """
     _, down, across, bins = template.shape
     roots = np.zeros((down + 1, across + 1, bins, _CORNERS), dtype=np.float32)
@@ -213,29 +216,29 @@ def _roots_by_cell(template: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def _missing(descriptor: NDArray[np.float64]) -> float:
-    """What the descriptor's numbers lack to a sum of 1."""
+    """1 minus the descriptor's sum, at least 0."""
     return max(1.0 - float(descriptor.sum()), 0.0)
 
 
 @cache
 def _direction_table(bins: int) -> NDArray[np.uint8]:
-    """(511 * 511, bins) shares of any two differences' magnitude, numbered as in `Region`.
+    """(511 * 511, bins) gradient magnitude in each direction bin, by `paired_differences` index.
 
-    Bin k is centered on k * 180 / bins degrees. A gradient t bins off the center of the nearest
-    one, at most half a bin, gives it 3/4 - t^2 of its magnitude, the bin towards which it is off
-    (1/2 + t)^2 / 2 and the one on the other side (1/2 - t)^2 / 2, the values of the quadratic
-    B-spline: they sum to 1, and no share jumps where a gradient turns to another nearest bin.
+    Bin k is centered on k * 180 / bins degrees. A gradient at t bins from the nearest center,
+    |t| <= 1/2, is shared by three bins with the weights of the quadratic B-spline: 3/4 - t^2 for
+    the nearest, (1/2 + t)^2 / 2 for the next on its side, (1/2 - t)^2 / 2 for the other. They sum
+    to 1 and are continuous in the direction.
 
-    The magnitude is in halves of a gray level, at most 255; the shares are whole numbers that sum
-    to it, rounded by largest remainder.
+    Magnitudes are in half gray levels, at most 255. The shares are integers with the magnitude as
+    their sum, rounded by largest remainder.
 
     Source: Zhang et al. 2015, section 2.
     """
     magnitudes, angles = all_gradients()
     position = angles % np.pi * (bins / np.pi)
     nearest = np.rint(position)
-    off = position - nearest
-    shares = np.stack([np.square(0.5 - off) / 2, 0.75 - np.square(off), np.square(0.5 + off) / 2])
+    t = position - nearest
+    shares = np.stack([np.square(0.5 - t) / 2, 0.75 - np.square(t), np.square(0.5 + t) / 2])
     exact = np.minimum(np.rint(2 * magnitudes), 255.0) * shares
     whole = np.floor(exact)
     rank = np.argsort(np.argsort(whole - exact, axis=0, kind="stable"), axis=0)

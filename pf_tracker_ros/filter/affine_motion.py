@@ -1,7 +1,13 @@
-"""Affine motion with Gaussian noise.
+"""Affine motion: the offset from the first box shrinks, stays or grows, and drifts.
 
-The particles follow the affine model; a Kalman filter can keep a velocity beside the state, which
-the particles have not, and then moves them by it.
+1. x_k - x_0 = a (x_{k-1} - x_0) + b + u, where x_0 is the first box and u is Gaussian noise with
+   independent axes. Counting from x_0 instead of the image's corner only changes b.
+2. An offset decays for a < 1, stays for a = 1 (the default) and grows for a > 1.
+3. One step of the equation is `MODEL_STEP` seconds. t steps have the factor a^t and the shift
+   b (1 - a^t) / (1 - a), so two half steps make one step.
+4. A particle has no velocity. With a Kalman filter, which has one, b includes velocity * interval.
+
+Source: Zhang Bo, equation (4).
 """
 
 from __future__ import annotations
@@ -27,8 +33,8 @@ from pf_tracker_ros.filter.motion import (
 from pf_tracker_ros.filter.proposals import Transition, propose_from_transition
 from pf_tracker_ros.parameters import declared
 
-# Standard deviation of the velocity that the Kalman filter begins with, box sizes per second.
-_PRIOR_VELOCITY = 0.2
+# Initial standard deviation of the Kalman filter's velocity, box sizes per second.
+_KALMAN_VELOCITY_STD = 0.2
 
 
 @dataclass(frozen=True)
@@ -40,8 +46,8 @@ class AffineMotionParameters:
     size_noise: float = declared_size_noise()
     factor: float = declared(
         1.0,
-        "Factor of the last offset from the first box (a): 1 keeps it, less pulls position and "
-        "size back.",
+        "Factor of the last offset from the first box (a): 1 keeps position and size, less pulls "
+        "them back.",
         minimum=0.0,
         maximum=1.5,
     )
@@ -57,32 +63,22 @@ class AffineMotionParameters:
 
 @dataclass(frozen=True)
 class _Affine:
-    """x_k = factor x_{k-1} + shift + u."""
+    """Transition prior x_k = factor x_{k-1} + shift + u, u with standard deviation `noise_std`."""
 
     factor: float
     shift: NDArray[np.float64]
-    deviation: NDArray[np.float64]
+    noise_std: NDArray[np.float64]
 
     def mean(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         return self.factor * states + self.shift
 
     def std(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        return self.deviation
+        return self.noise_std
 
 
 @MOTION_MODELS.register("affine", AffineMotionParameters)
 class AffineMotion:
-    """State (x, y, log_scale): the center in pixels, the logarithm of size over first size.
-
-    x_k - x_0 = a (x_{k-1} - x_0) + b + u, x_0 the first box and the axes' noise u independent; to
-    count from x_0 and not from the image's corner only changes b. An offset stays with a = 1, the
-    default, fades below and grows above. Where a Kalman filter runs along, b also has what the
-    velocity that it believes in makes of the interval.
-
-    A step of the equation is `MODEL_STEP` seconds; t steps have a^t and b (1 - a^t) / (1 - a),
-    which makes two half steps one whole one.
-
-    Source: Zhang Bo, equation (4).
+    """State (x, y, log_scale): center in pixels, logarithm of size / first size.
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
@@ -114,20 +110,20 @@ class AffineMotion:
         return _Affine(factor, shift, np.maximum(np.sqrt(interval) * noise, SMALLEST_STD))
 
     def linear_step(self, interval: float) -> LinearStep:
-        """Affine motion with a velocity beside it; see `LinearizableMotion.linear_step`.
+        """Affine motion with a velocity; see `LinearizableMotion.linear_step`.
 
-        The velocity of the scale is 0: what particles say of the size is too rough to be drawn on.
+        The velocity of the scale is 0, because the particles measure the size too inaccurately.
         """
         factor, shift = self._step(interval)
         matrix = np.eye(6)
         matrix[:3, :3] *= factor
         matrix[:3, 3:] = interval * np.eye(3)
-        agility = self._parameters.velocity_noise * self._box_size
-        noise = np.array([0.0, 0.0, self._parameters.size_noise, agility, agility, 0.0])
+        velocity = self._parameters.velocity_noise * self._box_size
+        noise = np.array([0.0, 0.0, self._parameters.size_noise, velocity, velocity, 0.0])
         return LinearStep(matrix, np.concatenate([shift, np.zeros(3)]), np.sqrt(interval) * noise)
 
     def _step(self, interval: float) -> tuple[float, NDArray[np.float64]]:
-        """Factor a and (3,) shift of an interval in seconds, counted from the image's corner."""
+        """Factor and (3,) shift of an interval in seconds, for states in image coordinates."""
         parameters = self._parameters
         steps = model_steps(interval)
         factor = parameters.factor**steps
@@ -145,7 +141,7 @@ class AffineMotion:
     def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrain`; sides stay between `SMALLEST_SIDE` and the image's."""
+        """See `MotionModel.constrain`; sides stay between `SMALLEST_SIDE` and the image size."""
         smallest = min(1.0, float((SMALLEST_SIDE / self._size).max()))
         largest = max(1.0, float((image_size / self._size).min()))
         lower = [0.0, 0.0, np.log(smallest)]
@@ -158,7 +154,7 @@ class AffineMotion:
 
     def kalman_filter(self) -> KalmanFilter:
         """See `KalmanFilteredMotion.kalman_filter`."""
-        rest = _PRIOR_VELOCITY * self._box_size
-        std = np.array([1.0, 1.0, 0.01, rest, rest, 0.0])
+        velocity = _KALMAN_VELOCITY_STD * self._box_size
+        std = np.array([1.0, 1.0, 0.01, velocity, velocity, 0.0])
         belief = Gaussian(np.concatenate([self._first, np.zeros(3)]), np.diag(std**2))
         return KalmanFilter(belief, self)

@@ -1,4 +1,14 @@
-"""Second-order autoregressive motion: the box goes on from its last two."""
+"""Second-order autoregressive motion: the next box is predicted from the last two.
+
+1. X_k - X_0 = A1 (X_{k-1} - X_0) + A2 (X_{k-2} - X_0) + v_k, where X_0 is the first box.
+2. One step of the pair (X_k, X_{k-1}) is the matrix M = [[A1, A2], [1, 0]]. An interval of t steps
+   takes its power M^t: exactly the equation for t = 1, and two half steps make one step.
+3. The roots of z^2 = A1 z + A2 decide the fate of an offset from X_0: above 1 it grows without
+   bound, at 1 it stays, below 1 it decays.
+4. The noise v is a random walk in box sizes; its variance grows in proportion to the interval.
+
+Source: Zhang et al. 2015, section 3.1 and equation (7).
+"""
 
 from __future__ import annotations
 
@@ -25,8 +35,8 @@ from pf_tracker_ros.filter.motion import (
 from pf_tracker_ros.filter.proposals import Transition
 from pf_tracker_ros.parameters import declared
 
-# Coefficients of less than this, both of them, leave nothing of an offset after one step.
-_FORGETS_BELOW = 1e-3
+# With both coefficients below this, one step leaves nothing of an offset.
+_NEGLIGIBLE_COEFFICIENT = 1e-3
 
 
 @dataclass(frozen=True)
@@ -44,7 +54,7 @@ class SecondOrderAutoregressiveParameters:
     )
     second_coefficient: float = declared(
         -0.5,
-        "Weight of the last offset but one (A2).",
+        "Weight of the offset before that (A2).",
         minimum=-3.0,
         maximum=3.0,
     )
@@ -52,7 +62,7 @@ class SecondOrderAutoregressiveParameters:
 
 @dataclass(frozen=True)
 class _Autoregression:
-    """X_k - X_0 = A1 (X_{k-1} - X_0) + A2 (X_{k-2} - X_0) + v, the axes of v independent."""
+    """The transition prior, with independent noise on every axis."""
 
     power: NDArray[np.float64]
     reference: NDArray[np.float64]
@@ -64,26 +74,16 @@ class _Autoregression:
         return (self.power @ offsets + self.reference).reshape(-1, 8)
 
     def std(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        spread = np.zeros((len(states), 8))
-        spread[:, :2] = self.position_noise * np.sqrt(states[:, 2:4].prod(axis=1, keepdims=True))
-        spread[:, 2:4] = self.side_noise * states[:, 2:4]
-        spread[:, :4] = np.maximum(spread[:, :4], SMALLEST_STD)
-        return spread
+        std = np.zeros((len(states), 8))
+        std[:, :2] = self.position_noise * np.sqrt(states[:, 2:4].prod(axis=1, keepdims=True))
+        std[:, 2:4] = self.side_noise * states[:, 2:4]
+        std[:, :4] = np.maximum(std[:, :4], SMALLEST_STD)
+        return std
 
 
 @MOTION_MODELS.register("second_order_autoregressive", SecondOrderAutoregressiveParameters)
 class SecondOrderAutoregressive:
-    """State (x, y, width, height) now and one model step ago, pixels.
-
-    X_k - X_0 = A1 (X_{k-1} - X_0) + A2 (X_{k-2} - X_0) + v_k, X_0 the first box. As one step of
-    the pair (X_k, X_{k-1}) that is a matrix M = [[A1, A2], [1, 0]]; a time of t steps takes its
-    power M^t, which is the equation itself for t = 1, and makes two half steps one whole one. The
-    noise is a random walk: its variance grows with the time, and it is given in box sizes.
-
-    The roots of z^2 = A1 z + A2 say what becomes of an offset from X_0: it grows without end if one
-    is above 1, stays where it is if one is 1, and fades if all are below.
-
-    Source: Zhang et al. 2015, section 3.1 and equation (7).
+    """State (center x, center y, width, height) now and one model step ago, pixels.
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
@@ -103,7 +103,7 @@ class SecondOrderAutoregressive:
         self._parameters = parameters
 
     def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
-        """See `MotionModel.sample_prior`; all sizes are that of the first box."""
+        """See `MotionModel.sample_prior`; all have the size of the first box."""
         box_size = np.sqrt(self._reference[2:].prod())
         position, velocity = generator.standard_normal((2, count, 2)) * box_size
         states = np.tile(self._reference, (count, 2))
@@ -132,7 +132,7 @@ class SecondOrderAutoregressive:
     def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrain`; the earlier box too, or it would pull out of the image."""
+        """See `MotionModel.constrain`; the earlier box is also limited."""
         boxes = states.reshape(-1, 4)
         return np.hstack(
             [
@@ -146,10 +146,9 @@ class SecondOrderAutoregressive:
         return np.hstack([states[:, :2] - states[:, 2:4] / 2, states[:, 2:4]])
 
     def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
-        """See `LinearizableMotion.transition`; the particles carry the last box themselves.
+        """See `LinearizableMotion.transition`; the belief is unused.
 
-        Unlike in `predict`, width and height have noise of their own: the axes are independent, as
-        a density beside a Gaussian needs.
+        Unlike in `predict`, width and height have independent noise, which `Transition` requires.
         """
         root = np.sqrt(interval)
         side = np.hypot(self._parameters.size_noise, self._parameters.aspect_noise / 2.0)
@@ -165,20 +164,20 @@ class SecondOrderAutoregressive:
         matrix: NDArray[np.float64] = np.zeros((8, 8))
         matrix.reshape(2, 4, 2, 4)[:, range(4), :, range(4)] = self._power(interval)
         reference = np.tile(self._reference, 2)
-        spread = self.transition(interval).std(reference[None])[0]
-        return LinearStep(matrix, reference - matrix @ reference, spread)
+        std = self.transition(interval).std(reference[None])[0]
+        return LinearStep(matrix, reference - matrix @ reference, std)
 
     def kalman_filter(self) -> KalmanFilter:
         """See `KalmanFilteredMotion.kalman_filter`."""
         width, height = self._reference[2:]
-        rest = PRIOR_VELOCITY_STD * np.sqrt(width * height)
-        earlier = max(rest * MODEL_STEP, 1.0)
-        spread = np.array([1.0, 1.0, 0.01 * width, 0.01 * height])
-        spread = np.concatenate([spread, [earlier, earlier], spread[2:]])
-        return KalmanFilter(Gaussian(np.tile(self._reference, 2), np.diag(spread**2)), self)
+        velocity = PRIOR_VELOCITY_STD * np.sqrt(width * height)
+        earlier = max(velocity * MODEL_STEP, 1.0)
+        std = np.array([1.0, 1.0, 0.01 * width, 0.01 * height])
+        std = np.concatenate([std, [earlier, earlier], std[2:]])
+        return KalmanFilter(Gaussian(np.tile(self._reference, 2), np.diag(std**2)), self)
 
     def _power(self, interval: float) -> NDArray[np.float64]:
-        """(2, 2) the matrix of (7) for an interval in seconds."""
+        """(2, 2) matrix M^t of an interval in seconds."""
         first, second = self._parameters.first_coefficient, self._parameters.second_coefficient
         return transition_power(first, second, model_steps(interval))
 
@@ -186,23 +185,23 @@ class SecondOrderAutoregressive:
 def transition_power(
     first_coefficient: float, second_coefficient: float, steps: float
 ) -> NDArray[np.float64]:
-    """(2, 2) power M^steps of M = [[first, second], [1, 0]], for any number of steps from 0 up.
+    """(2, 2) power M^steps of M = [[first, second], [1, 0]], for any real steps >= 0.
 
-    By the roots a, b of z^2 = first z + second: M^t = a^t 1 + (b^t - a^t) / (b - a) (M - a 1).
-    A negative root has no real power of part of a step; its real part is taken, which is right for
-    whole steps. Where both roots are next to 0, one step forgets everything, and no part of a step
-    has a power: it is the mean of none and of one.
+    With the roots a, b of z^2 = first z + second: M^t = a^t I + (b^t - a^t) / (b - a) (M - a I).
+    The power of a negative root is complex unless the steps are whole; its real part is used. If
+    both roots are almost 0, a part of a step is interpolated between I and M.
     """
     if steps == 0.0:
         return np.eye(2)
     transition = np.array([[first_coefficient, second_coefficient], [1.0, 0.0]])
-    if steps < 1.0 and max(abs(first_coefficient), abs(second_coefficient)) < _FORGETS_BELOW:
+    largest = max(abs(first_coefficient), abs(second_coefficient))
+    if steps < 1.0 and largest < _NEGLIGIBLE_COEFFICIENT:
         return (1.0 - steps) * np.eye(2) + steps * transition
-    spread = np.sqrt(complex(first_coefficient**2 / 4.0 + second_coefficient))
-    one, other = first_coefficient / 2.0 + spread, first_coefficient / 2.0 - spread
+    half_distance = np.sqrt(complex(first_coefficient**2 / 4.0 + second_coefficient))
+    a, b = first_coefficient / 2.0 + half_distance, first_coefficient / 2.0 - half_distance
     slope = (
-        (other**steps - one**steps) / (other - one)
-        if abs(other - one) > 1e-6
+        (b**steps - a**steps) / (b - a)
+        if abs(b - a) > 1e-6
         else steps * (first_coefficient / 2.0 + 0j) ** (steps - 1.0)
     )
-    return (one**steps * np.eye(2) + slope * (transition - one * np.eye(2))).real
+    return (a**steps * np.eye(2) + slope * (transition - a * np.eye(2))).real

@@ -1,4 +1,12 @@
-"""Constant velocity, with a box that keeps its size or one whose size walks."""
+"""Constant velocity, the simplest motion model with a velocity.
+
+1. x_k = x_{k-1} + dt v_{k-1} + u, v_k = v_{k-1} + w.
+2. u and w are Gaussian random walks, with variances in proportion to the interval dt.
+3. The box size is constant (`ConstantVelocity`) or a geometric random walk: width and height are
+   multiplied by the exponential of Gaussian noise (`ConstantVelocityAndSize`).
+
+Source: Li et al. 2007, equation (3), for intervals of any length.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +42,7 @@ class ConstantVelocityParameters:
 
 @dataclass(frozen=True)
 class ConstantVelocityAndSizeParameters(ConstantVelocityParameters):
-    """Constant velocity with a box whose size walks."""
+    """Constant velocity with a box of changing size."""
 
     size_noise: float = declared_size_noise()
     aspect_noise: float = declared_aspect_noise()
@@ -42,9 +50,7 @@ class ConstantVelocityAndSizeParameters(ConstantVelocityParameters):
 
 @MOTION_MODELS.register("constant_velocity", ConstantVelocityParameters)
 class ConstantVelocity:
-    """State (x, y, vx, vy) in pixels and pixels per second; the box keeps its size.
-
-    Source: Li et al. 2007, equation (3), with Phi for an interval of any length.
+    """State (x, y, vx, vy) in pixels and pixels per second; the box size is constant.
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
@@ -101,7 +107,7 @@ class ConstantVelocity:
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `MotionModel.boxes`."""
         boxes = np.empty((len(states), 4))
-        # Column by column: over many rows of two numbers it would take three times as long.
+        # By column: three times as fast as by rows of two numbers.
         width, height = self._sides
         np.subtract(states[:, 0], width / 2, out=boxes[:, 0])
         np.subtract(states[:, 1], height / 2, out=boxes[:, 1])
@@ -110,16 +116,16 @@ class ConstantVelocity:
         return boxes
 
     def _box_sizes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 1) square roots of the boxes' areas, or one (1,) for all."""
+        """(N, 1) box sizes of the states, or (1,) if all are equal."""
         return self._box_size
 
 
 @MOTION_MODELS.register("constant_velocity_and_size", ConstantVelocityAndSizeParameters)
 class ConstantVelocityAndSize(ConstantVelocity):
-    """State (x, y, vx, vy, width, height): constant velocity, the size a geometric random walk.
+    """State (x, y, vx, vy, width, height): constant velocity, size as a geometric random walk.
 
-    The logarithms of the box size and of its aspect ratio walk on their own, since a target that
-    comes nearer changes its size but seldom its shape.
+    Box size and aspect ratio have independent noise: a target that approaches changes its size,
+    but rarely its shape.
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
@@ -153,7 +159,7 @@ class ConstantVelocityAndSize(ConstantVelocity):
     def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """See `MotionModel.constrain`; sides as `limit_sizes` allows."""
+        """See `MotionModel.constrain` and `limit_sizes`."""
         constrained = super().constrain(states, image_size)
         constrained[:, 4:6] = limit_sizes(states[:, 4:6], self._size, image_size)
         return constrained

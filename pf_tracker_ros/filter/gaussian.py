@@ -1,9 +1,14 @@
-"""The Gaussian of a Kalman filter: predicted by a motion, corrected by a measurement.
+"""A Gaussian with the two steps of the Kalman filter.
 
-Linear models are the Kalman filter. A nonlinear one passes its Jacobian as the matrix, and its
-value beside it: the extended Kalman filter.
+1. Predict, x_k = A x_{k-1} + w, w ~ N(0, Q): mean A m, covariance P' = A P A^T + Q.
+2. Correct, z = G x + v, v ~ N(0, R): gain K = P' G^T (G P' G^T + R)^-1, mean m + K (z - G m),
+   covariance in Joseph's form (I - K G) P' (I - K G)^T + K R K^T, which rounding leaves symmetric
+   and positive.
 
-Source: Zhang Bo, section 3.3 (state and measurement model, prediction and correction).
+For a nonlinear model, pass its Jacobian as the matrix and its value as the mean: this is the
+extended Kalman filter.
+
+Source: Zhang Bo, section 3.3.
 """
 
 from __future__ import annotations
@@ -17,12 +22,12 @@ from numpy.typing import ArrayLike, NDArray
 
 
 class DegenerateError(ValueError):
-    """Numbers that nothing can be computed with, such as an unstable motion grows."""
+    """A mean or covariance is not finite or not positive definite, as after divergent motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gaussian:
-    """A normal distribution of a D-dimensional state; every operation returns another one.
+    """A normal distribution of a D-dimensional state; every operation returns a new one.
 
     Attributes:
         mean: (D,).
@@ -57,18 +62,16 @@ class Gaussian:
         noise: ArrayLike,
         mean: ArrayLike | None = None,
     ) -> Gaussian:
-        """The state one step later, x_k = A x_{k-1} + w.
+        """Prediction step: the state after x_k = A x_{k-1} + w.
 
         Args:
             transition: (D, D) A, or the Jacobian of a nonlinear motion at `self.mean`.
             noise: (D, D) covariance of w.
-            mean: (D,) the motion's value at `self.mean`; None takes A times it.
-
-        Source: Zhang Bo, prediction of the Kalman filter.
+            mean: (D,) predicted mean; None means A times `self.mean`.
         """
         matrix = np.asarray(transition, dtype=np.float64)
-        moved = matrix @ self.mean if mean is None else np.asarray(mean, dtype=np.float64)
-        return Gaussian(moved, matrix @ self.covariance @ matrix.T + np.asarray(noise))
+        predicted = matrix @ self.mean if mean is None else np.asarray(mean, dtype=np.float64)
+        return Gaussian(predicted, matrix @ self.covariance @ matrix.T + np.asarray(noise))
 
     def correct(
         self,
@@ -77,30 +80,27 @@ class Gaussian:
         noise: ArrayLike,
         expected: ArrayLike | None = None,
     ) -> Gaussian:
-        """The state once z = G x + v has been measured.
+        """Correction step: the state given a measurement z = G x + v.
 
         Args:
             measurement: (M,) z.
             observation: (M, D) G, or the Jacobian of a nonlinear measurement at `self.mean`.
             noise: (M, M) covariance of v, positive definite.
-            expected: (M,) the measurement's value at `self.mean`; None takes G times it.
-
-        Source: Zhang Bo, correction of the Kalman filter; the covariance in Joseph's form, which
-        rounding leaves symmetric and positive.
+            expected: (M,) expected measurement; None means G times `self.mean`.
         """
         matrix = np.asarray(observation, dtype=np.float64)
         error = np.asarray(noise, dtype=np.float64)
-        foreseen = matrix @ self.mean if expected is None else np.asarray(expected)
+        predicted = matrix @ self.mean if expected is None else np.asarray(expected)
         cross = matrix @ self.covariance
         gain = np.linalg.solve(cross @ matrix.T + error, cross).T
         left = np.eye(len(self.mean)) - gain @ matrix
         return Gaussian(
-            self.mean + gain @ (np.asarray(measurement, dtype=np.float64) - foreseen),
+            self.mean + gain @ (np.asarray(measurement, dtype=np.float64) - predicted),
             left @ self.covariance @ left.T + gain @ error @ gain.T,
         )
 
     def marginal(self, columns: NDArray[np.bool_]) -> Gaussian:
-        """The distribution of the columns that a (D,) mask names."""
+        """The distribution of the columns selected by a (D,) mask."""
         return Gaussian(self.mean[columns], self.covariance[np.ix_(columns, columns)])
 
     def draw(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
@@ -108,19 +108,19 @@ class Gaussian:
         return self.mean + generator.standard_normal((count, len(self.mean))) @ self._root.T
 
     def log_density(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) logarithms of the density at (N, D) states."""
+        """(N,) log densities at (N, D) states."""
         offsets = (states - self.mean) @ self._whitener.T
         constant = np.log(np.diagonal(self._root)).sum() + 0.5 * len(self.mean) * _LOG_TWO_PI
         return -0.5 * np.square(offsets).sum(axis=1) - constant
 
     @cached_property
     def _root(self) -> NDArray[np.float64]:
-        """(D, D) lower triangular; times its transpose it is the covariance."""
+        """(D, D) Cholesky factor of the covariance, lower triangular."""
         try:
             return np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
         except np.linalg.LinAlgError:
             raise DegenerateError(
-                "a density needs a covariance that is positive definite"
+                "covariance is not positive definite, as a density requires"
             ) from None
 
     @cached_property

@@ -1,4 +1,11 @@
-"""A Kalman filter on the target's motion: where the particles will be wanted in the next frame.
+"""A Kalman filter beside the particle filter, which predicts where the next particles are needed.
+
+The Kalman filter's belief may have columns that a particle lacks, such as a velocity. In a frame
+
+1. `predict` moves the belief: x_k = A x_{k-1} + B u + w;
+2. `propose` draws particles around the predicted mean (see `proposals`);
+3. the particles are weighted by the image;
+4. `correct` takes their mean as the measurement z, their covariance as its noise.
 
 Source: Zhang Bo, section 3.3.
 """
@@ -14,17 +21,17 @@ from numpy.typing import NDArray
 from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.filter.proposals import ProposedStates, Transition, propose_from_prediction
 
-# Pixels and parts of a scale so small that a Gaussian with them still has a density.
+# Smallest standard deviation, in pixels or log scale, so that every Gaussian has a density.
 SMALLEST_STD = 1e-3
 
 
 class LinearStep(NamedTuple):
-    """x_k = A x_{k-1} + B u + w, w with independent axes.
+    """x_k = A x_{k-1} + B u + w, with independent axes of w.
 
     Attributes:
-        matrix: (B, B) A.
-        control: (B,) B u.
-        std: (B,) standard deviations of w.
+        matrix: A, (B, B).
+        control: B u, (B,).
+        std: Standard deviations of w, (B,).
     """
 
     matrix: NDArray[np.float64]
@@ -33,10 +40,10 @@ class LinearStep(NamedTuple):
 
 
 class LinearizableMotion(Protocol):
-    """A motion model that a Kalman filter can follow.
+    """A motion model with a linear step for a Kalman filter.
 
-    The filter's belief has B columns, the first of which are the D of a particle's state; the
-    particles' estimate measures the first `measured_columns` of them.
+    The belief has B columns. The first D are those of a particle's state, and the particles'
+    estimate measures the first `measured_columns`.
     """
 
     columns: tuple[str, ...]
@@ -46,16 +53,16 @@ class LinearizableMotion(Protocol):
         """The Kalman filter's state transition over an interval in seconds."""
 
     def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
-        """The particles' transition prior over an interval, given the (B,) mean of the belief."""
+        """The particles' transition prior over an interval, given the belief's (B,) mean."""
 
 
 @dataclass(frozen=True)
 class KalmanFilter:
-    """The Kalman filter on a target; every operation returns another.
+    """The Kalman filter of a target; every operation returns a new one.
 
     Attributes:
-        belief: Over the B columns of the motion's linear step.
-        motion: How the belief and the particles go on.
+        belief: Density of the B columns of the motion's linear step.
+        motion: Motion model of the belief and of the particles.
     """
 
     belief: Gaussian
@@ -68,13 +75,13 @@ class KalmanFilter:
         share: float,
         generator: np.random.Generator,
     ) -> ProposedStates:
-        """Particles drawn around this prediction; arguments as of `propose_from_prediction`."""
+        """Draw particles around this prediction; see `propose_from_prediction`."""
         transition = self.motion.transition(interval, self.belief.mean)
         return propose_from_prediction(states, transition, self.state, share, generator)
 
     @property
     def state(self) -> Gaussian:
-        """The D columns of a particle's state."""
+        """Density of the D columns of a particle's state."""
         return self.belief.marginal(np.arange(len(self.belief.mean)) < len(self.motion.columns))
 
     def predict(self, interval: float) -> KalmanFilter:
@@ -85,7 +92,7 @@ class KalmanFilter:
         return replace(self, belief=self.belief.predict(matrix, noise, mean))
 
     def correct(self, mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> KalmanFilter:
-        """The belief after the particles' (D,) mean, taken as a measurement with their spread."""
+        """The belief after a measurement: the particles' (D,) mean and (D, D) covariance."""
         count = self.motion.measured_columns
         observation = np.eye(count, len(self.belief.mean))
         error = covariance[:count, :count] + np.diag(np.full(count, SMALLEST_STD**2))

@@ -1,10 +1,19 @@
-"""Motion models: how the state goes on from one frame to the next, and which box it stands for.
+"""Motion models: the transition prior p(x_k | x_{k-1}) of a target's state.
 
-Times are real: a model is told the seconds since the last frame, and its noise is a random walk
-whose variance grows with them, so a tracker set up at 30 frames a second also works at 10. Noise
-is given in box sizes, a box size being sqrt(width * height), so it suits near and far targets.
+A motion model defines the columns of the state and
 
-Each model registers itself in `MOTION_MODELS`, with the parameters that it reads.
+1. samples the prior p(x_0) around the first box (`sample_prior`);
+2. samples the transition prior, x_k = f(x_{k-1}) + noise (`predict`);
+3. keeps states inside the image (`constrain`);
+4. converts states to boxes, which the cues compare with the image (`boxes`).
+
+The interval between frames is in seconds. Noise is a random walk, so its variance grows in
+proportion to the interval, and a model tuned at 30 frames per second also works at 10. Noise is in
+box sizes, sqrt(width * height), so it suits near and far targets.
+
+Each model registers itself in `MOTION_MODELS` with its parameters.
+
+Source: Li et al. 2007, equation (1).
 """
 
 from __future__ import annotations
@@ -22,23 +31,23 @@ from pf_tracker_ros.registry import Registry
 
 # Smaller boxes hold too few pixels to tell a target from its surroundings.
 SMALLEST_SIDE = 6.0
-# Seconds that one step of an equation of motion stands for, where it counts steps and not time.
+# Seconds in one step of a discrete equation of motion.
 MODEL_STEP = 0.04
-# So many steps of a motion model at once are an age; more would overflow where it diverges.
-_MOST_STEPS = 200.0
-# Seconds after which a prediction covers all that can be; numbers would overflow in the end.
+# Limit of the steps in one prediction, so that a divergent model does not overflow.
+_MAX_STEPS = 200.0
+# Longest interval of one prediction in seconds; more could overflow.
 LONGEST_PREDICTION = 60.0
 
 
 def model_steps(interval: float) -> float:
-    """How many steps of an equation of motion an interval in seconds is, if not an age."""
-    return min(interval / MODEL_STEP, _MOST_STEPS)
+    """Number of steps of a discrete equation of motion in an interval in seconds, limited."""
+    return min(interval / MODEL_STEP, _MAX_STEPS)
 
 
 def limit_centers(states: NDArray[np.float64], image_size: tuple[int, int]) -> NDArray[np.float64]:
     """(N, D) states with the centers, columns 0 and 1, moved into an image of (width, height)."""
     limited = states.copy()
-    # Column by column: over many rows of two numbers it would take five times as long.
+    # By column: five times as fast as by rows of two numbers.
     for axis, length in enumerate(image_size):
         centers = limited[:, axis]
         np.maximum(centers, 0.0, out=centers)
@@ -49,25 +58,21 @@ def limit_centers(states: NDArray[np.float64], image_size: tuple[int, int]) -> N
 def limit_sizes(
     sizes: NDArray[np.float64], first_size: ArrayLike, image_size: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """(N, 2) sizes brought between `SMALLEST_SIDE` and the image's.
-
-    A target whose first (width, height) is smaller may stay so.
-    """
+    """(N, 2) sizes limited: at least `SMALLEST_SIDE` or the first size, at most the image size."""
     smallest = np.minimum(SMALLEST_SIDE, first_size)
     return np.minimum(np.maximum(sizes, smallest), np.maximum(image_size, smallest))
 
 
-# Standard deviation of the prior's position around the first box, box sizes: as well as a hand, or
-# a detector, draws it.
+# Standard deviation of the prior's position in box sizes: the accuracy of a drawn or detected box.
 PRIOR_POSITION_STD = 0.05
-# That of the prior's velocity around rest, box sizes per second.
+# Standard deviation of the prior's velocity, box sizes per second; its mean is 0.
 PRIOR_VELOCITY_STD = 0.5
 
 
 class MotionModel(Protocol):
-    """Owns the meaning of the state's columns; columns 0 and 1 are the box's center in pixels.
+    """Defines the state's columns; columns 0 and 1 are the box's center in pixels.
 
-    A model is made of the first box, (x, y, width, height) in pixels, and of its parameters.
+    It is constructed from the first box, (x, y, width, height) in pixels, and its parameters.
     """
 
     columns: tuple[str, ...]
@@ -83,27 +88,27 @@ class MotionModel(Protocol):
     def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
-        """(N, D) states with the centers inside an image of (width, height) and sane sizes."""
+        """(N, D) states with centers inside an image of (width, height) and limited sizes."""
 
     def boxes(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 4) boxes (x, y, width, height) in pixels of (N, D) states."""
 
 
 class SearchableMotion(MotionModel, Protocol):
-    """A model that tells where it takes a center, so that a search can draw centers beside it."""
+    """A model with a density of the predicted center, as the search proposal needs it."""
 
     def center_prior(self, states: NDArray[np.float64], interval: float) -> CenterPrior:
-        """Where `predict` takes the centers of (N, D) states."""
+        """Density of the centers that `predict` draws for (N, D) states."""
 
     def random_walk_std(self, seconds: float) -> float:
-        """Standard deviation of the center's random walk within a time, box sizes."""
+        """Standard deviation of the center's random walk over a time, box sizes."""
 
 
 class KalmanFilteredMotion(MotionModel, Protocol):
-    """A model that a Kalman filter can run ahead of."""
+    """A model with a Kalman filter, as the Kalman proposal needs it."""
 
     def kalman_filter(self) -> KalmanFilter:
-        """The Kalman filter for the first frame: at the first box, at rest."""
+        """The Kalman filter of the first frame: at the first box, at rest."""
 
 
 MOTION_MODELS = Registry[MotionModel](
@@ -112,7 +117,7 @@ MOTION_MODELS = Registry[MotionModel](
 
 
 def models_with(capability: str) -> tuple[str, ...]:
-    """Names of the models that have a method."""
+    """Names of the models with a method called `capability`."""
     return tuple(name for name, model in MOTION_MODELS.items() if hasattr(model, capability))
 
 
@@ -123,9 +128,9 @@ class MotionParameters:
     model: str = declared(
         "constant_velocity",
         "Motion model: constant_velocity keeps the box size of the first frame, "
-        "constant_velocity_and_size lets it change, affine takes a factor and a drift of place and "
-        "scale, second_order_autoregressive draws position and size from those of the last two "
-        "steps.",
+        "constant_velocity_and_size lets it change, affine applies a factor and a drift to "
+        "position and scale, second_order_autoregressive continues position and size from the "
+        "last two steps.",
         choices=MOTION_MODELS,
         read_only=True,
     )
@@ -133,48 +138,44 @@ class MotionParameters:
 
 
 def declared_position_noise() -> float:
-    """The parameter that every model has."""
-    noise: float = declared(
+    """Parameter `position_noise`, which every model has."""
+    return declared(
         1.0,
         "Random walk of the position; raise it for jerky motion.",
         unit="box sizes per square root of a second",
         minimum=0.0,
         maximum=50.0,
     )
-    return noise
 
 
 def declared_velocity_noise() -> float:
-    """The parameter of models with a velocity."""
-    noise: float = declared(
+    """Parameter `velocity_noise` of models with a velocity."""
+    return declared(
         0.9,
         "Random walk of the velocity; raise it for targets that turn and brake.",
         unit="box sizes per second per square root of a second",
         minimum=0.0,
         maximum=500.0,
     )
-    return noise
 
 
 def declared_size_noise() -> float:
-    """The parameter of models with a size."""
-    noise: float = declared(
+    """Parameter `size_noise` of models with a size."""
+    return declared(
         0.1,
         "Random walk of the logarithm of the size.",
         unit="per square root of a second",
         minimum=0.0,
         maximum=10.0,
     )
-    return noise
 
 
 def declared_aspect_noise() -> float:
-    """The parameter of models with a width and a height."""
-    noise: float = declared(
+    """Parameter `aspect_noise` of models with a width and a height."""
+    return declared(
         0.03,
         "Random walk of the logarithm of width / height.",
         unit="per square root of a second",
         minimum=0.0,
         maximum=10.0,
     )
-    return noise

@@ -1,4 +1,17 @@
-"""The weighted particles that stand for the posterior distribution; random numbers as a value."""
+"""Weighted particles, which represent the posterior density of a state.
+
+1. N states x_i with weights w_i, which sum to 1, represent p(x_k | z_1, ..., z_k).
+2. A motion model moves the states; the weights stay (`ParticleSet.move`).
+3. A measurement multiplies each weight by its likelihood p(z_k | x_i), then the weights are
+   normalized (`reweight`).
+4. The weighted mean is the estimate with the least mean square error (`mean`).
+5. 1 / sum of w_i^2 is the effective sample size: how many particles of equal weight would estimate
+   as well. When it is small, the particles are resampled (`resample`).
+
+`GeneratorState` makes the random draws repeatable: it is the state of a generator as a value.
+
+Source: Zhang et al. 2015, equations (5), (6), (10) and (11).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +27,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 
 class _AnySeed(ISeedSequence):
-    """To make a generator of, whose state is then replaced: a true seed would take far longer."""
+    """Seed of a generator whose state is then replaced; hashing a real seed takes far longer."""
 
     def generate_state(
         self, n_words: int, dtype: DTypeLike = np.uint32
@@ -27,39 +40,39 @@ _ANY_SEED = _AnySeed()
 
 @dataclass(frozen=True, eq=False)
 class GeneratorState:
-    """Where a source of random numbers stands; what is drawn from it leaves it as it is.
+    """Immutable state of a random generator.
 
     Attributes:
-        state: Of a PCG64 bit generator, as NumPy describes it.
+        state: State of a PCG64 bit generator, in NumPy's form.
     """
 
     state: Mapping[str, Any]
 
     @classmethod
     def of(cls, generator: np.random.Generator) -> GeneratorState:
-        """Where a generator, as `numpy.random.default_rng` makes it, stands."""
+        """The present state of a generator made by `numpy.random.default_rng`."""
         return cls(generator.bit_generator.state)
 
     def generator(self) -> np.random.Generator:
-        """A generator that goes on from here, the same numbers at every call."""
+        """A new generator in this state; every call returns the same random sequence."""
         bits = np.random.PCG64(_ANY_SEED)  # type: ignore[arg-type]
         bits.state = self.state  # type: ignore[assignment]
         return np.random.Generator(bits)
 
 
 def _read_only(values: ArrayLike) -> NDArray[np.float64]:
-    """A copy that nobody can write to."""
+    """A read-only copy."""
     return _frozen(np.array(values, dtype=np.float64))
 
 
 def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """An array that nobody else holds, as one that nobody can write to."""
+    """The array itself, made read-only; the caller owns it alone."""
     array.setflags(write=False)
     return array
 
 
 def _normalized(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) log weights that nobody else holds, made to sum to 1 as weights, and read-only."""
+    """(N,) log weights, normalized in place and read-only; the caller owns them alone."""
     largest = float(log_weights.max())
     if math.isnan(largest):
         log_weights[np.isnan(log_weights)] = -np.inf
@@ -77,12 +90,11 @@ def _normalized(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class ParticleSet:
-    """N weighted samples of a D-dimensional state; every operation returns another set.
+    """N weighted samples of a D-dimensional state; every operation returns a new set.
 
-    Weights are kept as logarithms, normalized at construction: a product of many small likelihoods
-    would underflow. A log weight that is NaN counts as minus infinity, a weight of zero; those that
-    are infinite share all of the weight. Where no particle has a positive weight, all get the same,
-    since nothing then speaks for any of them.
+    Weights are stored as logarithms, because a product of many small likelihoods underflows. They
+    are normalized at construction: NaN counts as a weight of 0, infinite log weights share all of
+    the weight, and if no weight is positive, all become equal.
 
     Attributes:
         states: (N, D) read-only.
@@ -115,7 +127,7 @@ class ParticleSet:
 
     @classmethod
     def _of(cls, states: NDArray[np.float64], log_weights: NDArray[np.float64]) -> ParticleSet:
-        """Particles of states and normalized log weights that are known to be read-only."""
+        """Particles of read-only states and read-only, normalized log weights."""
         particles = object.__new__(cls)
         object.__setattr__(particles, "states", states)
         object.__setattr__(particles, "log_weights", log_weights)
@@ -131,7 +143,7 @@ class ParticleSet:
 
     @cached_property
     def effective_sample_size(self) -> float:
-        """1 / sum of squared weights, from 1 (one particle has it all) to N (all alike).
+        """1 / sum of squared weights: 1 (one particle has all weight) to N (equal weights).
 
         Source: Zhang et al. 2015, equation (6).
         """
@@ -139,7 +151,7 @@ class ParticleSet:
 
     @cached_property
     def mean(self) -> NDArray[np.float64]:
-        """(D,) weighted mean of the states, the minimum mean square error estimate.
+        """(D,) weighted mean of the states, the minimum mean square error (MMSE) estimate.
 
         Source: Zhang et al. 2015, equation (5); Li et al. 2007, section 1.
         """
@@ -155,7 +167,7 @@ class ParticleSet:
         """The same weights at other (N, D) states.
 
         Raises:
-            ValueError: The states are not as many.
+            ValueError: The states are not (N, D).
         """
         moved = np.asarray(states)
         if moved.ndim != 2 or len(moved) != len(self):
@@ -163,15 +175,14 @@ class ParticleSet:
         return self._of(_read_only(moved), self.log_weights)
 
     def reweight(self, log_likelihood: ArrayLike) -> ParticleSet:
-        """Multiply every weight by a likelihood, given as N logarithms, and normalize.
+        """Multiply every weight by a likelihood, given as (N,) logarithms, and normalize.
 
-        A likelihood that leaves no particle with a positive weight says nothing about the state:
-        the weights then stay as they were.
+        If no weight would stay positive, the weights are left unchanged.
 
         Source: Zhang et al. 2015, equations (10) and (11).
 
         Raises:
-            ValueError: The likelihoods are not as many.
+            ValueError: The likelihoods are not (N,).
         """
         likelihood = np.asarray(log_likelihood, dtype=np.float64)
         if likelihood.shape != self.log_weights.shape:
@@ -184,6 +195,6 @@ class ParticleSet:
         return self._of(self.states, _normalized(log_weights))
 
     def resample(self, indices: NDArray[np.intp]) -> ParticleSet:
-        """Particles of equal weight, copies of the ones that `indices` names."""
+        """Copies of the particles at `indices`, with equal weights."""
         log_weights = np.full(len(indices), -math.log(len(indices)))
         return self._of(_frozen(self.states[indices]), _frozen(log_weights))

@@ -1,11 +1,19 @@
-"""Proposals: where the particles of the next frame are drawn, and what that does to their weights.
+"""Proposals: densities from which the particles of the next frame are drawn.
 
-A particle drawn from a proposal q instead of the transition prior p has its weight multiplied by
-p(x_k | x_{k-1}) / q(x_k | x_{k-1}); its expectations stay those of the transition prior, whatever
-the proposal, as long as q is positive where p is.
+The bootstrap filter draws from the transition prior p(x_k | x_{k-1}). A proposal q that knows more
+puts more particles where the target is (importance sampling):
 
-Source: Zhang Bo, section 3.3; Doucet, Godsill, Andrieu 2000, "On sequential Monte Carlo sampling
-methods for Bayesian filtering", section II.
+1. Draw x_k from q(x_k | x_{k-1}).
+2. Multiply its weight by p(x_k | x_{k-1}) / q(x_k | x_{k-1}).
+3. The weighted particles then represent the same posterior, if q > 0 wherever p > 0.
+4. Here q is a mixture, q = share g + (1 - share) p, so the ratio is at most 1 / (1 - share).
+
+g is a Kalman filter's prediction (`propose_from_prediction`) or the cues' likelihood on a grid of
+positions (`propose_from_search`, where the prior also includes jumps).
+
+Sources: Zhang Bo, section 3.3; Doucet, Godsill, Andrieu 2000, "On sequential Monte Carlo sampling
+methods for Bayesian filtering", section II; Okuma et al. 2004, "A boosted particle filter:
+multitarget detection and tracking", section 4 (a proposal from detections).
 """
 
 from __future__ import annotations
@@ -22,23 +30,23 @@ from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.parameters import declared
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-# The transition prior keeps a part, so that no weight is multiplied by more than 1 / that part.
+# The transition prior keeps the rest, which limits the ratio p / q.
 LARGEST_SHARE = 0.95
-# Probability that the target is anywhere in what is searched, and not where its motion takes it.
+# Prior probability that the center is anywhere on the grid, whatever the motion model predicts.
 _JUMP_PROBABILITY = 0.1
 
 
 class Transition(Protocol):
-    """A transition prior x_k = f(x_{k-1}) + u with Gaussian noise u, its axes independent."""
+    """A transition prior x_k = f(x_{k-1}) + u with Gaussian noise u of independent axes."""
 
     def mean(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, D) f(x) of (N, D) states."""
+        """f(x), (N, D), of (N, D) states."""
 
     def std(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, D), or what broadcasts to it: standard deviations of the noise from (N, D) states.
+        """Standard deviations of the noise, broadcastable to (N, D), of (N, D) states.
 
-        A column is noisy for all states or for none. One without noise, such as a position kept
-        from the frame before, follows f whatever the proposal.
+        A column has noise in all states or in none. A column without noise, such as the last
+        position, follows f under every proposal.
         """
 
 
@@ -56,27 +64,27 @@ class ProposedStates(NamedTuple):
 
 @dataclass(frozen=True)
 class ProposalParameters:
-    """Where the particles are drawn."""
+    """The proposal density of the particles."""
 
     method: str = declared(
         "transition",
-        "Where the particles are drawn: transition from the motion model alone, kalman a share "
+        "Proposal density: transition draws all particles from the motion model, kalman a share "
         "around a Kalman filter's prediction (models affine and second_order_autoregressive), "
-        "search a share where the cues that can search find the target likely (models "
-        "constant_velocity and constant_velocity_and_size).",
+        "search a share from the likelihood on a grid (models constant_velocity and "
+        "constant_velocity_and_size; needs a cue that can search).",
         choices=("transition", "kalman", "search"),
         read_only=True,
     )
     share: float = declared(
         0.5,
-        "Share of the particles drawn by the method, the rest from the transition prior.",
+        "Share of the particles drawn by the method; the motion model draws the rest.",
         minimum=0.01,
         maximum=LARGEST_SHARE,
         only_with=("method", "kalman", "search"),
     )
     window: float = declared(
         3.6,
-        "Side of the square around the prediction that is searched.",
+        "Side of the searched square around the prediction.",
         unit="box sizes",
         minimum=1.0,
         maximum=8.0,
@@ -91,13 +99,13 @@ def propose_from_transition(
 
     Args:
         states: (N, D) particles of the last frame.
-        transition: How they go on.
+        transition: Transition prior.
         generator: Source of randomness.
     """
-    noise = generator.standard_normal(states.shape)
-    noise *= transition.std(states)
-    noise += transition.mean(states)
-    return ProposedStates(noise, np.zeros(len(states)))
+    proposed = generator.standard_normal(states.shape)
+    proposed *= transition.std(states)
+    proposed += transition.mean(states)
+    return ProposedStates(proposed, np.zeros(len(states)))
 
 
 def propose_from_prediction(
@@ -109,19 +117,19 @@ def propose_from_prediction(
 ) -> ProposedStates:
     """Draw from a mixture of a Kalman filter's prediction and the transition prior.
 
-    q(x_k | x_{k-1}) = share N(x_k; prediction) + (1 - share) p(x_k | x_{k-1}); the ratio takes the
-    whole mixture, whichever part a particle was drawn from, so it never exceeds 1 / (1 - share).
+    q(x_k | x_{k-1}) = share N(x_k; prediction) + (1 - share) p(x_k | x_{k-1}). The ratio uses the
+    whole mixture, for particles drawn from either part.
 
     Args:
         states: (N, D) particles of the last frame.
-        transition: How they go on.
-        prediction: Of the D-dimensional state in this frame.
+        transition: Transition prior.
+        prediction: Predicted density of the D-dimensional state in this frame.
         share: Probability, 0 to `LARGEST_SHARE`, that a particle is drawn from the prediction.
         generator: Source of randomness.
 
     Raises:
-        ValueError: The share is out of range, or the prediction has another number of columns or a
-            covariance that is not positive definite.
+        ValueError: The share is out of range, the prediction does not have D columns, or its
+            covariance is not positive definite.
     """
     if not 0.0 <= share <= LARGEST_SHARE:
         raise ValueError(f"share of the prediction is {share}; allowed: 0 to {LARGEST_SHARE}")
@@ -136,13 +144,13 @@ def propose_from_prediction(
     noisy = std[0] > 0.0
     std = std[:, noisy]
     drawn = mean[:, noisy] + std * generator.standard_normal(std.shape)
-    ahead = generator.random(len(states)) < share
-    center = prediction.marginal(noisy)
-    drawn[ahead] = center.draw(int(ahead.sum()), generator)
+    from_prediction = generator.random(len(states)) < share
+    marginal = prediction.marginal(noisy)
+    drawn[from_prediction] = marginal.draw(int(from_prediction.sum()), generator)
 
     log_prior = _log_density(drawn, mean[:, noisy], std)
     log_mixture = np.logaddexp(
-        math.log(share) + center.log_density(drawn), math.log1p(-share) + log_prior
+        math.log(share) + marginal.log_density(drawn), math.log1p(-share) + log_prior
     )
     proposed = mean
     proposed[:, noisy] = drawn
@@ -151,10 +159,10 @@ def propose_from_prediction(
 
 @dataclass(frozen=True)
 class SearchGrid:
-    """Square cells that the target's center may lie in.
+    """A square grid of square cells for the target's center.
 
     Attributes:
-        center: (2,) of the middle of the grid, pixels.
+        center: (2,) middle of the grid, pixels.
         spacing: Side of a cell, pixels.
         count: Cells along each side.
     """
@@ -165,7 +173,7 @@ class SearchGrid:
 
     @cached_property
     def axes(self) -> NDArray[np.float64]:
-        """(2, count) x of each column's center, y of each row's."""
+        """(2, count) x of the columns' centers and y of the rows' centers."""
         offsets = (np.arange(self.count) - (self.count - 1) / 2) * self.spacing
         return offsets + self.center[:, None]
 
@@ -175,58 +183,56 @@ class SearchGrid:
         x, y = self.axes
         return np.column_stack([np.tile(x, self.count), np.repeat(y, self.count)])
 
-    def cells_of(self, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """(N,) number of the cell that each of (N, 2) places is in, and whether it is in any.
-
-        The number of a place that is in none is 0.
-        """
-        offsets = (places - self.center) / self.spacing + self.count / 2
+    def cells_of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """(N,) cell indices of (N, 2) points, 0 outside the grid, and (N,) whether inside."""
+        offsets = (points - self.center) / self.spacing + self.count / 2
         column, row = np.floor(offsets.T).astype(np.intp)
         inside = (column >= 0) & (column < self.count) & (row >= 0) & (row < self.count)
         return np.where(inside, row * self.count + column, 0), inside
 
 
 class GridDensity:
-    """A density that is even within each cell of a grid, and 0 outside.
+    """A density that is constant within each cell of a grid, and 0 outside.
 
     Args:
-        grid: Its M cells.
-        log_likelihood: (M,) of the cells; any constant may be added to all.
+        grid: The grid of M cells.
+        log_likelihood: (M,) log likelihoods of the cells, up to a common constant.
     """
 
     def __init__(self, grid: SearchGrid, log_likelihood: NDArray[np.float64]) -> None:
-        shares = np.exp(log_likelihood - log_likelihood.max())
+        likelihood = np.exp(log_likelihood - log_likelihood.max())
         self.grid = grid
-        self._shares = shares / shares.sum()
+        self._probabilities = likelihood / likelihood.sum()
 
     def draw(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
-        """(count, 2) places, pixels."""
-        cells = np.searchsorted(np.cumsum(self._shares), generator.random(count) * (1.0 - 1e-12))
+        """(count, 2) random points, pixels."""
+        cumulative = np.cumsum(self._probabilities)
+        cells = np.searchsorted(cumulative, generator.random(count) * (1.0 - 1e-12))
         within = (generator.random((count, 2)) - 0.5) * self.grid.spacing
-        rows, columns = np.divmod(np.minimum(cells, len(self._shares) - 1), self.grid.count)
+        rows, columns = np.divmod(np.minimum(cells, len(cumulative) - 1), self.grid.count)
         x, y = self.grid.axes
         return np.column_stack([x[columns], y[rows]]) + within
 
     def log_densities(
-        self, places: NDArray[np.float64]
+        self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(N,) log densities, per px^2, at (N, 2) places: this, and of being anywhere in the grid.
+        """(N,) log densities, per px^2, at (N, 2) points: this one and the grid's uniform one.
 
         Outside of the grid both are minus infinity.
         """
-        cells, inside = self.grid.cells_of(places)
+        cells, inside = self.grid.cells_of(points)
         with np.errstate(divide="ignore"):
-            own = np.log(np.where(inside, self._shares[cells], 0.0) / self.grid.spacing**2)
-        anywhere = -2.0 * math.log(self.grid.spacing * self.grid.count)
-        return own, np.where(inside, anywhere, -np.inf)
+            own = np.log(np.where(inside, self._probabilities[cells], 0.0) / self.grid.spacing**2)
+        uniform = -2.0 * math.log(self.grid.spacing * self.grid.count)
+        return own, np.where(inside, uniform, -np.inf)
 
 
 class CenterPrior(NamedTuple):
-    """Where a motion model takes the center of each particle: a round Gaussian.
+    """A motion model's density of each particle's center: an isotropic Gaussian.
 
     Attributes:
         mean: (N, 2), pixels.
-        std: (N, 1) or (1,) standard deviation along each axis, pixels, above 0.
+        std: (N, 1) or (1,) standard deviation along each axis, pixels, > 0.
     """
 
     mean: NDArray[np.float64]
@@ -234,7 +240,7 @@ class CenterPrior(NamedTuple):
 
 
 class ProposedCenters(NamedTuple):
-    """Particles drawn from a search.
+    """Centers drawn from the search proposal.
 
     Attributes:
         centers: (N, 2), row i drawn for particle i.
@@ -248,38 +254,34 @@ class ProposedCenters(NamedTuple):
 
 
 def propose_from_search(
-    drawn: NDArray[np.float64],
+    prior_centers: NDArray[np.float64],
     prior: CenterPrior,
-    found: GridDensity,
+    grid_density: GridDensity,
     share: float,
     generator: np.random.Generator,
 ) -> ProposedCenters:
-    """Move a share of the particles to where a search finds the target likely.
+    """Replace a share of the particles' centers by draws from the likelihood on a grid.
 
-    The center is believed to be N(mean, spread^2) or, with the probability of a jump, anywhere in
-    the grid. A share s of the particles is drawn from the likelihood G over the grid:
-    q = s G(x) + (1 - s) N(x; mean, spread^2). As in `propose_from_prediction` the ratio takes the
-    whole mixture.
+    Prior:    p(x) = (1 - j) N(x; mean, std^2) + j U(x), with the probability j of a jump and the
+              grid's uniform density U.
+    Proposal: q(x) = share G(x) + (1 - share) N(x; mean, std^2), with the grid density G.
 
     Args:
-        drawn: (N, 2) centers drawn from the prior, pixels.
-        prior: Mean and spread.
-        found: The likelihood over the grid, as a density.
-        share: Probability, above 0 up to `LARGEST_SHARE`, that a particle is drawn from it.
+        prior_centers: (N, 2) centers drawn from the prior, pixels.
+        prior: The motion model's density of the centers.
+        grid_density: The likelihood over the grid, as a density.
+        share: Probability, above 0 up to `LARGEST_SHARE`, that a center is drawn from the grid.
         generator: Source of randomness.
-
-    Source: as in this module; Okuma et al. 2004, "A boosted particle filter: multitarget detection
-    and tracking", section 4 (a proposal from detections).
     """
-    count = len(drawn)
+    count = len(prior_centers)
     jump = _JUMP_PROBABILITY
-    searched = generator.random(count) < share
-    centers = np.where(searched[:, None], found.draw(count, generator), drawn)
+    from_grid = generator.random(count) < share
+    centers = np.where(from_grid[:, None], grid_density.draw(count, generator), prior_centers)
 
     log_motion = _log_density(centers, prior.mean, prior.std)
-    log_found, log_anywhere = found.log_densities(centers)
-    log_prior = np.logaddexp(math.log1p(-jump) + log_motion, math.log(jump) + log_anywhere)
-    log_mixture = np.logaddexp(math.log(share) + log_found, math.log1p(-share) + log_motion)
+    log_grid, log_uniform = grid_density.log_densities(centers)
+    log_prior = np.logaddexp(math.log1p(-jump) + log_motion, math.log(jump) + log_uniform)
+    log_mixture = np.logaddexp(math.log(share) + log_grid, math.log1p(-share) + log_motion)
     return ProposedCenters(centers, log_prior, log_prior - log_mixture)
 
 
@@ -291,7 +293,7 @@ def _log_density(
     Args:
         values: (N, D).
         mean: (N, D).
-        std: Standard deviations, (N, D) or of a shape that stands for it.
+        std: Standard deviations, broadcastable to (N, D).
     """
     offsets = (values - mean) / std
     return -(0.5 * np.square(offsets) + np.log(std) + 0.5 * _LOG_TWO_PI).sum(axis=1)

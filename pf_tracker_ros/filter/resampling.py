@@ -1,11 +1,18 @@
-"""Resampling schemes: which particles go on, and how often each.
+"""Resampling: likely particles are copied, unlikely ones dropped.
 
-Every scheme but those that keep the best particle is unbiased: particle i is drawn
-`count * weight_i` times on average. They differ in the variance of the draws, smallest for the
-systematic one. All take O(N + count log N) time, and the multinomial and the residual one sort
-random numbers first.
+After some frames, most of the weight lies on few particles (degeneracy). Resampling then draws the
+particles anew, in proportion to their weights:
 
-Reference: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for particle filtering".
+1. Compute the effective sample size. If it is at least a share of N, stop.
+2. Choose `count` positions in [0, 1). The schemes differ here.
+3. Look each position up in the cumulative weights; this gives the index of a particle.
+4. Copy these particles and make their weights equal.
+
+All schemes but the elitist one are unbiased: particle i is drawn `count * weight_i` times on
+average. The systematic scheme has the least variance. All take O(N + count log N) time; multinomial
+and residual also sort random numbers. Residual first draws the whole part of `count * weight_i`.
+
+Source: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for particle filtering".
 """
 
 from __future__ import annotations
@@ -31,7 +38,7 @@ class Resampler(Protocol):
 
         Args:
             weights: (N,) normalized weights.
-            count: How many to draw.
+            count: Number of particles to draw.
             generator: Source of randomness.
 
         Returns:
@@ -47,7 +54,7 @@ _LARGEST_POSITION = np.nextafter(1.0, 0.0)
 def _invert(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.intp]:
     """Indices at which the cumulative weights pass the sorted `positions` in [0, 1)."""
     cumulative = np.cumsum(weights)
-    # Rounding must neither leave a position beyond the last sum nor pick a particle of no weight.
+    # Rounding must not put a position beyond the last sum, nor select a particle of weight 0.
     cumulative /= cumulative[-1]
     return cumulative.searchsorted(np.minimum(positions, _LARGEST_POSITION), side="right")
 
@@ -93,14 +100,14 @@ class SystematicResampler:
 
 @RESAMPLERS.register("residual")
 class ResidualResampler:
-    """The whole part of count * weight_i for certain, the rest by independent draws."""
+    """The whole part of `count * weight_i` without chance, the rest by independent draws."""
 
     def indices(
         self, weights: NDArray[np.float64], count: int, generator: np.random.Generator
     ) -> NDArray[np.intp]:
         """See `Resampler.indices`."""
         expected = count * weights
-        # A product that rounding left a hair below a whole number is that number.
+        # Rounding can leave a product just below a whole number.
         copies = np.floor(expected + 1e-9).astype(np.intp)
         certain = np.repeat(np.arange(len(weights)), copies)
         rest = count - len(certain)
@@ -113,15 +120,15 @@ class ResidualResampler:
 
 @dataclass(frozen=True)
 class ElitistResampler:
-    """Draws by another scheme, and keeps the particle of the largest weight.
+    """Draws by another scheme and always keeps the particle of the largest weight.
 
-    Chance may pass over the best particle of a few; if it does, the first draw is given to it.
-    That costs the draws their unbiasedness, so it is for few particles and sharp likelihoods.
+    If the draw misses that particle, it replaces the first one drawn. This is biased, and meant
+    for few particles and sharp likelihoods.
 
     Source: Zhang et al. 2015, section 3.3, step 3.
 
     Attributes:
-        resampler: The scheme that draws.
+        resampler: The resampling scheme.
     """
 
     resampler: Resampler
@@ -138,7 +145,7 @@ class ElitistResampler:
 
 
 @RESAMPLERS.register("multinomial_elitist")
-def _multinomial_keeping_best() -> Resampler:
+def _multinomial_elitist() -> Resampler:
     return ElitistResampler(MultinomialResampler())
 
 
@@ -148,8 +155,8 @@ class ResamplingParameters:
 
     scheme: str = declared(
         "systematic",
-        "Resampling scheme: systematic has the least variance; multinomial_elitist lets the "
-        "particle of the largest weight always go on, for few particles.",
+        "Resampling scheme: systematic has the least variance; multinomial_elitist always keeps "
+        "the particle of the largest weight, for few particles.",
         choices=RESAMPLERS,
     )
     of_schemes: dict[str, Any] = parts("scheme", RESAMPLERS)
@@ -164,13 +171,13 @@ class ResamplingParameters:
 
 @dataclass(frozen=True)
 class EffectiveSampleSizeResampler:
-    """Resamples only when the effective sample size asks for it.
+    """Resamples when the effective sample size is small.
 
-    Resampling while the weights are still even would throw away particles for nothing.
+    Resampling particles of nearly equal weights would only reduce their diversity.
 
     Attributes:
-        resampler: The scheme that draws.
-        threshold: Share of the number of particles, 0 to 1, below which it draws.
+        resampler: The resampling scheme.
+        threshold: Resample below this share of the number of particles, 0 to 1.
     """
 
     resampler: Resampler
@@ -179,11 +186,11 @@ class EffectiveSampleSizeResampler:
     def resample(
         self, particles: ParticleSet, count: int, generator: np.random.Generator
     ) -> ParticleSet:
-        """The particles for the next frame.
+        """Resample if needed.
 
         Args:
-            particles: The weighted particles of this frame.
-            count: How many particles the next frame is to have; a change of number resamples.
+            particles: Weighted particles of this frame.
+            count: Number of particles in the next frame; if it changes, they are resampled.
             generator: Source of randomness.
 
         Returns:

@@ -1,4 +1,4 @@
-"""An image of the camera, and what is made of it: once for all who look at it."""
+"""Camera images and the maps computed from them, each once, shared by all targets and cues."""
 
 from pf_tracker_ros.frames.frame import Foreground, Frame
 from pf_tracker_ros.frames.region import Region

@@ -1,4 +1,4 @@
-"""One image of a camera, and what is made of it, where it is looked at, and there once."""
+"""One image of a camera and its 8-bit views, computed on first use and only where they are read."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pf_tracker_ros.frames.exposure import (
     to_8_bit,
 )
 
-# Pixels along each side of a tile: few enough to compute little that nobody looks at.
+# Pixels along each side of a tile.
 _TILE = 16
 
 
@@ -34,12 +34,12 @@ class PixelRect(NamedTuple):
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """To take the part of an array."""
+        """Slices of an array for this part."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
 class TiledImage:
-    """An image whose tiles are computed when a part of it is first read.
+    """An image whose tiles are computed on first use.
 
     Args:
         shape: (h, w) or (h, w, 3).
@@ -52,12 +52,12 @@ class TiledImage:
     def read(
         self, part: PixelRect, compute: Callable[[PixelRect], NDArray[np.uint8]]
     ) -> NDArray[np.uint8]:
-        """The pixels of a part inside the image, not to be written to.
+        """The pixels of a part; do not write to them.
 
         Args:
-            part: Inside the image.
-            compute: The pixels of a part that is made of whole tiles, but at the image's end. It is
-                not kept: whoever can compute holds this, and would live on in a circle with it.
+            part: Part inside the image.
+            compute: Computes the pixels of a part of whole tiles, which may be cut at the image's
+                edge. It is not stored, since it refers back to the owner of this image.
         """
         rows = slice(part.top // _TILE, -(-part.bottom // _TILE))
         columns = slice(part.left // _TILE, -(-part.right // _TILE))
@@ -77,14 +77,14 @@ class TiledImage:
 
 
 def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[PixelRect]:
-    """Rectangles of tiles that together are those unknown, counted from a first row and column."""
+    """Rectangles that cover the unknown tiles, numbered from the given first row and column."""
     rows, columns = known.shape
     if np.count_nonzero(known) == 0:
         yield PixelRect(top, top + rows, left, left + columns)
         return
     padded = np.ones((rows, columns + 2), np.bool_)
     padded[:, 1:-1] = known
-    # Of each row, where unknown tiles start and end by turns.
+    # In each row, starts and ends of runs of unknown tiles alternate.
     row_of, column_of = np.nonzero(padded[:, 1:] != padded[:, :-1])
     found: dict[tuple[int, int], PixelRect] = {}
     for row, start, end in zip(
@@ -95,25 +95,24 @@ def _unknown(known: NDArray[np.bool_], top: int, left: int) -> Iterator[PixelRec
             if above:
                 yield above
             above = PixelRect(top + row, top + row, left + start, left + end)
-        # The same columns in the next row make it higher.
+        # A run of the same columns in the next row extends the rectangle.
         found[start, end] = above._replace(bottom=top + row + 1)
     yield from found.values()
 
 
 Map = TypeVar("Map")
 
-# Reduced by more than this, so many rows and columns of each block stand for it: else the cost
-# would grow with the target, whose blocks are the larger the larger it is.
-_MOST_AVERAGED = 8
+# Blocks larger than this are sampled by so many rows and columns, to bound the cost.
+_LARGEST_AVERAGED = 8
 _SAMPLED = 4
 
 
 class Foreground(NamedTuple):
-    """What a background model says of a frame.
+    """The foreground mask of a frame, from a background model.
 
     Attributes:
         mask: (h, w) uint8 over the whole image, 255 for foreground.
-        reduction: Image pixels to one of its pixels along each axis.
+        reduction: Image pixels per mask pixel along each axis.
     """
 
     mask: NDArray[np.uint8]
@@ -121,15 +120,14 @@ class Foreground(NamedTuple):
 
 
 class Frame:
-    """One image, when it was taken, and what is made of it.
+    """One image with its stamp, its 8-bit views and its maps.
 
-    Whatever is made is made when it is first asked for, only where it is looked at, and once, for
-    however many targets: the 8-bit view, and reductions of it to a half, a third and so on.
+    The 8-bit view and its reductions to a half, a third and so on are computed on first use, only
+    where they are read, and shared by all targets.
 
     Args:
-        image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32; not to be changed from then
-            on.
-        stamp: When it was taken, in nanoseconds; 0 means unknown.
+        image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32; do not change it afterwards.
+        stamp: Time of the image in nanoseconds; 0 means unknown.
         span: See `expose`.
         illumination: See `expose`.
 
@@ -137,11 +135,10 @@ class Frame:
         image: As given.
         stamp: As given.
         illumination: As given.
-        foreground: What a background model says of it; None where there is no model, or where it
-            says nothing.
-        background: What the model is worth in this frame; None where there is none.
-        camera_motion: How the camera has moved since a frame last told so, or since the first, see
-            `EgoMotion.follow`; None where it stands still, or nobody asked.
+        foreground: Mask of the background model; None without a usable one.
+        background: State of the background model; None without a model.
+        camera_motion: Camera motion, see `EgoMotion.update`; None if the camera stands still or its
+            motion is not estimated.
     """
 
     def __init__(
@@ -156,26 +153,26 @@ class Frame:
         self.expose(span, illumination)
 
     def with_image(self, image: NDArray[np.generic]) -> Frame:
-        """The same frame with another image of its size and kind."""
+        """The same frame with another image of equal shape and type."""
         other = Frame(image, self.stamp, self._span, self.illumination)
         other.foreground, other.background = self.foreground, self.background
         other.camera_motion = self.camera_motion
         return other
 
     def expose(self, span: GrayRange | None, illumination: Illumination) -> None:
-        """Set how the 8-bit view is made; all that was made of the frame so far is gone.
+        """Set the conversion to 8 bits and clear all views, maps and results of the frame.
 
         Args:
-            span: Values of a 16-bit or 32-bit image that the 8-bit view spans; None takes the
-                image's own.
-            illumination: Of an 8-bit image; the 8-bit view is divided by its gain.
+            span: Values of a 16-bit or 32-bit image that become 0 and 255; None means the image's
+                own range.
+            illumination: Illumination of an 8-bit image; the view is divided by its gain.
         """
         self.illumination = illumination
         self.foreground: Foreground | None = None
         self.background: BackgroundState | None = None
         self.camera_motion: NDArray[np.float64] | None = None
         self._span = span
-        self._levels = None if illumination.gain == 1.0 else gain_table(illumination.gain)
+        self._gain_table = None if illumination.gain == 1.0 else gain_table(illumination.gain)
         self.clear_cache()
 
     @property
@@ -190,17 +187,17 @@ class Frame:
         return self.view(PixelRect(0, height, 0, width))
 
     def view(self, part: PixelRect, reduction: int = 1) -> NDArray[np.uint8]:
-        """A part of the 8-bit view, reduced by a whole factor; not to be written to.
+        """A part of the 8-bit view, reduced by a whole factor; do not write to it.
 
         A pixel of a reduced view is the mean of a block of reduction x reduction pixels, counted
-        from the image's corner; a block that reaches out of the image repeats the last row or
-        column. Of blocks larger than 8 x 8 the mean is that of 4 x 4 pixels, spread evenly over it.
+        from the image's corner. Blocks that extend outside the image repeat its last row or column.
+        Blocks larger than 8 x 8 are sampled by 4 x 4 pixels, spread evenly.
 
         Args:
-            part: Inside the view, in its own pixels: (H / reduction, W / reduction), rounded up.
+            part: Part of the reduced view of (H / reduction, W / reduction) pixels, rounded up.
             reduction: At least 1.
         """
-        if reduction == 1 and self.image.dtype == np.uint8 and self._levels is None:
+        if reduction == 1 and self.image.dtype == np.uint8 and self._gain_table is None:
             return self.image[part.slices]  # type: ignore[return-value]
         view = self._views.get(reduction)
         if view is None:
@@ -211,37 +208,36 @@ class Frame:
         return view.read(part, compute)
 
     def cached(self, key: object, compute: Callable[[], Map]) -> Map:
-        """What is stored under `key`, computed at the first call and shared by all who ask."""
-        if key not in self._shared:
-            self._shared[key] = compute()
-        return self._shared[key]  # type: ignore[return-value]
+        """The map stored under `key`, computed at the first call."""
+        if key not in self._cache:
+            self._cache[key] = compute()
+        return self._cache[key]  # type: ignore[return-value]
 
     def clear_cache(self) -> None:
-        """Free the memory of views and maps; whoever asks for one again has it made anew."""
+        """Free the memory of views and maps; they are computed again on use."""
         self._views: dict[int, TiledImage] = {}
-        self._shared: dict[object, object] = {}
+        self._cache: dict[object, object] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        # Views and maps are made anew, and would only make a copy large.
-        return self.__dict__ | {"_views": {}, "_shared": {}}
+        return self.__dict__ | {"_views": {}, "_cache": {}}
 
     def _converted(self, part: PixelRect) -> NDArray[np.uint8]:
         return self._to_8_bit(self.image[part.slices])
 
     def _to_8_bit(self, values: NDArray[np.generic]) -> NDArray[np.uint8]:
-        if self._levels is not None:
-            return cv2.LUT(values, self._levels)
+        if self._gain_table is not None:
+            return cv2.LUT(values, self._gain_table)
         if self._span is None:
             self._span = gray_range(self.image)
         return to_8_bit(values, self._span)
 
     def _reduced(self, reduction: int, part: PixelRect) -> NDArray[np.uint8]:
-        blocks = self._blocks if reduction <= _MOST_AVERAGED else self._sampled_blocks
+        blocks = self._blocks if reduction <= _LARGEST_AVERAGED else self._sampled_blocks
         size = (part.right - part.left, part.bottom - part.top)
         return cv2.resize(blocks(part, reduction), size, interpolation=cv2.INTER_AREA)
 
     def _blocks(self, part: PixelRect, reduction: int) -> NDArray[np.uint8]:
-        """All pixels of the blocks that a part of the reduced view averages."""
+        """All pixels of the blocks of a part of the reduced view."""
         height, width = self.image.shape[:2]
         source = self.view(
             PixelRect(
@@ -259,7 +255,7 @@ class Frame:
         return source
 
     def _sampled_blocks(self, part: PixelRect, reduction: int) -> NDArray[np.uint8]:
-        """Some pixels of these blocks, as many for a large one as for a small one."""
+        """A fixed number of pixels of each of these blocks."""
         rows, columns = (
             np.minimum(
                 ((np.arange(start * _SAMPLED, end * _SAMPLED) + 0.5) * reduction / _SAMPLED).astype(
@@ -272,6 +268,6 @@ class Frame:
                 (part.left, part.right, self.image.shape[1]),
             )
         )
-        # Rows first, which are copied at once: far faster than pixel by pixel.
+        # Rows first: they are copied as a whole.
         across = self.image[rows, columns[0] : columns[-1] + 1]
         return self._to_8_bit(across.take(columns - columns[0], axis=1))

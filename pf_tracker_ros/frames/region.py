@@ -1,11 +1,10 @@
-"""What the cues read around the particles, each map computed once.
+"""The region around the particles and its maps, such as color bins and gradients.
 
-N particles overlap heavily, so pixels are turned into what a cue needs once a frame, and each
-particle then only reads. A map is computed when a cue first asks for it.
+The boxes of N particles overlap heavily. So a map is computed once per frame, when a cue first
+requests it, and each box only reads from it.
 
-Gradients of 8-bit gray levels are read from tables of the differences of a pixel's neighbors, which
-is faster than working them out, and exact on the borders between two directions. Windows are parts
-of a frame, brought to a number of pixels whatever their size.
+Gradients of 8-bit gray levels are read from tables, indexed by the differences of a pixel's
+neighbors. This is faster than computing them, and exact on the borders between two directions.
 """
 
 from __future__ import annotations
@@ -24,51 +23,51 @@ from pf_tracker_ros.frames.frame import Frame, PixelRect
 _LARGEST = 255
 _VALUES = 2 * _LARGEST + 1
 NO_GRADIENT = _LARGEST * _VALUES + _LARGEST
-"""The number of two differences of 0."""
-# The gradient of the smallest possible window. All such numbers are exact in single precision.
+"""The table index of two differences of 0."""
+# Central differences, combined into one table index; exact in single precision.
 _KERNEL = np.array([[0, -_VALUES, 0], [-1, 0, 1], [0, _VALUES, 0]], dtype=np.float32)
 
 
 def paired_differences(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(H, W) whole numbers for (H, W) gray levels, the rows of tables over `all_gradients`.
+    """(H, W) table indices of (H, W) gray levels, for tables over `all_gradients`.
 
-    That of a pixel is (down + 255) * 511 + right + 255, with the differences of its neighbors below
-    and above, and of those to the right and to the left, both from -255 to 255.
+    The index of a pixel is (dy + 255) * 511 + dx + 255. dy is the neighbor below minus the one
+    above, dx the one to the right minus the one to the left, both from -255 to 255.
     """
     return cv2.filter2D(gray, cv2.CV_32F, _KERNEL, delta=NO_GRADIENT)
 
 
 def all_gradients() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(511 * 511,) magnitudes, gray levels, and angles, -pi to pi, of any two differences."""
+    """(511 * 511,) magnitudes in gray levels and angles, -pi to pi, of all pairs of differences."""
     values = np.arange(-_LARGEST, _LARGEST + 1)
     magnitudes = np.hypot(values[:, None], values[None])
     angles = np.arctan2(values[:, None], values[None])
     return magnitudes.ravel(), angles.ravel()
 
 
-# How many image pixels one pixel of a window may stand for before they are averaged first.
+# Up to so many image pixels for each window pixel, the image is not reduced before.
 _UNREDUCED = 1.75
 
 
 def read_window(
     frame: Frame, center: NDArray[np.float64], side: float, pixels: int, gray: bool = False
 ) -> NDArray[np.uint8]:
-    """A square part of a frame, with as many pixels as asked for.
+    """A square part of a frame, resized to a fixed number of pixels.
 
-    Where that is fewer than the image has, the image's are averaged, not skipped.
+    When the window is shrunk, image pixels are averaged, not skipped.
 
     Args:
-        frame: To look at.
-        center: (2,) x and y of the middle, image pixels; may be outside the image.
-        side: Image pixels.
-        pixels: Along each side of the window.
-        gray: Whether colors are of no interest.
+        frame: The frame.
+        center: (2,) center of the window, image pixels; may be outside the image.
+        side: Side of the window, image pixels.
+        pixels: Pixels along each side of the result.
+        gray: Return brightness only.
 
     Returns:
-        (pixels, pixels, 3) or (pixels, pixels); what is outside repeats the image's border.
+        (pixels, pixels, 3) or (pixels, pixels); outside the image, its border is repeated.
     """
     reduction = max(int(side / pixels + 2.0 - _UNREDUCED), 1)
-    # From here on in pixels of the reduced view.
+    # From here on, pixels are those of the reduced view.
     center, side = center / reduction, side / reduction
     (left, right), (top, bottom) = (
         _inside(middle - side / 2, middle + side / 2, -(-length // reduction))
@@ -89,7 +88,7 @@ def read_window(
 
 
 def _inside(start: float, end: float, length: int) -> tuple[int, int]:
-    """The whole pixels from before the start to behind the end, at least one, inside a length."""
+    """Pixel range [first, last) that covers start to end and one more, at least 1, in a length."""
     first = min(max(math.floor(start) - 1, 0), length - 1)
     return first, max(min(math.ceil(end) + 1, length), first + 1)
 
@@ -97,31 +96,29 @@ def _inside(start: float, end: float, length: int) -> tuple[int, int]:
 Map = TypeVar("Map")
 Value = TypeVar("Value", bound=np.generic)
 
-# Derivatives look one pixel further than the boxes do, smoothed ones two.
+# Pixels around the boxes: derivatives read one more, smoothed derivatives two.
 _MARGIN = 2
-# Of a gradient, in halves of a gray level.
+# Largest gradient magnitude, half gray levels.
 _LARGEST_MAGNITUDE = 255
-# Whole numbers that single precision tells apart.
+# Single precision represents all integers up to this.
 _EXACT_UP_TO = 2**24
 
 
 class Region:
     """The region of a frame that a set of boxes covers, and the maps computed from it.
 
-    Pixels outside the image belong to the region too where a box reaches there: maps say what they
-    hold for them.
+    A region may extend outside the image; each map defines its values there.
 
     Args:
         frame: The whole image.
-        boxes: (N, 4) boxes (x, y, width, height) in pixels, all of which the region covers; each
-            overlaps the image.
+        boxes: (N, 4) boxes (x, y, width, height) in pixels, all inside the region; each overlaps
+            the image.
         reduction: Whole number of image pixels that one region pixel averages along each axis;
-            above 1 for targets so large that full resolution would only cost time.
-        context_margin: How far beyond each side of a box the region covers, in box sides.
-        predicted_box: See the property; None for the mean of the boxes. Where it is given, the region
-            covers every box in its size too, for the cues that look at it so.
-        estimates_size: Whether the target's size is asked for, too; a cue that reads the image once
-            for each size reads it only once where it is not.
+            above 1 for large targets, to save time.
+        context_margin: Margin of the region around each box, in box sides.
+        center_box: See the property; None means the mean of the boxes. If given, the region also
+            covers a box of this size around each center.
+        estimates_size: Whether the target's size is estimated; if not, cues may read one size only.
 
     Attributes:
         frame: As given.
@@ -137,14 +134,14 @@ class Region:
         reduction: int = 1,
         context_margin: float = 0.0,
         *,
-        predicted_box: NDArray[np.float64] | None = None,
+        center_box: NDArray[np.float64] | None = None,
         estimates_size: bool = True,
     ) -> None:
         width, height = frame.size
-        self._boxes, self._place = boxes, predicted_box
-        if predicted_box is not None:
+        self._boxes, self._center_box = boxes, center_box
+        if center_box is not None:
             given, boxes = boxes, np.empty(boxes.shape)
-            np.maximum(given[:, 2:], predicted_box[2:], out=boxes[:, 2:])
+            np.maximum(given[:, 2:], center_box[2:], out=boxes[:, 2:])
             boxes[:, :2] = given[:, :2] + (given[:, 2:] - boxes[:, 2:]) / 2
         x, y, widths, heights = boxes.T
         left, right = _covered(x, widths, context_margin, reduction)
@@ -166,28 +163,28 @@ class Region:
         )
         self._corner = np.array([left, top, 0.0, 0.0])
         self._reduction = reduction
-        self._shared: dict[object, object] = {}
+        self._cache: dict[object, object] = {}
 
     @cached_property
-    def predicted_box(self) -> NDArray[np.float64]:
-        """(4,) box of the target as it is expected in this frame."""
-        return self._boxes.mean(axis=0) if self._place is None else self._place
+    def center_box(self) -> NDArray[np.float64]:
+        """(4,) box in the middle of the region: the predicted box, or that of a search window."""
+        return self._boxes.mean(axis=0) if self._center_box is None else self._center_box
 
     def region_boxes(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 4) boxes in image pixels as (x, y, width, height) in region pixels."""
+        """(N, 4) boxes in region pixels, for (N, 4) boxes in image pixels."""
         if self._reduction > 1:
             boxes = boxes / self._reduction
         return boxes - self._corner
 
     def cached(self, key: object, compute: Callable[[], Map]) -> Map:
-        """The map stored under `key`, computed at the first call and shared by all who ask."""
-        if key not in self._shared:
-            self._shared[key] = compute()
-        return self._shared[key]  # type: ignore[return-value]
+        """The map stored under `key`, computed at the first call."""
+        if key not in self._cache:
+            self._cache[key] = compute()
+        return self._cache[key]  # type: ignore[return-value]
 
     def store(self, key: object, value: object) -> None:
-        """Store what was computed elsewhere, for all who ask for it by `cached`."""
-        self._shared[key] = value
+        """Store a map that was computed elsewhere; `cached` then returns it."""
+        self._cache[key] = value
 
     @property
     def gray(self) -> NDArray[np.uint8]:
@@ -198,16 +195,16 @@ class Region:
 
     @property
     def color(self) -> NDArray[np.uint8]:
-        """(h, w, 3) uint8 BGR of `pixels`, a gray one with equal channels."""
+        """(h, w, 3) uint8 BGR of `pixels`; gray pixels have equal channels."""
         if self.pixels.ndim == 3:
             return self.pixels
         return self.cached("color", lambda: cv2.cvtColor(self.pixels, cv2.COLOR_GRAY2BGR))
 
     @property
     def foreground_pixels(self) -> NDArray[np.bool_] | None:
-        """(h, w) whether each of `pixels` is foreground; None where there is no model.
+        """(h, w) whether each of `pixels` is foreground; None without a background model.
 
-        The mask has a scale of its own: the pixel of it below the center of each is asked.
+        The mask has another scale: each pixel takes the mask's value at its center.
         """
         if self.frame.foreground is None:
             return None
@@ -225,12 +222,10 @@ class Region:
         return mask[np.ix_(rows, columns)] > 0
 
     def color_bins(self, levels: int) -> NDArray[np.intp]:
-        """(h, w) color of each of `pixels`, each of R, G and B in `levels` equal steps.
-
-        A color's number is red * levels^2 + green * levels + blue.
+        """(h, w) histogram bin of each of `pixels`, red * levels^2 + green * levels + blue.
 
         Args:
-            levels: At most 256, so that single precision tells all colors apart.
+            levels: Equal steps of each channel, at most 256 (exact in single precision).
         """
 
         def compute() -> NDArray[np.intp]:
@@ -240,19 +235,19 @@ class Region:
         return self.cached(("color bins", levels), compute)
 
     def pad(self, values: NDArray[Value]) -> NDArray[Value]:
-        """(h, w) values of `pixels` with zeros around for what is outside the image."""
+        """(h, w) values of `pixels`, padded with zeros outside the image."""
         if not any(self.padding):
             return values
         return cv2.copyMakeBorder(values, *self.padding, cv2.BORDER_CONSTANT, value=0)
 
     def differences(self, smoothed: bool = False) -> NDArray[np.intp]:
-        """(h, w) differences of each pixel's neighbors, over the padded region, as one number.
+        """(h, w) table indices of the padded region's gradients; see `paired_differences`.
 
-        The number is that of `paired_differences`. Outside the image both are 0.
+        Outside the image the gradient is 0.
 
         Args:
-            smoothed: Whether each pixel is first averaged with its eight neighbors, with the
-                binomial weights 1, 2, 1 along each axis.
+            smoothed: Average each pixel with its eight neighbors first, with binomial weights
+                1, 2, 1 along each axis.
         """
 
         def compute() -> NDArray[np.intp]:
@@ -269,13 +264,13 @@ class Region:
     def gradient_integral(self, directions: int) -> NDArray[np.float32] | NDArray[np.int32]:
         """Integral image of the gradient magnitude in each direction.
 
-        A pixel's gradient magnitude, in halves of a gray level and at most 255, counts for the
-        direction, of `directions` equal ones over 360 degrees starting at 0, that its gradient
-        falls into. Outside the image there is none.
+        A pixel adds its gradient magnitude, in half gray levels and at most 255, to the bin of its
+        direction. The bins are `directions` equal parts of 360 degrees, starting at 0. Outside the
+        image the gradient is 0.
 
         Returns:
-            (h + 1, w + 1, directions) of the padded region: the sum over all pixels above and left,
-            exact; in single precision where that is enough for any pixels.
+            (h + 1, w + 1, directions) of the padded region: exact sums over all pixels above and
+            left; in single precision if that is exact.
         """
 
         def compute() -> NDArray[np.float32] | NDArray[np.int32]:
@@ -288,9 +283,9 @@ class Region:
 
 
 def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The pixel edges next to edges in region pixels, which are above 0; halves go up.
+    """Positive edges in region pixels, rounded to whole pixels; halves are rounded up.
 
-    Rounding halves to even numbers would make the edge depend on where the region begins.
+    Rounding halves to even would make the result depend on the region's corner.
     """
     return (edges + 0.5).astype(np.intp)
 
@@ -298,7 +293,7 @@ def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:
 def _covered(
     starts: NDArray[np.float64], sides: NDArray[np.float64], context_margin: float, reduction: int
 ) -> tuple[int, int]:
-    """First and last edge, in region pixels, of what covers boxes along an axis; see `Region`."""
+    """First and last edge of the region along an axis, region pixels; see `Region`."""
     first, last = starts - context_margin * sides, starts + (1.0 + context_margin) * sides
     return (
         math.floor(first.min() / reduction) - _MARGIN,
@@ -308,15 +303,15 @@ def _covered(
 
 @cache
 def _color_steps(levels: int) -> NDArray[np.float32]:
-    """(256,) the step, from 0, that each value of a channel falls into."""
+    """(256,) step, from 0, of each value of a channel."""
     return (np.arange(256) * levels // 256).astype(np.float32)
 
 
 @cache
 def _gradient_table(directions: int) -> NDArray[np.uint8]:
-    """(511 * 511, directions) magnitude of any two 8-bit differences, in their direction's column.
+    """(511 * 511, directions) magnitudes in the column of their direction, 0 elsewhere.
 
-    Rows are numbered as in `Region.differences`.
+    Rows are the indices of `paired_differences`.
     """
     magnitudes, angles = all_gradients()
     turns = angles % (2 * np.pi) * (directions / (2 * np.pi))

@@ -263,8 +263,8 @@ class Measurer:
         self, state: FilterState, frame: Frame, boxes: NDArray[np.float64]
     ) -> dict[str, NDArray[np.float64]]:
         """Name of each cue to its (N,) log likelihoods of (N, 4) boxes of the target's size."""
-        predicted_box = np.asarray(state.estimate.box)
-        region = self._region(frame, boxes, predicted_box, predicted_box)
+        center_box = np.asarray(state.estimate.box)
+        region = self._region(frame, boxes, center_box, center_box)
         return self._fusion.log_likelihoods(region, boxes, state.templates)
 
     def _region(
@@ -272,13 +272,13 @@ class Measurer:
         frame: Frame,
         boxes: NDArray[np.float64],
         target_box: NDArray[np.float64],
-        predicted_box: NDArray[np.float64] | None = None,
+        center_box: NDArray[np.float64] | None = None,
         *,
         estimates_size: bool = True,
     ) -> Region:
         """Region of (N, 4) boxes, reduced for the size of a (4,) box."""
-        if predicted_box is None and self._fusion.uses_predicted_size:
-            predicted_box = boxes.mean(axis=0)
+        if center_box is None and self._fusion.uses_center_box_size:
+            center_box = boxes.mean(axis=0)
         target_size = math.sqrt(target_box[2] * target_box[3])
         reduction = math.ceil(target_size / self._working_size)
         return Region(
@@ -286,7 +286,7 @@ class Measurer:
             boxes,
             reduction,
             self._fusion.context_margin,
-            predicted_box=predicted_box,
+            center_box=center_box,
             estimates_size=estimates_size,
         )
 
@@ -322,14 +322,10 @@ class SearchingMeasurer(Measurer):
         at_target = self._fusion.responses(region, box[None], templates)
         return templates, search.distractor_ratios(box, at_target, responses)
 
-    def search_window(
-        self, frame: Frame, predicted_box: NDArray[np.float64]
-    ) -> tuple[Search, Region]:
+    def search_window(self, frame: Frame, center_box: NDArray[np.float64]) -> tuple[Search, Region]:
         """A search around a (4,) box, and the region that it reads."""
-        search = Search(predicted_box, self._parameters, frame.size)
-        return search, self._region(
-            frame, search.cover(predicted_box[None]), predicted_box, predicted_box
-        )
+        search = Search(center_box, self._parameters, frame.size)
+        return search, self._region(frame, search.cover(center_box[None]), center_box, center_box)
 
     def predict_frame(
         self,
@@ -353,7 +349,7 @@ class SearchingMeasurer(Measurer):
             frame,
             search.cover(boxes),
             np.asarray(state.estimate.box),
-            search.predicted_box,
+            search.center_box,
             estimates_size=estimates_size,
         )
         return FramePrediction(state, frame, interval, prediction, generator, boxes, region, search)

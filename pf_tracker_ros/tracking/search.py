@@ -43,27 +43,27 @@ class Search:
     """A grid of boxes around the predicted box.
 
     Args:
-        predicted_box: (4,) predicted box, pixels.
+        center_box: (4,) predicted box, pixels.
         parameters: Window of the search and share of the particles.
         image_size: (width, height), pixels; centers are clamped to the image.
 
     Attributes:
-        predicted_box: As given.
+        center_box: As given.
         grid: Boxes of the predicted size.
         boxes: (M, 4) the same, pixels.
     """
 
     def __init__(
         self,
-        predicted_box: NDArray[np.float64],
+        center_box: NDArray[np.float64],
         parameters: ProposalParameters,
         image_size: tuple[int, int],
     ) -> None:
-        size = predicted_box[2:]
+        size = center_box[2:]
         self._side = parameters.window * math.sqrt(size[0] * size[1])
-        self.predicted_box = predicted_box
+        self.center_box = center_box
         cells = round(parameters.window / _SPACING)
-        self._cells = SearchGrid(predicted_box[:2] + size / 2, self._side / cells, cells)
+        self._cells = SearchGrid(center_box[:2] + size / 2, self._side / cells, cells)
         self._parameters = parameters
         self._image_size = image_size
         # Centers of the boxes along each axis.
@@ -74,7 +74,7 @@ class Search:
 
     def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be proposed."""
-        largest = np.maximum(boxes[:, 2:].max(axis=0), self.predicted_box[2:])
+        largest = np.maximum(boxes[:, 2:].max(axis=0), self.center_box[2:])
         spacing = self._cells.spacing
         ends = self._cells.axes[:, [0, -1]].T + [[-spacing], [spacing]]
         ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
@@ -134,7 +134,7 @@ class Search:
         """
         variance = self._side**2 / 12.0
         if random_walk_std is not None:
-            size = math.sqrt(self.predicted_box[2] * self.predicted_box[3])
+            size = math.sqrt(self.center_box[2] * self.center_box[3])
             return (variance + (random_walk_std * size) ** 2) * np.eye(2)
         return confidence * within_mode + (1.0 - confidence) * variance * np.eye(2)
 

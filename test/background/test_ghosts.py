@@ -1,4 +1,4 @@
-"""What has left the first image leaves no ghost behind; what has come stays foreground."""
+"""Objects of the first image leave no ghost; new objects stay foreground."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ HERE, THERE = np.s_[20:40, 10:25], np.s_[20:40, 45:60]
 
 
 def ground(seed=1):
-    """A smooth slope with a little noise."""
+    """A smooth gradient with little noise."""
     slope = np.linspace(60, 110, WIDTH)[None] + np.random.default_rng(seed).normal(
         0.0, 2.0, (HEIGHT, WIDTH)
     )
@@ -35,7 +35,7 @@ def share(mask, place):
 
 
 @pytest.mark.parametrize("color", [False, True], ids=["gray", "color"])
-def test_what_was_there_in_the_first_image_only_is_soon_background(color):
+def test_the_ghost_of_an_object_in_the_first_image_becomes_background(color):
     before, after = with_object(HERE, color), with_object(THERE, color)
     masks = {}
     for removes_ghosts in (False, True):
@@ -47,23 +47,23 @@ def test_what_was_there_in_the_first_image_only_is_soon_background(color):
 
 
 @pytest.mark.parametrize("color", [False, True], ids=["gray", "color"])
-def test_what_comes_and_stands_still_stays_foreground(color):
+def test_a_new_object_that_stands_still_stays_foreground(color):
     empty = with_object(np.s_[0:0, 0:0], color)
     model = model_of(empty, removes_ghosts=True)
     masks = [model.update(with_object(THERE, color)) for _ in range(20)]
     assert all(share(mask, THERE) > 0.9 for mask in masks)
 
 
-def test_one_that_has_not_left_its_ghost_yet_stays_foreground():
-    """The two hang together: half of the outline is in the image."""
+def test_an_object_that_still_touches_its_ghost_stays_foreground():
+    """Half of their common outline is in the image."""
     model = model_of(with_object(HERE, color=False), removes_ghosts=True)
     half_way = np.s_[20:40, 20:35]
     masks = [model.update(with_object(half_way, color=False)) for _ in range(8)]
     assert share(masks[-1], np.s_[20:40, 27:35]) > 0.9
 
 
-def test_a_place_that_differs_evenly_is_no_ghost():
-    """Of light on a part of the scene, the outline is in the image."""
+def test_a_brightened_part_of_the_scene_is_no_ghost():
+    """Its outline is in the image."""
     model = model_of(ground(), removes_ghosts=True)
     lit = ground()
     lit[:, 40:] += 60

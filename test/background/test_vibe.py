@@ -1,4 +1,4 @@
-"""ViBe against its definition, worked out pixel by pixel."""
+"""ViBe compared with its definition, computed pixel by pixel."""
 
 import cv2
 import numpy as np
@@ -32,7 +32,7 @@ def neighborhood(image, y, x):
 
 
 @pytest.mark.parametrize("shape", [(6, 5), (6, 5, 3)])
-def test_the_first_model_holds_values_of_each_pixel_s_neighborhood_and_all_of_them(shape):
+def test_the_first_samples_are_all_values_of_each_pixel_s_neighborhood(shape):
     image = noise(shape, seed=1)
     samples = model_of(image, samples=100, color=True).samples
     for y in range(6):
@@ -44,7 +44,7 @@ def test_the_first_model_holds_values_of_each_pixel_s_neighborhood_and_all_of_th
 
 @pytest.mark.parametrize("shape", [(9, 8), (9, 8, 3)])
 @pytest.mark.parametrize(("radius", "least"), [(20, 2), (0, 1), (60, 5), (254, 20)])
-def test_foreground_is_what_too_few_samples_are_near(shape, radius, least):
+def test_a_pixel_with_too_few_near_samples_is_foreground(shape, radius, least):
     first, second = noise(shape, seed=2, low=60, high=180), noise(shape, seed=3, low=40, high=200)
     model = model_of(first, radius=radius, matches=least, color=True)
     samples = model.samples
@@ -66,7 +66,7 @@ def test_a_difference_of_exactly_the_radius_still_matches():
     assert model.update(np.full((4, 4), 79, np.uint8)).all()
 
 
-def test_only_background_gives_its_value_to_itself_and_to_neighbors():
+def test_only_background_updates_its_samples_and_its_neighbors():
     # Every background pixel updates in every frame; the middle of the image is foreground.
     model = model_of(np.full((7, 7), 100, np.uint8), update_every=1)
     image = np.full((7, 7), 110, np.uint8)
@@ -82,8 +82,8 @@ def test_only_background_gives_its_value_to_itself_and_to_neighbors():
     assert replaced[3, 3] == 0
 
 
-def test_background_spreads_into_what_wrongly_is_foreground():
-    # A ghost: the object of the first frame has gone, and what was behind it looks like the rest.
+def test_background_spreads_into_wrong_foreground():
+    # A ghost: the object of the first frame has left; the ground behind it looks like the rest.
     first = np.full((24, 24), 50, np.uint8)
     first[10:14, 10:14] = 200
     model = model_of(first, update_every=2)
@@ -105,7 +105,7 @@ def test_samples_are_replaced_as_often_as_declared():
 
 def test_every_sample_and_every_pixel_has_the_same_chance():
     model = model_of(np.full((30, 30), 100, np.uint8), update_every=4)
-    # Values within the radius of each other, so that all stays background.
+    # All values are within the radius of each other, so all stays background.
     counts = np.zeros((20, 30, 30))
     for step in range(200):
         value = 100 + step % 2
@@ -127,7 +127,7 @@ def test_the_same_seed_gives_the_same_bits():
 
 
 @pytest.mark.parametrize("size", [(48, 64), (47, 63)])
-def test_the_mask_is_as_much_smaller_as_the_model(size):
+def test_the_mask_has_the_model_s_size(size):
     model = model_of(np.full((*size, 3), 80, np.uint8), reduction=4)
     image = np.full((*size, 3), 80, np.uint8)
     image[16:32, 16:40] = 220
@@ -140,7 +140,7 @@ def test_the_mask_is_as_much_smaller_as_the_model(size):
     assert mask[5:7, 5:9].all()
 
 
-def test_what_the_first_frame_s_target_hid_leaves_no_ghost():
+def test_a_target_in_the_first_frame_leaves_no_ghost():
     empty = np.full((60, 60), 90, np.uint8)
     first = empty.copy()
     first[20:40, 25:35] = 200
@@ -149,8 +149,8 @@ def test_what_the_first_frame_s_target_hid_leaves_no_ghost():
     assert model.update(first)[10:20, 13:17].all()
 
 
-def test_none_of_several_targets_leaves_a_ghost():
-    """Wherever they are: in part outside, beside each other, over each other."""
+def test_several_targets_leave_no_ghosts():
+    """Partly outside, adjacent and overlapping."""
     empty = np.full((60, 60), 90, np.uint8)
     first = empty.copy()
     foreground_boxes = [(-6.0, 4.0, 16.0, 9.0), (30.0, 20.0, 8.0, 20.0), (34.0, 30.0, 12.0, 12.0)]
@@ -163,7 +163,7 @@ def test_none_of_several_targets_leaves_a_ghost():
     np.testing.assert_array_equal(model.update(first) == 255, first == 200)
 
 
-def test_a_model_that_begins_anew_leaves_no_ghost_of_several_targets_either():
+def test_a_model_initialized_again_leaves_no_ghosts_of_several_targets():
     model = model_of(np.full((40, 40), 90, np.uint8), update_every=3)
     bright = np.full((40, 40), 200, np.uint8)
     bright[4:10, 6:12] = bright[20:30, 25:35] = 120
@@ -173,7 +173,7 @@ def test_a_model_that_begins_anew_leaves_no_ghost_of_several_targets_either():
     np.testing.assert_array_equal(model.update(bright) == 255, bright == 120)
 
 
-def test_a_model_without_colors_is_one_of_the_gray_image():
+def test_a_model_without_colors_equals_that_of_the_gray_image():
     frames = [noise((40, 50, 3), seed, high=120) for seed in range(4)]
     gray = [cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY) for frame in frames]
     one, other = model_of(frames[0], color=False), model_of(gray[0])
@@ -183,8 +183,8 @@ def test_a_model_without_colors_is_one_of_the_gray_image():
     np.testing.assert_array_equal(one.samples, other.samples)
 
 
-def test_what_is_chosen_unless_asked_otherwise():
-    """20 samples in colors of a half-size image, which match within 20 gray levels."""
+def test_the_defaults():
+    """20 color samples of a half-size image, which match within 20 gray levels."""
     image = np.full((40, 40, 3), 100, np.uint8)
     model = BackgroundModel(image, np.random.default_rng(0))
     assert model.reduction == 2
@@ -198,7 +198,7 @@ def test_what_is_chosen_unless_asked_otherwise():
     assert states == ["learning"] * 13 + ["ready"] * 2
 
 
-def test_it_learns_for_as_many_frames_as_a_sample_takes_to_be_renewed():
+def test_it_learns_for_update_every_frames():
     image = np.full((20, 20), 90, np.uint8)
     model = model_of(image, update_every=4)
     states = [model.state.name]
@@ -208,7 +208,7 @@ def test_it_learns_for_as_many_frames_as_a_sample_takes_to_be_renewed():
     assert states == ["learning"] * 4 + ["ready"] * 2
 
 
-def test_where_most_of_the_image_stays_changed_it_begins_anew_without_the_target():
+def test_when_most_of_the_image_stays_changed_it_initializes_again_without_the_target():
     model = model_of(np.full((40, 40), 90, np.uint8), update_every=5)
     bright = np.full((40, 40), 200, np.uint8)
     bright[10:20, 10:20] = 120
@@ -234,7 +234,7 @@ def test_half_of_the_image_may_be_foreground():
 @pytest.mark.parametrize(
     ("size", "reduction"), [((480, 640), 2), ((1080, 1920), 2), ((2160, 3840), 4), ((40, 60), 2)]
 )
-def test_the_model_of_a_large_image_is_no_larger_than_that_of_a_usual_one(size, reduction):
+def test_the_model_of_a_large_image_is_limited(size, reduction):
     model = model_of(np.zeros(size, np.uint8), reduction=2)
     assert model.reduction == reduction
     assert model.samples.shape[2:] == tuple(-(-side // reduction) for side in size)

@@ -1,4 +1,4 @@
-"""The color contrast cue: colors of the target that its surroundings do not have."""
+"""The color contrast cue: colors that the target has and its surroundings do not."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def region_of(image, *boxes):
 
 @pytest.fixture
 def image():
-    """A red square on blue ground; a fence of green through both."""
+    """A red square on blue ground; green bars across both."""
     image = np.zeros((90, 120, 3), np.uint8)
     image[..., 0] = 200
     image[30:50, 40:60] = (0, 0, 200)
@@ -37,11 +37,11 @@ def test_probabilities_by_hand(image):
     assert probabilities[red] == pytest.approx(1.0, abs=1e-3)
     assert probabilities[blue] == pytest.approx(0.0, abs=1e-3)
     assert probabilities[green] == pytest.approx(0.2 / (0.2 + ring_green), abs=1e-3)
-    # A color that was never seen is undecided.
+    # An unseen color has probability 1/2.
     assert probabilities[5] == pytest.approx(0.5)
 
 
-def test_the_target_s_own_place_and_size_have_the_highest_contrast(image):
+def test_the_target_s_own_position_and_size_have_the_highest_contrast(image):
     template = CUE.learn(region_of(image, BOX), BOX)
     others = [
         BOX + shift
@@ -90,30 +90,30 @@ def test_likelihood_and_match_by_hand(image):
         assert match.similarity == pytest.approx(share, abs=1e-5)
 
 
-def test_all_boxes_are_measured_in_the_size_that_is_expected(image):
-    """A box of any size scores as the expected one around the same center."""
+def test_all_boxes_are_read_in_the_size_of_the_center_box(image):
+    """A box of any size has the response of the center box's size."""
     cue = ColorContrast(ColorContrastParameters())
-    assert cue.uses_predicted_size
+    assert cue.uses_center_box_size
     around = np.array([BOX + [shift, 0, 0, 0] for shift in (-6, 0, 4)])
     region = Region(
         Frame(image),
         around + [-10, -10, 20, 20],
         context_margin=cue.context_margin,
-        predicted_box=BOX,
+        center_box=BOX,
     )
     template = cue.learn(region, BOX)
     expected = cue.contrast(region, around, template)
     for growth in (-6, 0, 3, 8):
         boxes = around + np.array([-growth, -growth, 2 * growth, 2 * growth])
         np.testing.assert_allclose(cue.response(region, boxes, template), expected)
-        # The region covers that size wherever the boxes are, however small they are.
-        narrow = Region(Frame(image), boxes, context_margin=cue.context_margin, predicted_box=BOX)
+        # The region covers that size around the smallest boxes too.
+        narrow = Region(Frame(image), boxes, context_margin=cue.context_margin, center_box=BOX)
         np.testing.assert_allclose(cue.response(narrow, boxes, template), expected)
         own = cue.contrast(region, boxes, template)
         assert np.allclose(own, expected) == (growth == 0)
 
 
-def test_a_target_like_its_surroundings_says_nothing():
+def test_a_target_like_its_surroundings_has_no_contrast():
     image = np.full((90, 120, 3), 90, np.uint8)
     boxes = np.array([BOX, BOX + [10, 10, 0, 0]])
     region = region_of(image, *boxes)
@@ -134,14 +134,16 @@ def test_boxes_at_the_edge_of_the_image_are_learned_and_scored(image):
 def test_blend_by_hand(image):
     cue = ColorContrast(ColorContrastParameters(keep=0.75))
     template = cue.learn(region_of(image, BOX), BOX)
-    seen = cue.learn(region_of(255 - image, BOX), BOX)
-    blended = cue.blend(template, seen)
-    np.testing.assert_allclose(blended.ring, 0.75 * template.ring + 0.25 * seen.ring, atol=1e-6)
+    observation = cue.learn(region_of(255 - image, BOX), BOX)
+    blended = cue.blend(template, observation)
     np.testing.assert_allclose(
-        blended.inside, 0.75 * template.inside + 0.25 * seen.inside, atol=1e-6
+        blended.ring, 0.75 * template.ring + 0.25 * observation.ring, atol=1e-6
+    )
+    np.testing.assert_allclose(
+        blended.inside, 0.75 * template.inside + 0.25 * observation.inside, atol=1e-6
     )
 
 
-def test_it_does_not_judge():
-    """Whatever has the target's colors has its contrast."""
+def test_it_is_not_discriminative():
+    """Objects of the target's colors have its contrast."""
     assert not CUE.is_discriminative

@@ -1,4 +1,4 @@
-"""The color histogram cue against OpenCV's own histograms, one box at a time."""
+"""The color histogram cue, compared with OpenCV's histograms of single boxes."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from pf_tracker_ros.frames import Foreground, Frame, Region
 RANGES = [0, 256] * 3
 
 
-# The square root of 1 - rho turns the last bit of a 32-bit share into this.
+# The square root of 1 - rho amplifies the last bit of a 32-bit share to this.
 ROUNDING = 1e-3
 
 
@@ -63,7 +63,7 @@ def test_equals_opencv_on_whole_pixel_boxes(image):
     np.testing.assert_allclose(distances(cue, region, boxes, template), expected, atol=ROUNDING)
 
 
-def test_a_template_of_more_bins_than_one_page_is_compared_in_full():
+def test_a_template_of_several_pages_is_compared_completely():
     image = np.random.default_rng(0).integers(0, 256, (60, 120, 3), dtype=np.uint8)
     boxes = np.array([[0.0, 0.0, 50.0, 50.0], [60.0, 5.0, 50.0, 50.0], [30.0, 5.0, 50.0, 50.0]])
     cue = ColorHistogram(ColorHistogramParameters())
@@ -74,19 +74,8 @@ def test_a_template_of_more_bins_than_one_page_is_compared_in_full():
     np.testing.assert_allclose(distances(cue, region, boxes, template), expected, atol=ROUNDING)
 
 
-def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
-    cue = ColorHistogram(ColorHistogramParameters())
-    box = np.array([[70.0, 40.0, 30.0, 20.0]])
-    others = np.vstack([box, [[0.0, 0.0, 30.0, 20.0], [165.0, 125.0, 30.0, 20.0]]])
-    template_box = np.array([60.0, 40.0, 30.0, 20.0])
-    template = cue.learn(region_of(image, template_box[None]), template_box)
-    alone = distances(cue, region_of(image, box), box, template)
-    among = distances(cue, region_of(image, others), others, template)
-    assert alone[0] == pytest.approx(among[0], rel=1e-5)
-
-
-def test_of_many_boxes_of_several_sizes_each_counts_as_a_whole():
-    """They are counted a part at a time; the parts' boxes may differ in size."""
+def test_many_boxes_of_several_sizes_are_counted_completely():
+    """They are counted in parts, which may differ in size."""
     cue = ColorHistogram(ColorHistogramParameters())
     corners = np.random.default_rng(2).uniform(0, 40, (300, 2))
     sides = np.where(np.arange(300) < 256, 20.0, 40.0)
@@ -131,8 +120,8 @@ def test_likelihood_by_hand():
     assert match == pytest.approx((-20.0 * (1 - np.sqrt(0.5)), np.sqrt(0.5)))
 
 
-def test_the_paper_s_literal_constant_hardly_tells_match_from_mismatch():
-    """With lambda = 0.02 no color at all in common still has 98 % of the likelihood."""
+def test_the_paper_s_constant_hardly_distinguishes_match_from_mismatch():
+    """With lambda = 0.02 a box without a common color has 98 % of the likelihood."""
     image = np.zeros((10, 20, 3), np.uint8)
     image[:, :10] = (0, 0, 255)
     image[:, 10:] = (255, 0, 0)
@@ -186,18 +175,18 @@ def test_a_match_of_two_templates_is_the_likelihood_of_the_box(image):
     np.testing.assert_allclose(matches, expected, atol=1e-4)
 
 
-def test_blend_by_hand_and_faded_bins_vanish():
+def test_blend_by_hand_and_negligible_bins_are_removed():
     cue = ColorHistogram(ColorHistogramParameters(keep=0.9), levels=2)
     image = np.zeros((10, 30, 3), np.uint8)
     image[:, 15:, 0] = 255
     half, blue = np.array([10.0, 0.0, 10.0, 10.0]), np.array([20.0, 0.0, 10.0, 10.0])
     region = region_of(image, np.array([half, blue]))
-    template, seen = cue.learn(region, half), cue.learn(region, blue)
-    blended = cue.blend(template, seen).histogram
+    template, observation = cue.learn(region, half), cue.learn(region, blue)
+    blended = cue.blend(template, observation).histogram
     assert blended[0] == pytest.approx(0.45)
     assert blended[1] == pytest.approx(0.55)
     for _ in range(100):
-        template = cue.blend(template, seen)
+        template = cue.blend(template, observation)
     assert template.histogram[0] == 0.0
     assert template.histogram[1] == pytest.approx(1.0, abs=1e-2)
 
@@ -222,7 +211,7 @@ def region_with_foreground(image, boxes, mask, reduction=1):
 
 
 @pytest.mark.parametrize("reduction", [1, 2])
-def test_the_background_counts_as_one_color(reduction):
+def test_the_background_is_one_bin(reduction):
     image, mask = two_tone()
     boxes = np.array([[30.0, 20.0, 20.0, 40.0], [4.0, 4.0, 20.0, 40.0], [36.0, 20.0, 20.0, 40.0]])
     reduced = mask[::reduction, ::reduction].copy()
@@ -240,7 +229,7 @@ def test_the_background_counts_as_one_color(reduction):
     )
 
 
-def test_a_box_of_background_is_not_like_the_target_however_much_of_it_the_target_s_box_held():
+def test_a_box_of_background_is_not_similar_to_a_target_with_much_background():
     image, mask = two_tone()
     boxes = np.array([[30.0, 20.0, 20.0, 40.0], [4.0, 4.0, 20.0, 40.0]])
     region = region_with_foreground(image, boxes, mask)
@@ -251,7 +240,7 @@ def test_a_box_of_background_is_not_like_the_target_however_much_of_it_the_targe
     assert similarity == 0.0
 
 
-def test_of_a_target_that_was_all_background_no_color_tells_it_from_anything():
+def test_a_target_of_background_only_has_no_match():
     image, mask = two_tone()
     boxes = np.array([[4.0, 4.0, 20.0, 10.0], [30.0, 20.0, 20.0, 20.0]])
     region = region_with_foreground(image, boxes, mask)
@@ -267,13 +256,13 @@ def test_without_a_mask_every_pixel_has_its_color():
     assert (histogram[3 * 16], histogram[3], histogram[64]) == pytest.approx((0.5, 0.5, 0.0))
 
 
-def test_only_the_cue_that_sets_the_background_apart_asks_for_the_foreground():
+def test_only_the_foreground_histogram_needs_the_foreground():
     assert FOREGROUND_CUE.needs_foreground
     assert not ColorHistogram(ColorHistogramParameters()).needs_foreground
 
 
-def test_both_cues_read_one_region_each_in_its_own_way():
-    """They share the colors of the pixels, and not what they make of them."""
+def test_both_cues_can_read_one_region():
+    """They share color bins, but not the bins with background."""
     image, mask = two_tone()
     boxes = np.array([[30.0, 20.0, 20.0, 40.0]])
     region = region_with_foreground(image, boxes, mask)

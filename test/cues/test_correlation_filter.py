@@ -1,4 +1,4 @@
-"""Training a correlation filter against dense solutions, and what its response looks like."""
+"""Training of a correlation filter, compared with dense solutions, and its response."""
 
 import cv2
 import numpy as np
@@ -12,7 +12,7 @@ TARGET = (5.0, 3.5)
 
 
 def noise(seed, channels=4, cells=CELLS, smooth=0.0):
-    """Features as strong as `spectra_of` makes them; smooth ones lack the highest frequencies."""
+    """Features scaled as by `spectra_of`; smooth ones lack the highest frequencies."""
     features = np.random.default_rng(seed).normal(size=(channels, cells, cells))
     if smooth:
         frequency = np.fft.fftfreq(cells)
@@ -26,7 +26,7 @@ def half_spectrum(features):
 
 
 def peak(cells, target):
-    """The answer that is wanted at each displacement around the circle."""
+    """The wanted response at each cyclic displacement."""
     values = np.empty((cells, cells))
     for y, x in np.ndindex(cells, cells):
         squared = min(y, cells - y) ** 2 + min(x, cells - x) ** 2
@@ -35,7 +35,7 @@ def peak(cells, target):
 
 
 def squared_weight(cells, target):
-    """1e-3 where a cell is all inside the target, 1e5 outside, in between by its share."""
+    """w = 1e-3 inside the target, 1e5 outside, interpolated in partly covered cells; squared."""
 
     def covered(number, side):
         start, end = number - cells / 2, number + 1 - cells / 2
@@ -48,31 +48,31 @@ def squared_weight(cells, target):
     return weights**2
 
 
-def dense_solution(samples, answer, pull, total):
-    """(x x^H + total I) f = x y + pull, one frequency after the other."""
+def dense_solution(samples, peak_spectrum, pull, total):
+    """(x x^H + total I) f = x y + pull, solved for each frequency."""
     channels, cells, _ = samples.shape
     solution = np.empty_like(samples)
     for y, x in np.ndindex(cells, cells):
         sample = samples[:, y, x]
         matrix = np.outer(sample, sample.conj()) + total * np.eye(channels)
-        right = sample * answer[y, x].conj() + pull[:, y, x]
+        right = sample * peak_spectrum[y, x].conj() + pull[:, y, x]
         solution[:, y, x] = np.linalg.solve(matrix, right)
     return solution
 
 
 def dense_training(features, target, before, memory, steps=2):
-    """The alternating direction method with whole spectra; (channels, cells, cells) in space."""
+    """ADMM with full spectra; (channels, cells, cells) filters in space."""
     cells = features.shape[-1]
     area = cells**2
     samples = np.fft.fft2(features.astype(float))
-    answer = np.fft.fft2(peak(cells, target))
+    peak_spectrum = np.fft.fft2(peak(cells, target))
     past = memory * np.fft.fft2(before) if before is not None else np.zeros_like(samples)
     memory = memory if before is not None else 0.0
     inside, dual = np.zeros_like(samples), np.zeros_like(samples)
     for step in range(steps):
         penalty = 10.0**step
         pull = area * (past + penalty * inside - dual)
-        trained = dense_solution(samples, answer, pull, area * (penalty + memory))
+        trained = dense_solution(samples, peak_spectrum, pull, area * (penalty + memory))
         in_space = np.fft.ifft2(penalty * trained + dual).real
         inside = np.fft.fft2(in_space / (squared_weight(cells, target) / area + penalty))
         dual = dual + penalty * (trained - inside)
@@ -88,8 +88,8 @@ def test_the_first_step_is_ridge_regression_at_each_frequency(monkeypatch):
     monkeypatch.setattr(correlation_filter, "_STEPS", 1)
     features = noise(0)
     samples = np.fft.fft2(features.astype(float))
-    answer = np.fft.fft2(peak(CELLS, TARGET))
-    expected = dense_solution(samples, answer, np.zeros_like(samples), float(CELLS**2))
+    peak_spectrum = np.fft.fft2(peak(CELLS, TARGET))
+    expected = dense_solution(samples, peak_spectrum, np.zeros_like(samples), float(CELLS**2))
     trained = train(half_spectrum(features), TARGET, None, 7.0)
     scale = np.abs(expected).max()
     np.testing.assert_allclose(trained, expected[..., : CELLS // 2 + 1], atol=1e-5 * scale)
@@ -108,12 +108,12 @@ def test_training_equals_the_dense_alternating_direction_method(memory):
 
 def test_the_filter_is_kept_inside_the_target(monkeypatch):
     cells, target = 40, (10.0, 12.0)
-    seen = half_spectrum(noise(0, 8, cells, smooth=1.0))
+    spectrum = half_spectrum(noise(0, 8, cells, smooth=1.0))
     inside = np.zeros((cells, cells), bool)
     inside[14:26, 15:25] = True
 
     def outside_share():
-        energy = np.square(in_space(train(seen, target, None, 0.0))).sum(axis=0)
+        energy = np.square(in_space(train(spectrum, target, None, 0.0))).sum(axis=0)
         return energy[~inside].sum() / energy.sum()
 
     regularized = outside_share()
@@ -122,7 +122,7 @@ def test_the_filter_is_kept_inside_the_target(monkeypatch):
     assert outside_share() > 0.5
 
 
-def test_a_long_memory_keeps_the_filter_and_none_forgets_it():
+def test_a_long_memory_keeps_the_filter_and_no_memory_replaces_it():
     first, second = half_spectrum(noise(0)), half_spectrum(noise(1))
     before = train(first, TARGET, None, 0.0)
     scale = np.abs(before).max()
@@ -150,14 +150,14 @@ def test_response_equals_a_loop_over_displacements():
 
 @pytest.mark.parametrize("refinement", [2, 3, 4])
 def test_a_refined_response_passes_through_the_values_at_whole_cells(refinement):
-    """With the highest frequencies too, and the same for both axes."""
-    seen = half_spectrum(noise(0))
+    """Including the highest frequencies, and equally along both axes."""
+    spectrum = half_spectrum(noise(0))
     trained = train(half_spectrum(noise(1)), TARGET, None, 0.0)
-    values = response(trained, seen, CELLS)
-    refined = response(trained, seen, refinement * CELLS)
+    values = response(trained, spectrum, CELLS)
+    refined = response(trained, spectrum, refinement * CELLS)
     places = slice(refinement * CELLS // 2 % refinement, None, refinement)
     np.testing.assert_allclose(refined[places, places], values, atol=1e-5 * np.abs(values).max())
-    turned = [np.fft.rfft2(in_space(one).transpose(0, 2, 1)) for one in (trained, seen)]
+    turned = [np.fft.rfft2(in_space(one).transpose(0, 2, 1)) for one in (trained, spectrum)]
     np.testing.assert_allclose(
         response(*turned, refinement * CELLS), refined.T, atol=1e-5 * np.abs(values).max()
     )
@@ -165,18 +165,18 @@ def test_a_refined_response_passes_through_the_values_at_whole_cells(refinement)
 
 @pytest.mark.parametrize("samples", [CELLS, 2 * CELLS, 4 * CELLS])
 def test_the_middle_of_the_response_is_the_one_without_displacement(samples):
-    seen = half_spectrum(noise(0, smooth=0.8))
-    trained = train(seen, TARGET, None, 0.0)
-    values = response(trained, seen, samples)
+    spectrum = half_spectrum(noise(0, smooth=0.8))
+    trained = train(spectrum, TARGET, None, 0.0)
+    values = response(trained, spectrum, samples)
     assert values.shape == (samples, samples)
-    center = response_at_center(trained, seen)
+    center = response_at_center(trained, spectrum)
     assert values[samples // 2, samples // 2] == pytest.approx(center, rel=1e-4)
     assert values.max() == values[samples // 2, samples // 2]
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (3.0, -2.0), (-8.0, 7.5), (0.5, 2.5), (-1.5, 0.0)])
 def test_the_peak_moves_with_the_window_by_cells_and_halves(shift):
-    """The shift theorem moves features that have no highest frequencies by parts of a cell."""
+    """The shift theorem moves features without the highest frequencies by parts of a cell."""
     features = noise(0, smooth=0.8)
     trained = train(half_spectrum(features), TARGET, None, 0.0)
     down, right = np.fft.fftfreq(CELLS)[:, None], np.fft.fftfreq(CELLS)[None]
@@ -188,7 +188,7 @@ def test_the_peak_moves_with_the_window_by_cells_and_halves(shift):
     assert values.max() == pytest.approx(response_at_center(trained, half_spectrum(features)))
 
 
-def test_spectrum_fades_to_the_borders_and_is_of_one_strength_without_a_mean():
+def test_spectra_have_a_cosine_window_no_mean_and_a_fixed_scale():
     features = cv2.GaussianBlur(noise(0, 1)[0], (3, 3), 0)[None]
     one, other = spectra_of(np.stack([features, 70 * features + 9]))
     np.testing.assert_allclose(other, one, rtol=1e-3, atol=1e-4)
@@ -201,8 +201,8 @@ def test_spectrum_fades_to_the_borders_and_is_of_one_strength_without_a_mean():
     np.testing.assert_allclose(values[0], expected, atol=1e-5)
 
 
-def test_the_strength_is_that_of_all_channels_together():
-    """Channels that say nothing, or the same in other words, change nothing."""
+def test_the_scale_is_that_of_all_channels_together():
+    """Zero or rotated channels have no effect."""
     features = cv2.GaussianBlur(noise(0, 1)[0], (3, 3), 0)
     turned = np.stack([0.6 * features, -0.8 * features, 0 * features])
     power = np.square(np.abs(spectra_of(turned[None])[0])).sum(axis=0)
@@ -211,5 +211,5 @@ def test_the_strength_is_that_of_all_channels_together():
     )
 
 
-def test_features_of_nothing_have_a_spectrum_of_nothing():
+def test_zero_features_have_a_zero_spectrum():
     assert not spectra_of(np.zeros((2, 3, CELLS, CELLS), np.float32)).any()

@@ -1,4 +1,4 @@
-"""The correlation response cue: the target is found where it went."""
+"""The correlation response cue finds a target that moved."""
 
 from dataclasses import replace
 
@@ -50,8 +50,8 @@ def template():
     return CUE.learn(region_of(frame()), BOX)
 
 
-def test_the_learned_box_answers_with_one(template):
-    """Where it is looked at in its own size; between two others with hardly less."""
+def test_the_learned_box_has_response_one(template):
+    """Exactly in its own size; almost when interpolated between two sizes."""
     region = region_of(frame())
     assert ONE_SIZE.response(region, BOX[None], template)[0] == pytest.approx(1.0, abs=1e-4)
     assert ONE_SIZE.log_likelihood(region, BOX[None], template)[0] == pytest.approx(0.0, abs=0.01)
@@ -61,7 +61,7 @@ def test_the_learned_box_answers_with_one(template):
 @pytest.mark.parametrize(("right", "down"), [(0, 0), (12, -8), (-7, 5), (20, 15), (-16, -19)])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_target_that_moved_is_found_at_its_displacement(template, right, down, seed):
-    """Whether the background is the learned one or another; within the response's 2 px."""
+    """With the learned background and with another; within the map's resolution of 2 px."""
     boxes, offsets = boxes_around(BOX)
     region = region_of(frame(140 + right, 100 + down, seed), boxes)
     responses = CUE.response(region, boxes, template)
@@ -92,15 +92,15 @@ def test_a_gray_image_of_three_channels_is_one_of_one():
     np.testing.assert_array_equal(*by_channels)
 
 
-@pytest.mark.parametrize("turns", ["gray", "colored"])
-def test_a_camera_may_switch_between_colors_and_gray(turns):
-    """As one with a night mode does; the target is looked for as it was learned."""
+@pytest.mark.parametrize("second_kind", ["gray", "colored"])
+def test_a_camera_may_switch_between_colors_and_gray(second_kind):
+    """As with a night mode; the features stay those of the template."""
     colored = [frame(), frame(131, 110)]
     gray = [
         cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
         for image in colored
     ]
-    first, second = (colored[0], gray[1]) if turns == "gray" else (gray[0], colored[1])
+    first, second = (colored[0], gray[1]) if second_kind == "gray" else (gray[0], colored[1])
     template = CUE.learn(region_of(first), BOX)
     boxes, offsets = boxes_around(BOX)
     region = region_of(second, boxes)
@@ -110,7 +110,7 @@ def test_a_camera_may_switch_between_colors_and_gray(turns):
     assert blended.filter.shape == template.filter.shape
 
 
-def test_with_one_size_a_box_reads_the_response_at_its_center_whatever_its_own():
+def test_with_one_size_the_response_is_independent_of_the_box_size():
     template = ONE_SIZE.learn(region_of(frame()), BOX)
     boxes, _ = boxes_around(BOX, 3)
     region = region_of(frame(), boxes)
@@ -120,19 +120,19 @@ def test_with_one_size_a_box_reads_the_response_at_its_center_whatever_its_own()
 
 
 def sized(factor):
-    """BOX around the same center, its sides multiplied."""
+    """BOX with its sides multiplied around its center."""
     center, sides = BOX[:2] + BOX[2:] / 2, factor * BOX[2:]
     return np.concatenate([center - sides / 2, sides])
 
 
 def zoomed(growth):
-    """The frame, grown by a factor around the center of BOX."""
+    """The frame, scaled around the center of BOX."""
     zoom = cv2.getRotationMatrix2D(tuple(BOX[:2] + BOX[2:] / 2), 0.0, growth)
     return cv2.warpAffine(frame(), zoom, (320, 240), flags=cv2.INTER_LINEAR)
 
 
 @pytest.mark.parametrize("growth", [1.02, 1 / 1.02])
-def test_a_target_that_grew_or_shrank_answers_most_in_its_new_size(growth):
+def test_a_target_that_grew_or_shrank_has_the_largest_response_in_its_new_size(growth):
     cue = CorrelationResponse(CorrelationResponseParameters(), size_span=1.04)
     template = cue.learn(region_of(frame()), BOX)
     boxes = np.array([sized(factor) for factor in (1 / growth, 1.0, growth)])
@@ -140,32 +140,32 @@ def test_a_target_that_grew_or_shrank_answers_most_in_its_new_size(growth):
     assert np.array_equal(np.argsort(responses), [0, 1, 2])
 
 
-def test_a_target_of_the_same_size_answers_the_same_in_a_smaller_and_a_larger_one(template):
-    """By far more than one that grew or shrank: nothing draws its size away."""
+def test_a_target_of_the_same_size_has_equal_responses_in_a_smaller_and_a_larger_one(template):
+    """The difference is much smaller than for a target that grew or shrank."""
     boxes = np.array([sized(1 / 1.02), sized(1.02)])
-    apart = {
+    differences = {
         growth: np.diff(CUE.response(region_of(zoomed(growth)), boxes, template))[0]
         for growth in (1 / 1.02, 1.0, 1.02)
     }
-    assert apart[1 / 1.02] < 0.0 < apart[1.02]
-    assert abs(apart[1.0]) < 0.2 * min(apart[1.02], -apart[1 / 1.02])
+    assert differences[1 / 1.02] < 0.0 < differences[1.02]
+    assert abs(differences[1.0]) < 0.2 * min(differences[1.02], -differences[1 / 1.02])
 
 
-def test_between_the_sizes_a_response_is_interpolated_and_beyond_them_it_stays(template):
+def test_responses_are_interpolated_between_the_sizes_and_constant_beyond(template):
     region = region_of(zoomed(1.01))
     at = {
         power: CUE.response(region, sized(1.02**power)[None], template)[0]
         for power in (-5, -1, -0.5, 0, 0.5, 1, 5)
     }
     assert at[1] - at[-1] > 0.001
-    # The two windows are the span of 1.04 apart, which is a little less than 1.02 squared.
+    # The size ratio of the two windows, 1.04, is a little less than 1.02 squared.
     assert at[0] == pytest.approx((at[-1] + at[1]) / 2, abs=1e-4)
     assert at[-0.5] == pytest.approx(0.75 * at[-1] + 0.25 * at[1], abs=1e-4)
     assert at[0.5] == pytest.approx(0.25 * at[-1] + 0.75 * at[1], abs=1e-4)
     assert (at[-5], at[5]) == pytest.approx((at[-1], at[1]), abs=1e-4)
 
 
-def test_where_the_size_is_not_asked_for_boxes_answer_as_in_the_expected_one(template):
+def test_when_the_size_is_not_estimated_boxes_are_read_in_the_predicted_size(template):
     region = Region(Frame(zoomed(1.02)), BOX[None], estimates_size=False)
     boxes = np.array([sized(1.02**power) for power in (-1, 0, 1)])
     expected = ONE_SIZE.response(region_of(zoomed(1.02)), boxes, template)
@@ -173,7 +173,7 @@ def test_where_the_size_is_not_asked_for_boxes_answer_as_in_the_expected_one(tem
     assert np.ptp(expected) < 1e-6
 
 
-def test_as_many_boxes_as_there_may_be_particles_are_read(template):
+def test_the_largest_number_of_particles_is_read(template):
     few, _ = boxes_around(BOX, 24)
     region = region_of(frame(), few)
     responses = CUE.response(region, few, template)
@@ -207,8 +207,8 @@ def test_match_has_the_likelihood_of_the_one_box(template):
         assert match.log_likelihood == pytest.approx(log_likelihood[number])
 
 
-def test_similarity_is_that_the_target_stands_out_and_is_on_its_level(template):
-    """High for the target, wherever it is; low without it, and among copies of it."""
+def test_the_similarity_is_high_for_a_single_clear_peak(template):
+    """High for the target in any position; low without it, and lower among copies of it."""
 
     def similarity(image):
         return CUE.match(CUE.observe(region_of(image), BOX), template).similarity
@@ -216,18 +216,18 @@ def test_similarity_is_that_the_target_stands_out_and_is_on_its_level(template):
     assert similarity(frame()) > 0.95
     assert similarity(frame(150, 95)) > 0.9
     assert similarity(texture(0, 240, 320)) < 0.1
-    crowd = frame()
+    copies = frame()
     for x, y in ((95, 100), (185, 100), (140, 62), (140, 138), (95, 62), (185, 138)):
-        crowd[y : y + 32, x : x + 40] = texture(99, 32, 40)
-    assert 1 - similarity(crowd) > 1.5 * (1 - similarity(frame()))
+        copies[y : y + 32, x : x + 40] = texture(99, 32, 40)
+    assert 1 - similarity(copies) > 1.5 * (1 - similarity(frame()))
 
 
-def test_each_of_the_first_blends_trains_and_ever_less(template):
+def test_each_of_the_first_blends_trains_with_decreasing_effect(template):
     """With the default of 25 frames."""
-    view = CUE.observe(region_of(frame(seed=1)), BOX)
+    observation = CUE.observe(region_of(frame(seed=1)), BOX)
     changes = []
     for frames in (1, 5, 24):
-        trained = CUE.blend(replace(template, frames=frames), view)
+        trained = CUE.blend(replace(template, frames=frames), observation)
         assert (trained.frames, trained.frames_since_training) == (frames + 1, 0)
         changes.append(np.abs(trained.filter - template.filter).mean())
     assert changes == sorted(changes, reverse=True)
@@ -235,24 +235,24 @@ def test_each_of_the_first_blends_trains_and_ever_less(template):
 
 
 def test_then_only_every_third_blend_trains(template):
-    """With the default interval of 3; what the frames between saw makes no difference."""
+    """With the default interval of 3; the frames between have no effect."""
     template = replace(template, frames=25)
     others = []
     for between in (frame(), frame(seed=5)):
-        view = CUE.observe(region_of(between), BOX)
-        first = CUE.blend(template, view)
-        second = CUE.blend(first, view)
+        observation = CUE.observe(region_of(between), BOX)
+        first = CUE.blend(template, observation)
+        second = CUE.blend(first, observation)
         assert (first.frames_since_training, second.frames_since_training) == (1, 2)
-        for waiting in (first, second):
-            assert waiting.filter is template.filter
-            assert waiting.reference == template.reference
+        for untrained in (first, second):
+            assert untrained.filter is template.filter
+            assert untrained.reference == template.reference
         trained = CUE.blend(second, CUE.observe(region_of(frame(seed=1)), BOX))
         assert trained.frames_since_training == 0
         assert trained.target_cells == template.target_cells
         others.append(trained)
     assert np.abs(others[0].filter - template.filter).max() > 0
     np.testing.assert_array_equal(others[0].filter, others[1].filter)
-    # The response that counts as 1 is the one to the window trained on last.
+    # Response 1 is that to the last training window.
     region = region_of(frame(seed=1))
     assert ONE_SIZE.response(region, BOX[None], others[0])[0] == pytest.approx(1.0, abs=1e-4)
 
@@ -269,22 +269,22 @@ def test_more_memory_adapts_slower(template):
     assert changes[0] > 10 * changes[-1]
 
 
-def test_adopting_what_was_observed_equals_learning(template):
+def test_the_template_of_an_observation_equals_the_learned_one(template):
     region = region_of(frame())
-    adopted = CUE.template_from(CUE.observe(region, BOX))
-    np.testing.assert_array_equal(adopted.filter, template.filter)
-    assert adopted.reference == template.reference
-    assert adopted.target_cells == template.target_cells
+    converted = CUE.template_from(CUE.observe(region, BOX))
+    np.testing.assert_array_equal(converted.filter, template.filter)
+    assert converted.reference == template.reference
+    assert converted.target_cells == template.target_cells
 
 
-def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
+def test_templates_do_not_depend_on_an_image_buffer_overwritten_later(template):
     buffer = frame()
     cue = CorrelationResponse(CorrelationResponseParameters(), training_interval=1)
     learned = replace(cue.learn(region_of(buffer), BOX), frames=25)
-    waiting = CUE.blend(learned, CUE.observe(region_of(buffer), BOX))
+    untrained = CUE.blend(learned, CUE.observe(region_of(buffer), BOX))
     trained = cue.blend(learned, cue.observe(region_of(buffer), BOX))
     buffer[:] = 0
-    for kept in (learned, waiting, trained):
+    for kept in (learned, untrained, trained):
         boxes, offsets = boxes_around(BOX, 6)
         responses = ONE_SIZE.response(region_of(frame(), boxes), boxes, kept)
         assert np.abs(offsets[responses.argmax()]).max() <= 1
@@ -293,7 +293,7 @@ def test_an_image_buffer_that_is_overwritten_later_does_no_harm(template):
 
 
 @pytest.mark.parametrize("cells", [24, 32])
-def test_the_window_has_as_many_cells_as_asked_for(cells):
+def test_the_window_has_the_given_number_of_cells(cells):
     cue = CorrelationResponse(CorrelationResponseParameters(), cells=cells)
     learned = cue.learn(region_of(frame()), BOX)
     assert learned.filter.shape == (16, cells, cells // 2 + 1)
@@ -303,7 +303,7 @@ def test_the_window_has_as_many_cells_as_asked_for(cells):
 
 
 def test_templates_do_not_share_a_response(template):
-    """One frame is read with two: the last, and the one that judges it."""
+    """Two templates read the same region."""
     region = region_of(frame())
     other = CUE.learn(region_of(frame(170, 120)), BOX)
     own = CUE.response(region, BOX[None], template)
@@ -311,24 +311,24 @@ def test_templates_do_not_share_a_response(template):
     assert CUE.response(region, BOX[None], template)[0] == own[0]
 
 
-def test_what_was_seen_first_is_asked_about_what_it_looks_at():
-    """In colors, also where the target was learned again in an image without any."""
+def test_the_first_template_reads_its_own_kind_of_features():
+    """Colored ones, also when the present template was learned in a gray image."""
     cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())
     first = cue.learn(region_of(frame()), BOX)
     gray = np.repeat(frame()[..., 1:2], 3, axis=2)
     last = cue.learn(region_of(gray), BOX)
     assert (first.colored, last.colored) == (True, False)
-    told = []
-    for template, prepares in ((first, False), (last, False), (last, True)):
+    odds = []
+    for template, precomputes in ((first, False), (last, False), (last, True)):
         region = region_of(gray)
-        if prepares:
+        if precomputes:
             cue.precompute([PredictedTarget(region, template, first)] * 2)
-        told.append(cue.log_odds(cue.observe(region, BOX), template, first)["first response"])
-    assert told[0] == told[1] == told[2]
+        odds.append(cue.log_odds(cue.observe(region, BOX), template, first)["first response"])
+    assert odds[0] == odds[1] == odds[2]
 
 
-def test_what_is_prepared_of_several_targets_is_what_each_would_ask_for(monkeypatch):
-    """Also where one is gray, and where another asks for no size; in fewer, larger steps."""
+def test_precomputing_for_several_targets_does_not_change_results(monkeypatch):
+    """Also when one is gray and another does not estimate its size; in fewer, larger batches."""
     cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())
     gray = np.ascontiguousarray(frame()[..., 1])
     targets = [
@@ -342,7 +342,7 @@ def test_what_is_prepared_of_several_targets_is_what_each_would_ask_for(monkeypa
         )
     ]
     learned = [cue.learn(region_of(image, box), box) for image, box, _ in targets]
-    # One has changed since it was first seen.
+    # One differs from its first template.
     firsts = [learned[2], *learned[1:]]
     calls = []
     extract = GradientsAndColors.extract
@@ -353,34 +353,34 @@ def test_what_is_prepared_of_several_targets_is_what_each_would_ask_for(monkeypa
 
     monkeypatch.setattr(GradientsAndColors, "extract", counted)
 
-    def answers(prepares):
+    def results(precomputes):
         calls.clear()
         regions = [
-            Region(Frame(image), box[None], estimates_size=looks) for image, box, looks in targets
+            Region(Frame(image), box[None], estimates_size=sized) for image, box, sized in targets
         ]
         predicted_targets = [
             PredictedTarget(*one) for one in zip(regions, learned, firsts, strict=True)
         ]
-        if prepares:
+        if precomputes:
             cue.precompute(predicted_targets)
-        told = []
+        found = []
         for (region, template, first), (_, box, _) in zip(predicted_targets, targets, strict=True):
             boxes, _ = boxes_around(box, 3)
-            seen = cue.observe(region, box)
-            told.append(cue.response(region, boxes, template).tolist())
-            told.append(cue.match(seen, template))
-            told.append(cue.log_odds(seen, template, first))
-        return told, [*calls]
+            observation = cue.observe(region, box)
+            found.append(cue.response(region, boxes, template).tolist())
+            found.append(cue.match(observation, template))
+            found.append(cue.log_odds(observation, template, first))
+        return found, [*calls]
 
-    apart, together = answers(False), answers(True)
+    apart, together = results(False), results(True)
     assert together[0] == apart[0]
-    # The four in color share two calls, none of more than four windows; the gray one is alone.
+    # The four colored ones share two calls of at most four windows; the gray one is alone.
     assert apart[1] == [2, 2, 1, 2, 2]
     assert together[1] == [4, 3, 2]
 
 
-def test_chosen_again_with_another_window_it_learns_anew():
-    """A filter of 40 cells over the one window says nothing of 40 cells over the other."""
+def test_a_cue_switched_on_again_with_another_window_learns_again():
+    """A filter for one window size cannot be used with another."""
     both = ("color_histogram", "correlation_response")
     estimates = []
     for first in (both, ("color_histogram",)):

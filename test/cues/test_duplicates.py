@@ -1,4 +1,4 @@
-"""Boxes that read the same pixels are looked at once, and told of each."""
+"""Boxes that read the same pixels are computed once."""
 
 import tracemalloc
 
@@ -11,26 +11,26 @@ from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.cues.duplicates import DEDUPLICATE_FROM, unique_pairs
 from pf_tracker_ros.frames import Frame, Region
 
-# So many in so few places that most repeat.
+# Many pairs of few distinct values.
 PAIRS = st.lists(st.tuples(st.integers(-3, 4), st.integers(-1, 6)), min_size=40, max_size=200)
 
 
 @given(PAIRS, st.integers(1, 1000))
-def test_each_pair_is_there_once_and_stands_for_all_that_are_equal(pairs, step):
+def test_each_distinct_pair_occurs_once_and_represents_all_equal_ones(pairs, step):
     x, y = np.array(pairs, dtype=np.intp).T
-    kept, repeated = unique_pairs(step * x, y)
-    assert len({pairs[number] for number in kept}) == len(kept) == len(set(pairs))
-    assert [pairs[kept[number]] for number in repeated] == pairs
+    unique, positions = unique_pairs(step * x, y)
+    assert len({pairs[number] for number in unique}) == len(unique) == len(set(pairs))
+    assert [pairs[unique[number]] for number in positions] == pairs
 
 
 @given(st.lists(st.tuples(st.integers(-5000, 5000), st.integers(-9, 6000)), min_size=1))
-def test_pairs_wherever_they_are_stand_for_equal_ones(pairs):
+def test_widely_spread_pairs_are_represented_by_equal_ones(pairs):
     x, y = np.array(pairs, dtype=np.intp).T
-    kept, repeated = unique_pairs(x, y)
-    assert [pairs[kept[number]] for number in repeated] == pairs
+    unique, positions = unique_pairs(x, y)
+    assert [pairs[unique[number]] for number in positions] == pairs
 
 
-def test_pairs_that_are_far_apart_take_no_more_memory_than_a_few_for_each():
+def test_the_memory_for_widely_spread_pairs_is_limited():
     generator = np.random.default_rng(0)
     x, y = generator.integers(0, 20_000, (2, 1000))
     tracemalloc.start()
@@ -42,8 +42,8 @@ def test_pairs_that_are_far_apart_take_no_more_memory_than_a_few_for_each():
 
 @pytest.mark.parametrize("name", ["color_histogram", "gradient_orientation"])
 @pytest.mark.parametrize("size", [(40.0, 40.0), (33.0, 21.4), (7.5, 52.0)])
-def test_many_boxes_of_one_size_are_told_what_each_is_told_alone(name, size):
-    """The corners of a box's parts are rounded on their own; rounding apart, it is the same."""
+def test_many_boxes_of_one_size_have_the_same_values_as_alone(name, size):
+    """Up to rounding: the corners of a box's parts are rounded independently."""
     generator = np.random.default_rng(0)
     image = generator.integers(0, 256, (120, 160, 3), dtype=np.uint8)
     boxes = np.empty((4 * DEDUPLICATE_FROM, 4))

@@ -1,4 +1,4 @@
-"""Foreground cue: shares of foreground in boxes, counted by hand."""
+"""Foreground cue: shares of foreground in boxes, by hand."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def cue(ring=0.5, sharpness=10.0):
 def test_contrast_by_hand(reduction):
     mask = np.zeros((80 // reduction, 100 // reduction), np.uint8)
     mask[30 // reduction : 50 // reduction, 40 // reduction : 60 // reduction] = 255
-    # The second box holds half the target; its ring of 1200 px holds the other 200 px.
+    # The second box contains half the target; its ring of 1200 px contains the other 200 px.
     boxes = np.array([TARGET, TARGET + [10, 0, 0, 0], [4.0, 4.0, 20.0, 20.0]])
     contrast = cue().contrast(region_of(mask, boxes, reduction), boxes)
     np.testing.assert_allclose(contrast, [1.0, 0.5 - 200 / 1200, 0.0])
@@ -38,7 +38,7 @@ def test_likelihood_is_one_only_where_foreground_fills_the_box_and_not_the_ring(
     np.testing.assert_allclose(cue().log_likelihood(region_of(mask, boxes), boxes, None), [0, -10])
 
 
-def test_boxes_that_reach_out_of_the_image_find_no_foreground_there():
+def test_there_is_no_foreground_outside_the_image():
     boxes = np.array([[-10.0, -10.0, 20.0, 20.0]])
     mask = np.full((80, 100), 255, np.uint8)
     # A quarter of the box, and 300 of the 1200 px of its ring.
@@ -46,7 +46,7 @@ def test_boxes_that_reach_out_of_the_image_find_no_foreground_there():
     np.testing.assert_allclose(contrast, [0.25 - 300 / 1200], atol=1e-12)
 
 
-def test_without_a_background_model_all_boxes_are_alike():
+def test_without_a_background_model_all_boxes_are_equal():
     boxes = np.array([TARGET, [4.0, 4.0, 20.0, 20.0]])
     np.testing.assert_array_equal(
         cue().log_likelihood(Region(Frame(IMAGE), boxes), boxes, None), [0.0, 0.0]
@@ -60,7 +60,7 @@ def test_there_is_no_contrast_without_a_mask():
 
 
 @pytest.mark.parametrize("reduction", [1, 3])
-def test_a_grid_says_what_its_boxes_say(reduction):
+def test_a_grid_has_the_values_of_its_boxes(reduction):
     mask = np.random.default_rng(2).choice([0, 255], (80, 100)).astype(np.uint8)
     grid = BoxGrid(np.linspace(-9.0, 60.3, 7), np.linspace(2.6, 70.0, 5), np.array([18.0, 25.5]))
     region = region_of(mask, grid.boxes, reduction)
@@ -71,12 +71,12 @@ def test_a_grid_says_what_its_boxes_say(reduction):
     np.testing.assert_array_equal(nothing, np.zeros(35))
 
 
-def test_the_foreground_is_asked_for():
+def test_it_needs_the_foreground():
     assert cue().needs_foreground
 
 
-def test_it_knows_no_target():
-    """Nothing is learned, and nothing told of whether what moves there is the target."""
+def test_it_has_no_template_and_no_match():
+    """Foreground does not identify the target."""
     boxes = np.array([TARGET])
     region = region_of(np.full((80, 100), 255, np.uint8), boxes)
     assert cue().learn(region, TARGET) is None

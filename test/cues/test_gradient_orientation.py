@@ -1,4 +1,4 @@
-"""The gradient orientation vector against a pixel-by-pixel implementation."""
+"""The gradient orientation vector, compared with a pixel-by-pixel implementation."""
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ def region_of(image, boxes):
 
 
 def pixelwise_vector(gray, box, cells=4, directions=8, gaussian_width=0.5):
-    """Each pixel on its own: gradient (up to 127.5), Gaussian at the pixel, cell, direction."""
+    """For each pixel: gradient (up to 127.5), Gaussian at the pixel, cell, direction."""
     x0, y0, width, height = (int(value) for value in box)
     gray = gray.astype(float)
     padded = cv2.copyMakeBorder(gray, 1, 1, 1, 1, cv2.BORDER_REFLECT_101)
@@ -48,7 +48,7 @@ def image():
     "box", [(20, 30, 40, 40), (100, 10, 24, 48), (0, 0, 64, 32), (60, 60, 80, 56)]
 )
 def test_close_to_the_pixelwise_vector(image, box):
-    """The Gaussian is constant over an eighth of the box, which costs three percent at most."""
+    """The Gaussian is constant over an eighth of the box: an error of at most 3 %."""
     box = np.array(box, dtype=float)
     cue = GradientOrientation(PARAMETERS)
     vector = cue.learn(region_of(image, box[None]), box)
@@ -57,7 +57,7 @@ def test_close_to_the_pixelwise_vector(image, box):
 
 
 def test_equals_the_pixelwise_vector_under_a_flat_gaussian(image):
-    """But for gradients counted in whole gray levels."""
+    """Except for the rounding of gradients to half gray levels."""
     box = np.array([20.0, 30.0, 40.0, 40.0])
     cue = GradientOrientation(PARAMETERS, gaussian_width=100.0)
     vector = cue.learn(region_of(image, box[None]), box)
@@ -67,7 +67,7 @@ def test_equals_the_pixelwise_vector_under_a_flat_gaussian(image):
 
 
 @pytest.mark.parametrize(("cells", "directions"), [(1, 8), (2, 4), (8, 12)])
-def test_cells_and_directions_are_as_many_as_asked_for(image, cells, directions):
+def test_cells_and_directions_have_the_given_numbers(image, cells, directions):
     box = np.array([20.0, 30.0, 48.0, 48.0])
     cue = GradientOrientation(PARAMETERS, cells=cells, directions=directions, gaussian_width=100.0)
     vector = cue.learn(region_of(image, box[None]), box)
@@ -94,17 +94,6 @@ def test_contrast_and_brightness_do_not_matter(image):
     dim = (image.astype(float) * 0.5 + 40).astype(np.uint8)
     bright, darker = (cue.learn(region_of(i, box[None]), box) for i in (image, dim))
     assert np.linalg.norm(bright - darker) < 0.05
-
-
-def test_a_box_scores_the_same_alone_and_among_boxes_far_away(image):
-    cue = GradientOrientation(PARAMETERS)
-    box = np.array([[70.0, 40.0, 30.0, 20.0]])
-    others = np.vstack([box, [[0.0, 0.0, 33.0, 21.0], [120.0, 90.0, 40.0, 30.0]]])
-    template_box = np.array([60.0, 40.0, 30.0, 20.0])
-    template = cue.learn(region_of(image, template_box[None]), template_box)
-    alone = cue.log_likelihood(region_of(image, box), box, template)
-    among = cue.log_likelihood(region_of(image, others), others, template)
-    assert alone[0] == pytest.approx(among[0], rel=1e-5)
 
 
 @pytest.mark.parametrize("count", [30, 500])
@@ -137,8 +126,8 @@ def test_likelihood_by_hand():
     assert other == pytest.approx((-6.0, 0.0), abs=1e-5)
 
 
-def test_the_paper_s_literal_constant_hardly_tells_match_from_mismatch():
-    """With mu = 0.01 unit vectors without anything in common keep 98 % of the likelihood."""
+def test_the_paper_s_constant_hardly_distinguishes_match_from_mismatch():
+    """With mu = 0.01 orthogonal unit vectors have 98 % of the likelihood."""
     cue = GradientOrientation(GradientOrientationParameters(sharpness=0.01))
     ramp = np.tile(np.arange(0, 80, dtype=np.uint8), (40, 1))
     image = np.vstack([ramp, ramp[:, ::-1]])
@@ -158,8 +147,8 @@ def test_a_flat_box_has_no_direction_and_a_finite_likelihood():
     np.testing.assert_array_equal(cue.log_likelihood(region, box, template), 0.0)
 
 
-def test_a_flat_box_among_textured_ones_has_none_of_their_texture():
-    """To the last bit: of a vector of rounding errors, unit length would make a texture."""
+def test_a_flat_box_among_textured_ones_has_no_texture():
+    """Exactly zero: scaling rounding errors to unit length would make a texture."""
     image = np.random.default_rng(0).integers(0, 256, (240, 320), dtype=np.uint8)
     image[80:160, 100:200] = 128
     flat, textured = np.array([120.0, 100.0, 40.0, 40.0]), np.array([60.0, 60.0, 40.0, 40.0])
@@ -174,7 +163,7 @@ def test_a_flat_box_among_textured_ones_has_none_of_their_texture():
     )
 
 
-def test_nothing_is_seen_outside_the_image():
+def test_there_is_no_gradient_outside_the_image():
     image = np.random.default_rng(0).integers(0, 256, (40, 40), dtype=np.uint8)
     box = np.array([[-20.0, 0.0, 40.0, 40.0]])
     cue = GradientOrientation(PARAMETERS)

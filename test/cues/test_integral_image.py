@@ -1,4 +1,4 @@
-"""Sums over boxes, against those of the pixels themselves."""
+"""Sums over boxes, compared with sums over their pixels."""
 
 import cv2
 import numpy as np

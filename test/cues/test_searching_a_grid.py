@@ -1,4 +1,4 @@
-"""The cues that can search: a grid at once, and its boxes one by one, are the same to the bit."""
+"""Searchable cues: responses on a grid equal those of its boxes to the bit."""
 
 import cv2
 import numpy as np
@@ -34,19 +34,19 @@ def image():
     ids=["inside", "across the corner", "in another size"],
 )
 def test_a_grid_reads_what_its_boxes_read(image, cue, reduction, corner, size):
-    """More columns than rows, unevenly, as where a grid is held back at the image's end."""
+    """More columns than rows, unevenly spaced, as for a grid clipped at the image's edge."""
     left = corner[0] + np.array([0.0, 2.3, 4.6, 6.9, 9.2, 9.2, 9.2])
     top = corner[1] + np.array([0.0, 0.0, 1.9, 3.8])
     grid = BoxGrid(left, top, np.array(size))
-    predicted_box = np.array([*corner, *BOX[2:]])
+    center_box = np.array([*corner, *BOX[2:]])
     frame = Frame(image.astype(np.uint8))
-    learned = Region(frame, BOX[None], reduction, cue.context_margin, predicted_box=BOX)
+    learned = Region(frame, BOX[None], reduction, cue.context_margin, center_box=BOX)
     template = cue.learn(learned, BOX)
-    region = Region(frame, grid.boxes, reduction, cue.context_margin, predicted_box=predicted_box)
-    strengths = cue.response_on_grid(region, grid, template)
-    assert strengths.shape == (28,)
-    assert len(np.unique(strengths)) > 5
-    np.testing.assert_array_equal(strengths, cue.response(region, grid.boxes, template))
+    region = Region(frame, grid.boxes, reduction, cue.context_margin, center_box=center_box)
+    responses = cue.response_on_grid(region, grid, template)
+    assert responses.shape == (28,)
+    assert len(np.unique(responses)) > 5
+    np.testing.assert_array_equal(responses, cue.response(region, grid.boxes, template))
 
 
 def test_the_boxes_of_a_grid_are_in_rows():

@@ -1,4 +1,4 @@
-"""Transforms of small squares, against NumPy's fast ones."""
+"""Transforms of small squares, compared with NumPy's FFT."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ def squares(n, *many):
 
 @pytest.mark.parametrize("n", [2, 8, 24, 40, 64])
 @pytest.mark.parametrize("many", [(), (3,), (2, 3)])
-def test_a_transform_is_the_fast_one(n, many):
+def test_a_transform_equals_the_fft(n, many):
     values = squares(n, *many)
     spectra = transform(n).apply(values)
     assert spectra.dtype == np.complex64
@@ -27,7 +27,7 @@ def test_the_inverse_gives_the_squares_back(n):
     np.testing.assert_allclose(back, values, atol=1e-5)
 
 
-def test_rows_and_columns_go_through_the_matrix_first():
+def test_the_matrix_is_applied_to_rows_and_columns_first():
     matrix = np.random.default_rng(1).normal(size=(8, 8))
     values = squares(8, 2)
     expected = np.fft.rfft2(matrix @ values @ matrix.T)

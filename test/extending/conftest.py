@@ -1,4 +1,4 @@
-"""Runs code where a package has one file more in its folder, as if it had been written there."""
+"""Runs code with one more file in a package's folder."""
 
 import json
 import subprocess
@@ -11,8 +11,8 @@ import pytest
 TIMEOUT = 120.0
 HERE = Path(__file__).resolve().parent
 
-# Imports find the package with a folder added, before anything of it is imported: so it is the
-# package that discovers the file, and not the test that imports it.
+# The folder is added to the package's path before any import, so the package itself discovers
+# the file.
 PRELUDE = """
 import importlib.machinery, json, sys
 import numpy as np
@@ -54,9 +54,9 @@ def follow(tracker, start=0):
 
 @pytest.fixture
 def extended(tmp_path, moving_square):
-    """A function that runs code in a process of its own; returns what it prints as JSON.
+    """A function that runs code in a new process and returns the JSON that it prints.
 
-    A folder of examples is added to a package, unless none is named.
+    `examples`, if given, is a folder added to the package.
     """
     sequence = tmp_path / "moving_square.npz"
     np.savez(sequence, images=moving_square.images, boxes=moving_square.boxes)
@@ -78,7 +78,7 @@ def extended(tmp_path, moving_square):
 
 @pytest.fixture
 def overlaps(moving_square):
-    """A function that tells how much of boxes and of the true ones is common to both, 0 to 1."""
+    """A function that computes the intersection over union of boxes and the true ones."""
 
     def compute(boxes, start=0):
         found, true = np.array(boxes), moving_square.boxes[start + 1 :]

@@ -32,17 +32,17 @@ print(json.dumps({{
     "parameters": tracker.parameters,
 }}))
 """
-    told = extended(code, **ADDED)
-    assert overlaps(told["boxes"]).min() > 0.6
-    # It has its say, and so the particles are weighed otherwise.
-    assert told["boxes"] != told["without"]
+    result = extended(code, **ADDED)
+    assert overlaps(result["boxes"]).min() > 0.6
+    # The cue changes the weights of the particles.
+    assert result["boxes"] != result["without"]
     cue_weights = {"color_histogram": 0.6 / 1.5, "gradient_orientation": 0.4 / 1.5}
-    assert told["cue_weights"] == pytest.approx(cue_weights | {"brightness": 0.5 / 1.5})
-    assert told["parameters"]["brightness.weight"] == 0.5
-    assert told["parameters"]["brightness.sharpness"] == 0.1
+    assert result["cue_weights"] == pytest.approx(cue_weights | {"brightness": 0.5 / 1.5})
+    assert result["parameters"]["brightness.weight"] == 0.5
+    assert result["parameters"]["brightness.sharpness"] == 0.1
 
 
-def test_its_parameters_count_with_it(extended):
+def test_its_parameters_are_active_with_it(extended):
     code = f"""
 every = declarations(TrackerParameters)
 own = [one for name, one in every.items() if name.startswith("brightness.")]
@@ -56,11 +56,11 @@ print(json.dumps({{
     ),
 }}))
 """
-    told = extended(code, **ADDED)
+    result = extended(code, **ADDED)
     names = [f"brightness.{name}" for name in ("weight", "sharpness", "keep")]
-    assert told["own"] == [[name, ["cues", ["brightness"]]] for name in names]
-    assert told["allowed"] == "0 to 10"
-    assert told["wrong"].startswith("parameter 'brightness.sharpness' is 11.0; allowed: float")
+    assert result["own"] == [[name, ["cues", ["brightness"]]] for name in names]
+    assert result["allowed"] == "0 to 10"
+    assert result["wrong"].startswith("parameter 'brightness.sharpness' is 11.0; allowed: float")
 
 
 def test_it_is_switched_on_off_and_tuned_while_tracking(extended, overlaps):
@@ -100,12 +100,12 @@ print(json.dumps({name: preset_parameters(name) for name in PRESETS}))
         as_printed = {
             key: list(value) if isinstance(value, tuple) else value for key, value in values.items()
         }
-        brought = {key for key in presets[name] if key.startswith("brightness.")}
-        assert presets[name] == as_printed | {key: presets[name][key] for key in brought}
+        added = {key for key in presets[name] if key.startswith("brightness.")}
+        assert presets[name] == as_printed | {key: presets[name][key] for key in added}
 
 
-def test_it_measures_what_it_says(extended):
-    """By hand, with boxes that reach out of the image."""
+def test_the_cue_by_hand(extended):
+    """With boxes that extend outside the image."""
     code = """
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.frames import Frame, Region
@@ -127,9 +127,9 @@ print(json.dumps({
     "blended": cue.blend(template, 110.0),
 }))
 """
-    told = extended(code, **ADDED)
+    result = extended(code, **ADDED)
     means = np.array([150.0, 125.0, (30 * 5 + 100 * 10) / 15, 100.0])
-    np.testing.assert_allclose(told["learned"], means)
-    np.testing.assert_allclose(told["log_likelihood"], -0.5 * (150.0 - means))
-    assert told["match"] == pytest.approx([-12.5, 1 - 25 / 255])
-    assert told["blended"] == pytest.approx(140.0)
+    np.testing.assert_allclose(result["learned"], means)
+    np.testing.assert_allclose(result["log_likelihood"], -0.5 * (150.0 - means))
+    assert result["match"] == pytest.approx([-12.5, 1 - 25 / 255])
+    assert result["blended"] == pytest.approx(140.0)

@@ -34,15 +34,15 @@ print(json.dumps({{
     "wrong": refusal(Tracker.from_preset, "default", parameters={{"{NAME}": "cell_medians"}}),
 }}))
 """
-    told = extended(code, **ADDED)
-    assert sorted(told["choices"]) == ["cell_means", "gradients_and_colors"]
-    assert told["default"] == told["preset"] == "gradients_and_colors"
-    assert told["read_only"]
-    assert told["condition"] == ["cues", ["correlation_response"]]
-    assert told["wrong"].startswith(f"parameter '{NAME}' is 'cell_medians'; allowed: string, ")
+    result = extended(code, **ADDED)
+    assert sorted(result["choices"]) == ["cell_means", "gradients_and_colors"]
+    assert result["default"] == result["preset"] == "gradients_and_colors"
+    assert result["read_only"]
+    assert result["condition"] == ["cues", ["correlation_response"]]
+    assert result["wrong"].startswith(f"parameter '{NAME}' is 'cell_medians'; allowed: string, ")
 
 
-def test_with_the_file_a_tracker_follows_by_them(extended, overlaps):
+def test_with_the_file_a_tracker_uses_them(extended, overlaps):
     code = f"""
 chosen = {{"cues": ("correlation_response",)}}
 boxes = [
@@ -57,7 +57,7 @@ print(json.dumps([*boxes, follow(Tracker.from_preset("default", parameters=chose
     assert by_default == by_gradients
 
 
-def test_windows_have_as_many_pixels_as_the_features_ask_for(extended):
+def test_windows_have_the_resolution_of_the_features(extended):
     """40 cells of 8 pixels; three colors or one gray level, and two edges."""
     code = """
 from pf_tracker_ros.cues import CUES
@@ -65,12 +65,12 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
 
-asked = []
+shapes = []
 extract = FEATURES["cell_means"].extract
-def remembering(self, windows):
-    asked.append(windows.shape)
+def recording(self, windows):
+    shapes.append(windows.shape)
     return extract(self, windows)
-FEATURES["cell_means"].extract = remembering
+FEATURES["cell_means"].extract = recording
 
 parameters = CUES.parameters_of("correlation_response")(features="cell_means")
 cue = CUES["correlation_response"](parameters)
@@ -80,15 +80,15 @@ templates = [
     cue.learn(Region(Frame(image), box[None]), box)
     for image in (colored, np.ascontiguousarray(colored[..., 1]))
 ]
-print(json.dumps([asked, [template.filter.shape for template in templates]]))
+print(json.dumps([shapes, [template.filter.shape for template in templates]]))
 """
-    asked, filters = extended(code, **ADDED)
-    assert asked == [[1, 320, 320, 3], [1, 320, 320]]
+    shapes, filters = extended(code, **ADDED)
+    assert shapes == [[1, 320, 320, 3], [1, 320, 320]]
     assert filters == [[5, 40, 21], [3, 40, 21]]
 
 
-def test_the_channels_hold_what_they_say(extended):
-    """Means of 8 x 8 pixels; a ramp across is steep across, and not down."""
+def test_the_channels_by_hand(extended):
+    """Means of 8 x 8 pixels; a horizontal ramp has only a horizontal gradient."""
     code = """
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES

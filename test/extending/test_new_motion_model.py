@@ -16,7 +16,7 @@ print(json.dumps(refusal(Tracker.from_preset, "li2007", parameters=choice)))
     assert extended(code).startswith("parameter 'motion.model' is 'random_walk'; allowed: ")
 
 
-def test_with_the_file_a_tracker_follows_by_it(extended, overlaps):
+def test_with_the_file_a_tracker_uses_it(extended, overlaps):
     code = """
 tracker = Tracker.from_preset(
     "li2007", parameters={"motion.model": "random_walk", "motion.position_noise": 2.0}
@@ -32,13 +32,14 @@ print(json.dumps([boxes, tracker.estimate.particles.shape, tracker.parameters]))
     assert parameters["motion.vertical_share"] == 1.0
 
 
-def test_its_parameters_count_with_it_and_those_of_others_do_not(extended):
+def test_exactly_its_own_parameters_are_active_with_it(extended):
     code = """
 every = declarations(TrackerParameters)
 
 def of_motion(model):
-    counting = (name for name, one in every.items() if one.is_active(values | {"motion.model": model}))
-    return [name for name in counting if name.startswith("motion.")]
+    chosen = values | {"motion.model": model}
+    active = (name for name, one in every.items() if one.is_active(chosen))
+    return [name for name in active if name.startswith("motion.")]
 
 values = preset_parameters("li2007")
 print(json.dumps({
@@ -48,15 +49,15 @@ print(json.dumps({
     "choices": every["motion.model"].choices,
 }))
 """
-    told = extended(code, **ADDED)
+    result = extended(code, **ADDED)
     own = ["motion.model", "motion.position_noise", "motion.vertical_share"]
-    assert told["own"] == own
-    assert told["other"] == ["motion.model", "motion.position_noise", "motion.velocity_noise"]
-    assert told["condition"] == ["motion.model", ["random_walk"]]
-    assert set(told["choices"]) == {*MOTION_MODELS, "random_walk"}
+    assert result["own"] == own
+    assert result["other"] == ["motion.model", "motion.position_noise", "motion.velocity_noise"]
+    assert result["condition"] == ["motion.model", ["random_walk"]]
+    assert set(result["choices"]) == {*MOTION_MODELS, "random_walk"}
 
 
-def test_its_own_parameter_does_what_it_says(extended):
+def test_the_model_by_hand(extended):
     code = """
 from pf_tracker_ros.filter import MOTION_MODELS
 
@@ -68,21 +69,21 @@ moved = motion.predict(states, 0.25, draw)
 prior = motion.sample_prior(40_000, draw)
 print(json.dumps({
     "mean": moved.mean(axis=0).tolist(),
-    "spread": moved.std(axis=0).tolist(),
+    "std": moved.std(axis=0).tolist(),
     "prior": [prior.mean(axis=0).tolist(), prior.std(axis=0).tolist()],
     "boxes": motion.boxes(states[:1]).tolist(),
     "inside": motion.constrain(np.array([[-9.0, 900.0]]), (160, 90)).tolist(),
 }))
 """
-    told = extended(code, **ADDED)
-    # A box size is 20 px; half of one a root of a second, for a quarter of a second.
-    assert told["mean"] == pytest.approx([120.0, 55.0], abs=0.1)
-    assert told["spread"] == pytest.approx([5.0, 1.0], rel=0.02)
-    mean, spread = told["prior"]
+    result = extended(code, **ADDED)
+    # 0.5 box sizes of 20 px per square root of a second, for 0.25 s.
+    assert result["mean"] == pytest.approx([120.0, 55.0], abs=0.1)
+    assert result["std"] == pytest.approx([5.0, 1.0], rel=0.02)
+    mean, std = result["prior"]
     assert mean == pytest.approx([120.0, 55.0], abs=0.05)
-    assert spread == pytest.approx([1.0, 1.0], rel=0.02)
-    assert told["boxes"] == [[100.0, 50.0, 40.0, 10.0]]
-    assert told["inside"] == [[0.0, 90.0]]
+    assert std == pytest.approx([1.0, 1.0], rel=0.02)
+    assert result["boxes"] == [[100.0, 50.0, 40.0, 10.0]]
+    assert result["inside"] == [[0.0, 90.0]]
 
 
 @pytest.mark.parametrize(
@@ -92,11 +93,11 @@ print(json.dumps({
         ("kalman", "'affine' or 'second_order_autoregressive'"),
     ],
 )
-def test_a_proposal_that_it_cannot_make_is_refused_naming_models_that_can(extended, method, models):
+def test_an_unsupported_proposal_is_rejected_with_models_that_can(extended, method, models):
     code = f"""
 choice = {{"motion.model": "random_walk", "proposal.method": "{method}"}}
 print(json.dumps(refusal(Tracker.from_preset, "default", parameters=choice)))
 """
-    told = extended(code, **ADDED)
-    assert told.startswith(f"parameter 'proposal.method' is '{method}' with the motion model")
-    assert told.endswith(f"'transition', or the motion model {models}")
+    result = extended(code, **ADDED)
+    assert result.startswith(f"parameter 'proposal.method' is '{method}' with the motion model")
+    assert result.endswith(f"'transition', or the motion model {models}")

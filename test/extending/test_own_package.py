@@ -1,4 +1,4 @@
-"""Parts of packages of their own: installed by pip, found by their entry points."""
+"""Parts of other packages: installed by pip, found by their entry points."""
 
 import json
 import os
@@ -57,18 +57,18 @@ def least_overlap(found):
 """
 
 
-def installed(package, place):
+def installed(package, folder):
     """Install a package's folder into a folder."""
     command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
-    command += ["--no-build-isolation", "--disable-pip-version-check", "--target", place, package]
+    command += ["--no-build-isolation", "--disable-pip-version-check", "--target", folder, package]
     done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
     assert done.returncode == 0, done.stderr
-    return place
+    return folder
 
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
-    """Where a package with a part of every kind is installed."""
+    """The folder in which a package with a part of every kind is installed."""
     package = tmp_path_factory.mktemp("package") / "parts"
     shutil.copytree(HERE / "own_package", package)
     for example in ("cues/brightness.py", "filter/random_walk.py", "features/cell_means.py"):
@@ -78,7 +78,7 @@ def parts(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def example(tmp_path_factory):
-    """Where the page's example is installed, as it is written there."""
+    """The folder in which the example of docs/extending.md is installed."""
     package = tmp_path_factory.mktemp("example")
     (project,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     (module,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
@@ -87,9 +87,9 @@ def example(tmp_path_factory):
     return installed(package, tmp_path_factory.mktemp("installed"))
 
 
-def run(code, *places):
-    """What code prints as JSON, where packages are installed in some folders, and what it logs."""
-    path = os.pathsep.join(map(str, (*places, ROOT)))
+def run(code, *folders):
+    """Run code with packages in some folders; returns the JSON that it prints, and its log."""
+    path = os.pathsep.join(map(str, (*folders, ROOT)))
     done = subprocess.run(
         [sys.executable, "-c", PRELUDE + code],
         env={**os.environ, "PYTHONPATH": path},
@@ -120,12 +120,12 @@ print(json.dumps([early, [one for one in sys.modules if "parts_of_mine" in one],
     assert [own[-1] for own in names[1:]] == ["cell_means", "unlike_others", "mostly_stratified"]
 
 
-def test_a_tracker_is_made_of_them_and_their_parameters_count(parts):
+def test_a_tracker_uses_them_and_their_parameters(parts):
     code = (
         SCENE
         + """
 both = ("correlation_response", "brightness")
-ways = [
+choices = [
     {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__weight": 0.9},
     {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__weight": 0.1},
     {"preset": "li2007", "motion__model": "random_walk", "motion__position_noise": 4.0},
@@ -136,7 +136,7 @@ ways = [
     {"preset": "li2007", "resampling__scheme": "mostly_stratified",
      "resampling__mostly_stratified__share": 0.0},
 ]
-found = [follow(**way) for way in ways]
+found = [follow(**choice) for choice in choices]
 print(json.dumps([found, [least_overlap(one) for one in found]]))
 """
     )
@@ -147,8 +147,8 @@ print(json.dumps([found, [least_overlap(one) for one in found]]))
     assert found[5] != found[6]
 
 
-def test_several_targets_are_told_apart_by_an_appearance_of_it(parts):
-    """Two that cross, under a detector that sees every other frame: who is who is asked of it."""
+def test_tracks_have_the_descriptors_of_the_chosen_appearance(parts):
+    """A detector in every second frame; the appearance is changed at the end."""
     pytest.importorskip("scipy")
     code = (
         SCENE
@@ -157,17 +157,17 @@ from pf_tracker_ros import Detections
 
 def ids(**parameters):
     tracker = MultiTracker.from_preset("default", parameters=parameters)
-    told = []
+    found = []
     for number, image in enumerate(images):
-        seen = Detections([boxes[number]]) if number % 2 == 0 else None
-        told.append([target.id for target in tracker.update(image, 0.1, seen)])
-    life, = tracker._manager._track_set.tracks
-    return told[-1], life.descriptor.tolist(), tracker
+        detections = Detections([boxes[number]]) if number % 2 == 0 else None
+        found.append([target.id for target in tracker.update(image, 0.1, detections)])
+    track, = tracker._manager._track_set.tracks
+    return found[-1], track.descriptor.tolist(), tracker
 last, color, tracker = ids(**{"appearance.kind": "mean_color", "appearance.mean_color.scale": 5.0})
 tracker.set_parameters({"appearance.kind": "color_stripes"})
-life, = tracker._manager._track_set.tracks
+track, = tracker._manager._track_set.tracks
 again = [target.id for target in tracker.update(images[-1], 0.1, Detections([boxes[-1]]))]
-print(json.dumps([last, color, len(life.descriptor), again]))
+print(json.dumps([last, color, len(track.descriptor), again]))
 """
     )
     (last, color, length, again), _ = run(code, parts)
@@ -177,7 +177,7 @@ print(json.dumps([last, color, len(life.descriptor), again]))
     assert length == 3200
 
 
-def test_what_cannot_be_used_is_told_once_and_only_refused_where_it_is_chosen(parts):
+def test_an_unusable_part_is_logged_once_and_rejected_only_when_chosen(parts):
     code = """
 from pf_tracker_ros import Tracker
 Tracker.from_preset("default")
@@ -204,7 +204,7 @@ print(json.dumps([
     assert sorted(log.splitlines()) == sorted([broken, unlike, taken])
 
 
-def test_a_name_that_two_packages_bring_is_neithers(parts, tmp_path):
+def test_a_name_that_two_packages_declare_is_unusable(parts, tmp_path):
     info = tmp_path / "another-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: another\nVersion: 1.0\n")
@@ -230,7 +230,7 @@ print(json.dumps([
     )
 
 
-def test_the_example_of_the_page_detects_what_is_tracked(example):
+def test_the_example_of_the_page_detects_and_tracks(example):
     pytest.importorskip("scipy")
     code = (
         SCENE
@@ -252,10 +252,10 @@ print(json.dumps([
 ]))
 """
     )
-    (told, least, blindly, unit), _ = run(code, example)
-    assert told == [[1, "bright"]]
+    (found, least, blind_count, unit), _ = run(code, example)
+    assert found == [[1, "bright"]]
     assert least > 0.6
-    assert blindly == 0
+    assert blind_count == 0
     assert unit == "gray levels"
 
 
@@ -275,7 +275,7 @@ print(json.dumps(generate.generated_files()["docs/parameters.md"]))
         assert f"| `{name}` |" in text
 
 
-def test_the_node_has_them_as_it_has_its_own(parts, example):
+def test_the_node_accepts_them_like_built_in_parts(parts, example):
     pytest.importorskip("rclpy")
     code = """
 import rclpy

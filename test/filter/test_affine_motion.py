@@ -1,4 +1,4 @@
-"""Affine motion and the Kalman filter ahead of it, by hand."""
+"""Affine motion and its Kalman filter, by hand."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ BOX = (100.0, 50.0, 40.0, 10.0)
 BOX_SIZE = 20.0
 
 
-def test_particles_stay_put_but_for_noise_that_grows_with_the_root_of_time():
+def test_the_default_motion_is_noise_that_grows_with_the_root_of_time():
     parameters = AffineMotionParameters(position_noise=0.5, size_noise=0.2)
     states = np.tile([120.0, 55.0, 0.0], (40_000, 1))
     moved = AffineMotion(BOX, parameters).predict(states, 0.25, np.random.default_rng(0))
@@ -20,7 +20,7 @@ def test_particles_stay_put_but_for_noise_that_grows_with_the_root_of_time():
 
 
 def still(**parameters):
-    """Affine motion with next to no noise."""
+    """Affine motion with almost no noise."""
     parameters = {"position_noise": 0.0, "size_noise": 0.0} | parameters
     return AffineMotion(BOX, AffineMotionParameters(**parameters))
 
@@ -33,7 +33,7 @@ def still(**parameters):
         (0.04, 160.0, 49.0, 0.2),
         # ... -> (20, -3, 0.1) + b as two ...
         (0.08, 160.0, 42.0, 0.1),
-        # ... and all the way to b / (1 - a) after an age.
+        # ... and the limit b / (1 - a) after a long time.
         (60.0, 160.0, 35.0, 0.0),
     ],
 )
@@ -54,13 +54,13 @@ def test_two_half_steps_of_affine_motion_are_one(factor):
     np.testing.assert_allclose(matrix[:3, :3] @ states[0] + control[:3], whole.mean(states)[0])
 
 
-def test_the_defaults_leave_a_state_where_it_is():
+def test_the_default_transition_keeps_the_state():
     states = np.array([[160.0, 63.0, 0.4]])
     transition = AffineMotion(BOX, AffineMotionParameters()).transition(0.7)
     np.testing.assert_allclose(transition.mean(states), states)
 
 
-def test_the_velocity_that_the_kalman_filter_believes_in_moves_the_particles():
+def test_the_kalman_filter_s_velocity_moves_the_particles():
     motion = still()
     belief = Gaussian([120.0, 55.0, 0.0, 30.0, -20.0, 0.0], 1e-6 * np.eye(6))
     kalman_filter = KalmanFilter(belief, motion).predict(0.1)
@@ -108,7 +108,7 @@ def test_the_kalman_filter_predicts_and_corrects_by_hand():
     np.testing.assert_allclose(corrected.belief.mean, [6.0, 4.0], atol=1e-4)
 
 
-def test_a_steady_motion_is_foreseen():
+def test_the_kalman_filter_predicts_a_steady_motion():
     kalman_filter = AffineMotion(BOX, AffineMotionParameters()).kalman_filter()
     for step in range(1, 30):
         at = np.array([120.0 + 3.0 * step, 55.0 - step, 0.0])

@@ -1,4 +1,4 @@
-"""Second-order autoregressive motion: equation (7), its roots, and times of any length."""
+"""Second-order autoregressive motion: equation (7), its roots, and intervals of any length."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def test_the_printed_coefficients_diverge_and_the_shipped_ones_do_not():
     np.testing.assert_allclose(shipped - REFERENCE[0], [1.5, 1.75, 2.0])
 
 
-def test_with_the_shipped_coefficients_a_box_may_stay_anywhere_and_below_it_is_drawn_back():
+def test_the_shipped_coefficients_keep_an_offset_and_smaller_ones_let_it_decay():
     far = REFERENCE + (60.0, 30.0, 5.0, -2.0)
     np.testing.assert_allclose(run(still(*SHIPPED), state(far, far), 100), state(far, far))
     drawn = run(still(1.4, -0.5), state(far, far), 300)
@@ -91,7 +91,7 @@ def test_without_noise_many_short_steps_are_one_long_step(coefficients):
 
 
 @pytest.mark.parametrize("coefficients", [(0.0, 0.0), (1e-200, 0.0), (-1e-9, 1e-9)])
-def test_what_forgets_in_one_step_forgets_a_part_of_it_in_a_part_of_a_step(coefficients):
+def test_with_negligible_coefficients_part_of_a_step_is_interpolated(coefficients):
     for part in (0.01, 0.25, 0.83, 0.999):
         power = transition_power(*coefficients, part)
         np.testing.assert_allclose(power, [[1 - part, 0.0], [part, 1 - part]], atol=1e-8)
@@ -99,21 +99,21 @@ def test_what_forgets_in_one_step_forgets_a_part_of_it_in_a_part_of_a_step(coeff
     np.testing.assert_allclose(transition_power(*coefficients, 1.5), np.zeros((2, 2)), atol=0.01)
 
 
-def test_no_time_no_motion():
+def test_an_interval_of_zero_changes_nothing():
     start = state(REFERENCE + 8.0, REFERENCE)
     model = SecondOrderAutoregressive(BOX, SecondOrderAutoregressiveParameters())
     np.testing.assert_array_equal(model.predict(start, 0.0, np.random.default_rng(0)), start)
 
 
 @pytest.mark.parametrize("interval", [0.04, 0.25])
-def test_noise_has_the_declared_spread_at_every_interval(interval):
+def test_noise_has_the_declared_standard_deviation_at_every_interval(interval):
     parameters = SecondOrderAutoregressiveParameters(
         position_noise=0.5, size_noise=0.2, aspect_noise=0.0
     )
     states = np.tile(REFERENCE, (40_000, 2))
     model = SecondOrderAutoregressive(BOX, parameters)
     predicted = model.predict(states, interval, np.random.default_rng(1))
-    # Of the box size, 20 px, and of width and height.
+    # In units of the box size, 20 px, and of width and height.
     expected = np.sqrt(interval) * np.array([10.0, 10.0, 8.0, 2.0])
     np.testing.assert_allclose(predicted[:, :4].std(axis=0), expected, rtol=0.02)
     np.testing.assert_allclose(predicted[:, :4].mean(axis=0), REFERENCE, atol=0.1)
@@ -151,7 +151,7 @@ def test_the_prior_s_velocity_is_between_its_two_boxes():
     np.testing.assert_allclose(states[:, 6:], np.tile(BOX[2:], (40_000, 1)))
 
 
-def test_boxes_at_both_times_stay_sane_even_with_the_printed_coefficients_after_an_hour():
+def test_both_boxes_stay_limited_with_divergent_coefficients_after_an_hour():
     parameters = SecondOrderAutoregressiveParameters(first_coefficient=3.0, second_coefficient=3.0)
     model = SecondOrderAutoregressive(BOX, parameters)
     generator = np.random.default_rng(0)
@@ -164,7 +164,7 @@ def test_boxes_at_both_times_stay_sane_even_with_the_printed_coefficients_after_
     assert (boxes <= [160.0, 90.0, 160.0, 90.0]).all()
 
 
-def test_the_kalman_filter_goes_on_by_equation_7():
+def test_the_kalman_filter_predicts_by_equation_7():
     now, earlier = REFERENCE + (10.0, -4.0, 4.0, 1.0), REFERENCE + (6.0, -2.0, 2.0, 0.0)
     model = SecondOrderAutoregressive(BOX, still(*SHIPPED))
     belief = Gaussian(np.concatenate([now, earlier]), np.diag([4.0] * 4 + [1.0] * 4))
@@ -183,7 +183,7 @@ def test_the_kalman_filter_goes_on_by_equation_7():
     np.testing.assert_allclose(corrected[4:], now + 4.0 * 6.0 / 18.5, atol=1e-3)
 
 
-def test_the_transition_beside_the_kalman_filter_is_that_of_the_particles():
+def test_the_transition_prior_is_the_density_that_predict_draws_from():
     parameters = SecondOrderAutoregressiveParameters(
         position_noise=0.5, size_noise=0.2, aspect_noise=0.1
     )
@@ -192,6 +192,6 @@ def test_the_transition_beside_the_kalman_filter_is_that_of_the_particles():
     transition = model.transition(0.25)
     predicted = model.predict(states, 0.25, np.random.default_rng(0))
     np.testing.assert_allclose(transition.mean(states[:1])[0], predicted.mean(axis=0), atol=0.2)
-    spread = transition.std(states[:1])[0]
-    np.testing.assert_allclose(spread[:4], predicted[:, :4].std(axis=0), rtol=0.02)
-    np.testing.assert_array_equal(spread[4:], 0.0)
+    std = transition.std(states[:1])[0]
+    np.testing.assert_allclose(std[:4], predicted[:, :4].std(axis=0), rtol=0.02)
+    np.testing.assert_array_equal(std[4:], 0.0)

@@ -1,4 +1,4 @@
-"""Constant velocity: what the equations say, whatever the frame rate."""
+"""Constant velocity: the equations hold at every frame rate."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def test_without_noise_many_short_steps_are_one_long_step():
 
 
 @pytest.mark.parametrize("interval", [0.04, 0.25])
-def test_noise_has_the_declared_spread_at_every_interval(interval):
+def test_noise_has_the_declared_standard_deviation_at_every_interval(interval):
     parameters = ConstantVelocityParameters(position_noise=0.5, velocity_noise=2.0)
     states = np.zeros((40_000, 4))
     predicted = ConstantVelocity(BOX, parameters).predict(
@@ -60,7 +60,7 @@ def test_size_noise_changes_size_and_aspect_noise_only_the_shape():
     np.testing.assert_allclose(bent[:, 4] * bent[:, 5], 400.0)
 
 
-def test_velocities_stay_as_they_are():
+def test_velocities_are_constant():
     predicted = ConstantVelocity(BOX, STILL).predict(
         np.array([[0.0, 0.0, 8.0, -3.0]]), 0.5, np.random.default_rng(0)
     )
@@ -74,18 +74,18 @@ def test_velocities_stay_as_they_are():
         (ConstantVelocityAndSize, ConstantVelocityAndSizeParameters(position_noise=0.5)),
     ],
 )
-def test_a_search_is_told_where_the_centers_go(model, parameters):
+def test_the_center_prior_is_the_density_of_the_predicted_centers(model, parameters):
     motion = model(BOX, parameters)
     states = np.repeat(motion.sample_prior(1, np.random.default_rng(0)), 40_000, axis=0)
     predicted = motion.predict(states, 0.25, np.random.default_rng(1))
     mean, std = motion.center_prior(states, 0.25)
     np.testing.assert_allclose(predicted[:, :2].mean(axis=0), mean[0], atol=0.1)
     np.testing.assert_allclose(predicted[:, :2].std(axis=0), np.ravel(std)[0], rtol=0.02)
-    # 0.5 box sizes per square root of a second, for a quarter of one: of 20 px.
+    # 0.5 box sizes of 20 px per square root of a second, for 0.25 s.
     assert motion.random_walk_std(0.25) * BOX_SIZE == pytest.approx(np.ravel(std)[0]) == 5.0
 
 
-def test_without_noise_a_search_still_has_a_spread_to_divide_by():
+def test_without_noise_the_center_prior_still_has_a_standard_deviation():
     _, std = ConstantVelocity(BOX, STILL).center_prior(np.zeros((3, 4)), 1.0)
     assert (std > 0.0).all()
 

@@ -23,7 +23,7 @@ def test_correction_by_hand():
     np.testing.assert_allclose(corrected.covariance, [[0.75, 0.25], [0.25, 1.75]])
 
 
-def test_nonlinear_models_pass_their_value_beside_the_jacobian():
+def test_a_nonlinear_model_passes_its_value_and_its_jacobian():
     # x^2 / 20 at x = 10 is 5 with slope 1; 6 was measured with variance 1, so the gain is 1/2.
     state = Gaussian([3.0], [[4.0]]).predict([[0.5]], [[0.0]], mean=[10.0])
     np.testing.assert_allclose(state.covariance, [[1.0]])
@@ -32,7 +32,7 @@ def test_nonlinear_models_pass_their_value_beside_the_jacobian():
     np.testing.assert_allclose(corrected.covariance, [[0.5]])
 
 
-def test_a_certain_measurement_of_a_certain_state_stays_put():
+def test_a_state_without_variance_is_not_corrected():
     still = Gaussian([1.0], [[0.0]]).correct([5.0], [[1.0]], [[1.0]])
     np.testing.assert_allclose(still.mean, [1.0])
     np.testing.assert_allclose(still.covariance, [[0.0]])
@@ -67,11 +67,11 @@ def test_marginal_keeps_the_named_columns():
         ([0.0], [[np.inf]], "finite"),
     ],
 )
-def test_what_is_no_gaussian_is_refused(mean, covariance, complaint):
+def test_wrong_shapes_and_infinite_numbers_are_rejected(mean, covariance, complaint):
     with pytest.raises(ValueError, match=complaint):
         Gaussian(mean, covariance)
 
 
-def test_a_gaussian_without_a_density_says_so():
+def test_a_singular_covariance_has_no_density():
     with pytest.raises(ValueError, match="positive definite"):
         Gaussian([0.0], [[0.0]]).log_density(np.zeros((1, 1)))

@@ -1,4 +1,4 @@
-"""What every motion model that is chosen by name can do."""
+"""Properties of every registered motion model."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_centers_stay_in_the_image(name):
 
 
 @every_model
-def test_the_same_numbers_predict_the_same_states(name):
+def test_the_same_seed_predicts_the_same_states(name):
     motion = motion_model(name)
     states = motion.sample_prior(20, np.random.default_rng(0))
     one, other = (motion.predict(states, 0.1, np.random.default_rng(7)) for _ in range(2))
@@ -61,7 +61,7 @@ def test_the_same_numbers_predict_the_same_states(name):
 
 
 @every_model
-def test_a_prediction_leaves_the_states_before_as_they_are(name):
+def test_a_prediction_does_not_change_its_input(name):
     motion = motion_model(name)
     states = motion.sample_prior(20, np.random.default_rng(0))
     states.setflags(write=False)
@@ -69,16 +69,16 @@ def test_a_prediction_leaves_the_states_before_as_they_are(name):
 
 
 @every_model
-def test_the_parameters_that_a_model_reads_count_with_it_and_no_others(name):
+def test_exactly_a_model_s_own_parameters_are_active_with_it(name):
     known = declarations(MotionParameters)
     own = declarations(MOTION_MODELS.parameters_of(name))
-    counting = {other for other, one in known.items() if one.is_active({"model": name})}
-    assert counting == {"model", *own}
+    active = {other for other, one in known.items() if one.is_active({"model": name})}
+    assert active == {"model", *own}
     assert "position_noise" in own
     built = build(MotionParameters, {"model": name, "position_noise": 0.25})
     assert built.of_models[name].position_noise == 0.25
 
 
-def test_models_are_told_apart_by_what_they_can():
+def test_models_are_found_by_capability():
     assert models_with("kalman_filter") == ("affine", "second_order_autoregressive")
     assert models_with("center_prior") == ("constant_velocity", "constant_velocity_and_size")

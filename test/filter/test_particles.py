@@ -1,4 +1,4 @@
-"""The particle set: weights, moments and what happens when a likelihood says nothing."""
+"""The particle set: weights, moments and degenerate likelihoods."""
 
 import numpy as np
 import pytest
@@ -59,8 +59,8 @@ def test_a_likelihood_of_zero_everywhere_leaves_the_weights(nothing):
 
 def test_particles_of_infinite_likelihood_share_all_of_the_weight():
     particles = ParticleSet(np.zeros((4, 1)), np.log([0.1, 0.2, 0.3, 0.4]))
-    weighed = particles.reweight([np.inf, 0.0, np.nan, np.inf])
-    np.testing.assert_allclose(weighed.weights, [0.5, 0.0, 0.0, 0.5])
+    weighted = particles.reweight([np.inf, 0.0, np.nan, np.inf])
+    np.testing.assert_allclose(weighted.weights, [0.5, 0.0, 0.0, 0.5])
 
 
 def test_a_particle_of_nan_likelihood_gets_no_weight():

@@ -1,4 +1,4 @@
-"""Proposals: the weights undo whatever the proposal does."""
+"""Proposals: the weights correct for the proposal."""
 
 import importlib
 from pathlib import Path
@@ -22,16 +22,16 @@ BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 class Walk:
-    """x_k = 0.5 x_{k-1} + N(0, spread^2), in every column alike."""
+    """x_k = 0.5 x_{k-1} + N(0, std^2), in every column."""
 
     def __init__(self, std=1.0):
-        self._spread = np.asarray(std)
+        self._std = np.asarray(std)
 
     def mean(self, states):
         return 0.5 * states
 
     def std(self, states):
-        return self._spread
+        return self._std
 
 
 def normal(x, mean, std):
@@ -49,7 +49,7 @@ def test_ratio_by_hand_in_one_dimension():
 
 
 def test_the_declared_share_comes_from_the_prediction():
-    # The two parts lie so far apart that each particle shows where it was drawn.
+    # The two parts of the mixture do not overlap.
     proposed = propose_from_prediction(
         np.zeros((10_000, 2)),
         Walk(),
@@ -62,7 +62,7 @@ def test_the_declared_share_comes_from_the_prediction():
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.95])
-def test_no_weight_grows_by_more_than_the_part_left_to_the_prior_allows(share):
+def test_no_ratio_exceeds_the_bound_of_the_mixture(share):
     proposed = propose_from_prediction(
         np.zeros((2000, 1)), Walk(), Gaussian([50.0], [[0.01]]), share, np.random.default_rng(0)
     )
@@ -81,7 +81,7 @@ def test_without_a_share_it_is_the_transition_prior():
     np.testing.assert_array_equal(other.log_ratio, np.zeros(5))
 
 
-def test_a_column_without_noise_follows_the_motion_wherever_the_rest_is_drawn():
+def test_a_column_without_noise_follows_the_motion_under_every_proposal():
     states = np.stack([np.zeros(100), np.arange(100.0)], axis=1)
     proposed = propose_from_prediction(
         states,
@@ -143,7 +143,7 @@ def test_the_filter_agrees_with_an_exact_grid_filter_even_if_the_prediction_is_w
         particles = particles.resample(draws)
 
 
-def test_contradictions_are_refused():
+def test_invalid_arguments_are_rejected():
     states, generator = np.zeros((3, 1)), np.random.default_rng(0)
     with pytest.raises(ValueError, match=r"allowed: 0 to 0\.95"):
         propose_from_prediction(states, Walk(), Gaussian([0.0], [[1.0]]), 1.0, generator)
@@ -170,14 +170,14 @@ def test_growth_model_slope_is_the_derivative(monkeypatch):
         assert growth_model.growth_slope(state) == pytest.approx((ahead - behind) / 2e-5, rel=1e-6)
 
 
-def searched(share, log_likelihood, count=40_000, seed=0):
-    """Centers that the motion takes to (10, 20) with a spread of 4, and a 20 x 20 px grid."""
+def propose_on_grid(share, log_likelihood, count=40_000, seed=0):
+    """Centers predicted at (10, 20) with standard deviation 4, and a 20 x 20 px grid."""
     generator = np.random.default_rng(seed)
     prior = CenterPrior(np.full((count, 2), [10.0, 20.0]), np.array([4.0]))
     drawn = prior.mean + prior.std * generator.standard_normal((count, 2))
     grid = SearchGrid(np.array([12.0, 22.0]), 2.0, 10)
-    found = GridDensity(grid, log_likelihood)
-    return drawn, grid, propose_from_search(drawn, prior, found, share, generator)
+    density = GridDensity(grid, log_likelihood)
+    return drawn, grid, propose_from_search(drawn, prior, density, share, generator)
 
 
 def test_cells_of_a_grid():
@@ -191,11 +191,11 @@ def test_cells_of_a_grid():
 
 
 @pytest.mark.parametrize("share", [0.01, 0.5, 0.9])
-def test_a_search_leaves_the_expectations_of_the_prior(share):
-    """Wherever it draws: the prior is a Gaussian, or with a tenth anywhere in the grid."""
+def test_expectations_after_a_search_are_those_of_the_prior(share):
+    """The prior is a Gaussian, mixed with a tenth of the grid's uniform density."""
     jump = 0.1
     log_likelihood = -np.linspace(0.0, 6.0, 100)
-    _, _, proposed = searched(share, log_likelihood)
+    _, _, proposed = propose_on_grid(share, log_likelihood)
     particles = ParticleSet(proposed.centers, proposed.log_ratio)
     expected = (1 - jump) * np.array([10.0, 20.0]) + jump * np.array([12.0, 22.0])
     np.testing.assert_allclose(particles.mean, expected, atol=0.15)
@@ -203,10 +203,10 @@ def test_a_search_leaves_the_expectations_of_the_prior(share):
     assert particles.weights @ proposed.centers[:, 0] ** 2 == pytest.approx(second, rel=0.03)
 
 
-def test_a_share_is_drawn_where_the_search_found_the_target():
+def test_a_share_is_drawn_from_the_likely_cells():
     log_likelihood = np.full(100, -50.0)
     log_likelihood[37] = 0.0
-    drawn, grid, proposed = searched(0.7, log_likelihood)
+    drawn, grid, proposed = propose_on_grid(0.7, log_likelihood)
     cells, inside = grid.cells_of(proposed.centers)
     moved = (proposed.centers != drawn).any(axis=1)
     assert moved.mean() == pytest.approx(0.7, abs=0.02)
@@ -217,12 +217,12 @@ def test_a_share_is_drawn_where_the_search_found_the_target():
     np.testing.assert_allclose(within.std(axis=0), 2.0 / np.sqrt(12.0), rtol=0.02)
 
 
-def test_no_weight_of_a_search_is_out_of_bounds():
-    """A place that only the search would go to is worth what the prior gives it."""
+def test_no_ratio_of_a_search_exceeds_its_bound():
+    """A center far from the prediction has the weight of the prior's uniform part."""
     log_likelihood = -np.linspace(0.0, 300.0, 100)
-    _, _, proposed = searched(0.9, log_likelihood)
+    _, _, proposed = propose_on_grid(0.9, log_likelihood)
     assert np.isfinite(proposed.log_ratio).all()
-    # The motion's own part of the mixture is 0.1, and a jump has another 0.1 over 400 px^2.
+    # The mixture has 0.1 of the motion's density; a jump has 0.1, spread over 400 px^2.
     _, inside = SearchGrid(np.array([12.0, 22.0]), 2.0, 10).cells_of(proposed.centers)
     offsets = (proposed.centers - [10.0, 20.0]) / 4.0
     motion = np.exp(-0.5 * (offsets**2).sum(axis=1)) / (2 * np.pi * 16.0)

@@ -1,4 +1,4 @@
-"""Resampling schemes: unbiased, within their scheme's bounds, and only when asked for."""
+"""Resampling schemes: unbiased, within their bounds, and only below the threshold."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def draw_counts(scheme, weights, count, seed):
 
 @every_scheme
 @given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
-def test_a_particle_without_weight_never_goes_on(scheme, weights, count, seed):
+def test_a_particle_of_weight_zero_is_never_drawn(scheme, weights, count, seed):
     weights = weights / weights.sum()
     counts = draw_counts(scheme, weights, count, seed)
     assert counts.sum() == count
@@ -73,7 +73,7 @@ def test_equal_weights_draw_every_particle_once(scheme):
 
 
 @every_scheme
-def test_one_particle_that_has_all_weight_is_drawn_always(scheme):
+def test_a_particle_of_weight_one_is_always_drawn(scheme):
     assert draw_counts(scheme, np.array([0.0, 1.0, 0.0]), 7, seed=1)[1] == 7
 
 
@@ -117,7 +117,7 @@ def test_a_threshold_of_one_always_resamples_and_of_zero_never():
     assert never.resample(uneven, 2, generator) is uneven
 
 
-def test_another_number_of_particles_resamples_to_it():
+def test_a_change_of_the_particle_count_resamples():
     resampler = EffectiveSampleSizeResampler(RESAMPLERS["systematic"](), threshold=0.0)
     particles = ParticleSet(np.array([[1.0], [2.0]]), np.log([0.25, 0.75]))
     more = resampler.resample(particles, 400, np.random.default_rng(0))
@@ -127,7 +127,9 @@ def test_another_number_of_particles_resamples_to_it():
 
 @every_scheme
 @given(weights=raw_weights, count=st.integers(1, 60), seed=st.integers(0, 1000))
-def test_kept_the_particle_of_the_largest_weight_always_goes_on(scheme, weights, count, seed):
+def test_the_elitist_resampler_always_draws_the_particle_of_the_largest_weight(
+    scheme, weights, count, seed
+):
     weights = weights / weights.sum()
     indices = ElitistResampler(RESAMPLERS[scheme]()).indices(
         weights, count, np.random.default_rng(seed)
@@ -137,18 +139,18 @@ def test_kept_the_particle_of_the_largest_weight_always_goes_on(scheme, weights,
     assert (weights[indices] > 0.0).all()
 
 
-def test_keeping_the_best_changes_one_draw_at_most():
+def test_the_elitist_resampler_changes_at_most_one_draw():
     weights = np.array([0.3, 0.3, 0.4])
-    passed_over = 0
+    missed = 0
     for seed in range(50):
         drawn = RESAMPLERS["multinomial"]().indices(weights, 3, np.random.default_rng(seed))
         kept = ElitistResampler(RESAMPLERS["multinomial"]()).indices(
             weights, 3, np.random.default_rng(seed)
         )
         assert (drawn != kept).sum() == (2 not in drawn)
-        passed_over += 2 not in drawn
+        missed += 2 not in drawn
     # 0.6^3 of 50 is 11.
-    assert 3 < passed_over < 20
+    assert 3 < missed < 20
 
 
 def resampler_of(**values):

@@ -1,4 +1,4 @@
-"""What the images tell of the camera's own motion, against motions that they were made with."""
+"""Estimated camera motion, compared with the motion that the images were made with."""
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ def texture(seed, width, height, cell=8):
 
 @pytest.fixture(scope="module")
 def ground():
-    """More of the scene than the camera sees."""
+    """A scene larger than the camera's view."""
     return texture(0, WIDTH + 400, HEIGHT + 400)
 
 
@@ -28,7 +28,7 @@ def seen_from(ground, x, y, degrees=0.0, zoom=1.0):
     return cv2.warpAffine(ground, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_AREA), matrix
 
 
-def told(images):
+def motions_of(images):
     ego_motion = EgoMotion()
     return [ego_motion.update(Frame(image)) for image in images]
 
@@ -42,21 +42,21 @@ def told(images):
         {"x": 3.0, "y": 2.0, "degrees": -1.0, "zoom": 1.02},
     ],
 )
-def test_shift_rotation_and_zoom_are_told(ground, moved):
+def test_shift_rotation_and_zoom_are_estimated(ground, moved):
     (before, first), (now, second) = seen_from(ground, 0, 0), seen_from(ground, **moved)
-    nothing, motion = told([before, now])
-    assert nothing is None
-    places = np.array([[20, 20, 1], [600, 30, 1], [50, 450, 1], [320, 240, 1]], float).T
+    first_motion, motion = motions_of([before, now])
+    assert first_motion is None
+    points = np.array([[20, 20, 1], [600, 30, 1], [50, 450, 1], [320, 240, 1]], float).T
     to_ground = np.linalg.inv(np.vstack([first, [0, 0, 1]]))
-    expected = second @ to_ground @ places
-    assert (motion @ places)[:2] == pytest.approx(expected, abs=0.5)
+    expected = second @ to_ground @ points
+    assert (motion @ points)[:2] == pytest.approx(expected, abs=0.5)
 
 
 @pytest.mark.parametrize("size", [(320, 240), (1920, 1080)])
-def test_it_is_told_in_pixels_of_the_image(size):
+def test_the_motion_is_in_image_pixels(size):
     width, height = size
     scene = texture(1, width + 20, height, cell=max(width // 60, 6))
-    _, motion = told([scene[:, :width], scene[:, 12 : 12 + width]])
+    _, motion = motions_of([scene[:, :width], scene[:, 12 : 12 + width]])
     assert motion == pytest.approx(np.array([[1, 0, -12], [0, 1, 0], [0, 0, 1]]), abs=0.3)
 
 
@@ -65,37 +65,37 @@ def test_images_of_every_kind(ground, kind):
     images = [seen_from(ground, x, 0)[0][..., 1] for x in (0, 9)]
     if kind != "gray":
         images = [image.astype(kind) * 100 for image in images]
-    assert told(images)[1][0, 2] == pytest.approx(-9.0, abs=0.3)
+    assert motions_of(images)[1][0, 2] == pytest.approx(-9.0, abs=0.3)
 
 
 def test_a_camera_that_stands_still_is_not_moved_by_noise(ground):
     draw = np.random.default_rng(2)
     image = seen_from(ground, 0, 0)[0].astype(float)
     noisy = [np.clip(image + draw.normal(0, 4, image.shape), 0, 255) for _ in range(25)]
-    assert told([one.astype(np.uint8) for one in noisy]) == [None] * 25
+    assert motions_of([one.astype(np.uint8) for one in noisy]) == [None] * 25
 
 
-def test_what_fills_half_of_the_image_does_not_move_a_camera_that_stands_still(ground):
+def test_an_object_that_fills_half_of_the_image_is_no_camera_motion(ground):
     image = seen_from(ground, 0, 0)[0]
     bus = texture(3, 900, HEIGHT)
     images = []
     for frame in range(12):
         images.append(image.copy())
         images[-1][:, 100:480] = bus[:, 10 * frame : 10 * frame + 380]
-    assert told(images) == [None] * 12
+    assert motions_of(images) == [None] * 12
 
 
 def test_a_slow_motion_adds_up(ground):
-    motions = told([seen_from(ground, 0.15 * frame, 0.0)[0] for frame in range(81)])
+    motions = motions_of([seen_from(ground, 0.15 * frame, 0.0)[0] for frame in range(81)])
     steps = [motion[0, 2] for motion in motions if motion is not None]
     assert len(steps) < 40
     assert sum(steps) == pytest.approx(-12.0, abs=1.0)
 
 
 @pytest.mark.parametrize("still", [24, 25])
-def test_a_motion_after_a_long_rest_is_told_within_two_frames_and_whole(ground, still):
-    places = [0] * still + [6, 12, 18, 24]
-    motions = told([seen_from(ground, place, 0.0)[0] for place in places])
+def test_motion_after_a_long_rest_is_estimated_completely_within_two_frames(ground, still):
+    positions = [0] * still + [6, 12, 18, 24]
+    motions = motions_of([seen_from(ground, position, 0.0)[0] for position in positions])
     assert motions[:still] == [None] * still
     steps = [0.0 if motion is None else motion[0, 2] for motion in motions[still:]]
     assert sum(steps[:2]) == pytest.approx(-12.0, abs=0.3)
@@ -112,5 +112,5 @@ def test_a_motion_after_a_long_rest_is_told_within_two_frames_and_whole(ground, 
     ],
     ids=["flat", "tiny", "a line", "cuts"],
 )
-def test_where_nobody_knows_nothing_is_told(images):
-    assert told(images) == [None] * 3
+def test_without_trackable_points_there_is_no_motion(images):
+    assert motions_of(images) == [None] * 3

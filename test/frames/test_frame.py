@@ -1,4 +1,4 @@
-"""The 8-bit view of a frame and its reductions: what they hold, and what they cost."""
+"""The 8-bit view of a frame and its reductions: their values and cost."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from pf_tracker_ros.frames import frame as frame_module
 from pf_tracker_ros.frames.exposure import gray_range, to_8_bit
 from pf_tracker_ros.frames.frame import PixelRect
 
-# How far beyond a part more may be made, for others who look there.
+# Pixels beyond a part that may also be computed.
 TILE = 32
 
 
@@ -25,8 +25,8 @@ def thermal(height, width, seed=0):
 def block_means(pixels, reduction):
     """Means of blocks, rounded as `cv2.resize` with INTER_AREA does.
 
-    OpenCV adds up blocks of 2 x 2 in whole numbers and rounds halves up; sums of others are
-    multiplied by a broken number, and halves rounded to even ones.
+    OpenCV adds 2 x 2 blocks as integers and rounds halves up. It multiplies the sums of other
+    blocks by a fraction, and rounds halves to even.
     """
     missing = [(0, -length % reduction) for length in pixels.shape[:2]]
     padded = np.pad(pixels, missing + [(0, 0)] * (pixels.ndim - 2), mode="edge")
@@ -40,7 +40,7 @@ def block_means(pixels, reduction):
 
 
 def sample_means(pixels, reduction):
-    """Means of 4 x 4 pixels spread evenly over each block, rounded as those of whole blocks."""
+    """Means of 4 x 4 pixels, spread evenly over each block, rounded as `block_means`."""
     rows, columns = (
         np.minimum(
             [
@@ -57,7 +57,7 @@ def sample_means(pixels, reduction):
 
 @pytest.fixture
 def converted(monkeypatch):
-    """A function that makes a 16-bit frame, and counts how often each pixel is converted."""
+    """Makes a 16-bit frame that counts how often each pixel is converted."""
 
     def make(image, **options):
         times = np.zeros(image.shape, int)
@@ -85,8 +85,8 @@ def near(part, shape, margin=TILE):
 
 
 @st.composite
-def looks(draw, height, width):
-    """A reduction, and a part of the view that is reduced by it."""
+def view_requests(draw, height, width):
+    """A reduction, and a part of the reduced view."""
     reduction = draw(st.integers(1, 12))
     ends = []
     for length in (-(-height // reduction), -(-width // reduction)):
@@ -96,7 +96,7 @@ def looks(draw, height, width):
 
 
 @st.composite
-def frames_and_looks(draw):
+def frames_and_view_requests(draw):
     height, width = draw(st.integers(1, 140)), draw(st.integers(1, 140))
     kind = draw(st.sampled_from(["gray", "color", "thermal"]))
     seed = draw(st.integers(0, 100))
@@ -104,15 +104,15 @@ def frames_and_looks(draw):
         image = thermal(height, width, seed)
     else:
         image = noise((height, width, 3) if kind == "color" else (height, width), seed)
-    return image, draw(st.lists(looks(height, width), min_size=1, max_size=6))
+    return image, draw(st.lists(view_requests(height, width), min_size=1, max_size=6))
 
 
-@given(frames_and_looks())
-def test_every_view_is_cut_from_the_whole_one_in_whatever_order_they_are_asked_for(drawn):
-    image, asked = drawn
+@given(frames_and_view_requests())
+def test_every_view_is_a_part_of_the_whole_one_in_any_order(drawn):
+    image, requests = drawn
     frame = Frame(image)
     whole = to_8_bit(image, gray_range(image))
-    for reduction, part in asked:
+    for reduction, part in requests:
         means = block_means if reduction <= 8 else sample_means
         expected = whole if reduction == 1 else means(whole, reduction)
         view = frame.view(part, reduction)
@@ -131,7 +131,7 @@ def test_means_of_blocks_by_hand():
         np.uint8,
     )
     frame = Frame(image)
-    # 80 / 4, 160 / 4 and 222 / 4 = 55.5; below the last row and beside the last column again it.
+    # 80 / 4, 160 / 4 and 222 / 4 = 55.5; the last row and column are repeated.
     np.testing.assert_array_equal(frame.view(PixelRect(0, 2, 0, 3), 2), [[20, 40, 56], [8, 128, 3]])
     # 166 / 9 = 18.4 and (40 + 2 x 50 + 50 + 2 x 61 + 255 + 2 x 3) / 9 = 63.7.
     np.testing.assert_array_equal(frame.view(PixelRect(0, 1, 0, 2), 3), [[18, 64]])
@@ -149,7 +149,7 @@ def test_a_reduced_view_equals_the_means_of_its_blocks(shape, reduction):
     )
 
 
-def test_a_16_bit_image_is_converted_only_where_it_is_looked_at_and_there_once(converted):
+def test_a_16_bit_image_is_converted_once_and_only_where_it_is_read(converted):
     image = thermal(300, 400)
     frame, times = converted(image)
     assert not times.any()
@@ -166,9 +166,7 @@ def test_a_16_bit_image_is_converted_only_where_it_is_looked_at_and_there_once(c
 
 
 @pytest.mark.parametrize("reduction", [2, 3])
-def test_reduced_views_convert_no_more_than_what_they_are_made_of_and_nothing_twice(
-    converted, reduction
-):
+def test_reduced_views_convert_only_the_pixels_they_need_and_only_once(converted, reduction):
     frame, times = converted(thermal(400, 500))
     part = PixelRect(20, 30, 40, 60)
     frame.view(part, reduction)
@@ -184,8 +182,8 @@ def test_reduced_views_convert_no_more_than_what_they_are_made_of_and_nothing_tw
 
 
 @pytest.mark.parametrize("kind", ["thermal", "gray", "color"])
-def test_a_large_reduction_reads_no_more_pixels_the_larger_its_blocks_are(monkeypatch, kind):
-    """The view of a large target costs what that of a smaller one does."""
+def test_the_cost_of_a_large_reduction_is_independent_of_the_block_size(monkeypatch, kind):
+    """The view of a large target costs as much as that of a small one."""
     read, size = [], 24
 
     def counting(values, span):
@@ -208,8 +206,8 @@ def test_a_large_reduction_reads_no_more_pixels_the_larger_its_blocks_are(monkey
 
 
 @pytest.mark.parametrize("reduction", [9, 12, 37])
-def test_a_view_by_samples_is_where_that_by_means_is(reduction):
-    """Over a slope, samples that lie to one side would shift it."""
+def test_sampled_views_are_not_shifted(reduction):
+    """On a gradient, asymmetric samples would change the values."""
     height, width = 5 * reduction, 7 * reduction
     slope = np.add.outer(np.arange(height) * 0.2, np.arange(width) * 0.5)
     image = (slope * 250.0 / slope.max()).astype(np.uint8)
@@ -217,8 +215,8 @@ def test_a_view_by_samples_is_where_that_by_means_is(reduction):
     assert np.abs(view.astype(int) - block_means(image, reduction)).max() <= 1
 
 
-def test_all_who_look_at_a_frame_share_what_was_converted(converted):
-    """Targets beside each other, large ones and small ones."""
+def test_all_targets_share_the_converted_pixels(converted):
+    """Adjacent targets, large and small."""
     frame, times = converted(thermal(300, 400))
     for box, reduction in (
         ([100.0, 80.0, 30.0, 40.0], 1),
@@ -232,7 +230,7 @@ def test_all_who_look_at_a_frame_share_what_was_converted(converted):
     assert not times[256:].any()
 
 
-def test_the_given_span_is_what_the_view_spans_and_else_the_image_s_own():
+def test_the_view_uses_the_given_span_or_the_image_s_own():
     image = np.array([[1000, 1500, 2000, 900, 2100]], np.uint16)
     part = PixelRect(0, 1, 0, 5)
     spanned = Frame(image, span=(1000.0, 2000.0)).view(part)
@@ -241,7 +239,7 @@ def test_the_given_span_is_what_the_view_spans_and_else_the_image_s_own():
     assert 0 < own[0, 3] < own[0, 0] < own[0, 1] < own[0, 2] < own[0, 4] < 255
 
 
-def test_the_span_is_that_of_the_whole_image_whatever_part_is_looked_at_first():
+def test_the_span_is_that_of_the_whole_image_for_any_part():
     image = thermal(200, 200)
     image[:20] //= 2
     whole = to_8_bit(image, gray_range(image))
@@ -259,7 +257,7 @@ def test_an_8_bit_image_is_its_own_view(shape):
     np.testing.assert_array_equal(frame.pixels, image)
 
 
-def test_what_a_frame_is_told_and_what_it_tells():
+def test_the_attributes_of_a_frame():
     image = noise((40, 50, 3))
     frame = Frame(image, stamp=17)
     assert frame.image is image
@@ -272,7 +270,7 @@ def test_what_a_frame_is_told_and_what_it_tells():
     assert frame.foreground == (mask, 2)
 
 
-def test_what_is_shared_is_computed_once_under_each_key():
+def test_a_cached_map_is_computed_once_for_each_key():
     frame, computed = Frame(noise((4, 4))), []
 
     def compute():

@@ -1,4 +1,4 @@
-"""The gray range of a camera: slow on a drift, deaf to bad frames, quick once they have lasted."""
+"""Gain control: slow for a drift, unchanged by a few bad frames, quick when they last."""
 
 import pickle
 
@@ -13,7 +13,7 @@ KINDS = {"16 bit": (np.uint16, 7000.0, 100.0), "32 bit": (np.float32, 290.0, 1.0
 
 
 def scene(kind="16 bit", offset=0.0, seed=0):
-    """A scene from 0 to 10 units of its kind, and how far it is off them."""
+    """A scene with values from 0 to 10 units of its kind, plus an offset."""
     dtype, base, unit = KINDS[kind]
     values = np.random.default_rng(seed).uniform(0.0, 10.0, SIZE)
     return (base + unit * (values + offset)).astype(dtype)
@@ -29,7 +29,7 @@ def with_outliers(image, value, share=0.02):
     return image
 
 
-def followed(images, gain=None, interval=INTERVAL):
+def gain_after(images, gain=None, interval=INTERVAL):
     gain = gain or GainControl()
     for image in images:
         gain = gain.update(image, interval)
@@ -41,7 +41,7 @@ def lasting(image, seconds, interval=INTERVAL):
 
 
 def shows(gain, image):
-    """Whether an image is seen as well as in its own range, but for a third of the contrast."""
+    """Whether an image has at least two thirds of its contrast and is not saturated."""
     own, view = to_8_bit(image, gray_range(image)), to_8_bit(image, gain.span)
     return view.std() > own.std() / 1.5 and np.mean((view > 0) & (view < 255)) > 0.9
 
@@ -77,58 +77,58 @@ BAD_FRAMES = [
 
 @pytest.mark.parametrize(("kind", "bad"), BAD_FRAMES)
 @pytest.mark.parametrize("count", [1, 5])
-def test_a_bad_frame_or_a_few_leave_the_range_as_it_was(kind, bad, count):
+def test_few_bad_frames_do_not_change_the_range(kind, bad, count):
     good = scene(kind)
-    before = followed([good] * 3)
-    during = followed([bad] * count, before)
+    before = gain_after([good] * 3)
+    during = gain_after([bad] * count, before)
     assert during.span == pytest.approx(before.span, rel=1e-3)
-    assert followed([good], during).span == pytest.approx(before.span, rel=1e-3)
+    assert gain_after([good], during).span == pytest.approx(before.span, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     ("kind", "bad"), [case for case in BAD_FRAMES if "outliers" not in case.id]
 )
 @pytest.mark.parametrize("seconds", [1.0, 5.0])
-def test_after_bad_frames_that_lasted_the_first_good_one_is_seen_as_before_them(kind, bad, seconds):
+def test_after_lasting_bad_frames_the_first_good_one_restores_the_range(kind, bad, seconds):
     good = scene(kind)
-    before = followed([good] * 3)
-    after = followed([*lasting(bad, seconds), good], before)
+    before = gain_after([good] * 3)
+    after = gain_after([*lasting(bad, seconds), good], before)
     assert after.span == pytest.approx(before.span, rel=1e-2)
 
 
 @pytest.mark.parametrize(("kind", "bad"), BAD_FRAMES)
 @pytest.mark.parametrize("count", [1, 100])
-def test_good_frames_after_a_bad_beginning_are_seen_within_a_second(kind, bad, count):
+def test_good_frames_after_a_bad_start_are_shown_well_within_a_second(kind, bad, count):
     good = scene(kind)
-    gain = followed([*[bad] * count, *lasting(good, 0.6)])
+    gain = gain_after([*[bad] * count, *lasting(good, 0.6)])
     assert shows(gain, good)
 
 
-def test_outliers_that_stayed_are_left_within_a_second(kind):
+def test_after_lasting_outlier_pixels_the_range_recovers_within_a_second(kind):
     good = scene(kind)
     bad = with_outliers(good, 65535 if kind == "16 bit" else 1e9)
-    gain = followed([good, *lasting(bad, 20.0), *lasting(good, 0.6)])
+    gain = gain_after([good, *lasting(bad, 20.0), *lasting(good, 0.6)])
     assert shows(gain, good)
 
 
-def test_a_bad_frame_among_every_two_changes_nothing(kind):
+def test_every_second_frame_bad_does_not_change_the_range(kind):
     good, bad = scene(kind), scene(kind, offset=60)
-    before = followed([good])
-    assert followed([bad, good] * 100, before).span == pytest.approx(before.span, rel=1e-6)
+    before = gain_after([good])
+    assert gain_after([bad, good] * 100, before).span == pytest.approx(before.span, rel=1e-6)
 
 
-def test_bad_frames_that_are_unlike_each_other_do_not_add_up(kind):
-    before = followed([scene(kind)])
+def test_bad_frames_that_disagree_do_not_change_the_range(kind):
+    before = gain_after([scene(kind)])
     frames = [scene(kind, offset=60 + 40 * (number % 2)) for number in range(100)]
-    assert followed(frames, before).span == before.span
+    assert gain_after(frames, before).span == before.span
 
 
 @pytest.mark.parametrize("interval", [0.01, 0.04, 0.2, 1.0])
-def test_frames_far_outside_move_the_range_once_they_have_lasted_and_at_once(kind, interval):
+def test_lasting_frames_far_outside_make_the_range_jump(kind, interval):
     elsewhere = scene(kind, offset=60)
-    gain = followed([scene(kind)])
+    gain = gain_after([scene(kind)])
     before, seconds = gain.span, 0.0
-    # That it was there since the frame before is not known of the first one.
+    # The first outlier has no duration yet.
     gain = gain.update(elsewhere, interval)
     while gain.span == before:
         gain = gain.update(elsewhere, interval)
@@ -137,38 +137,38 @@ def test_frames_far_outside_move_the_range_once_they_have_lasted_and_at_once(kin
     assert gain.span == gray_range(elsewhere)
 
 
-def test_values_from_0_to_1_followed_by_a_temperature_become_gray():
+def test_the_range_moves_from_unit_values_to_temperatures():
     unit = np.random.default_rng(0).uniform(0.0, 1.0, SIZE).astype(np.float32)
     kelvin = 290 + 10 * unit
-    gain = followed([*lasting(unit, 2.0), *lasting(kelvin, 1.0)])
+    gain = gain_after([*lasting(unit, 2.0), *lasting(kelvin, 1.0)])
     assert shows(gain, kelvin)
 
 
-def test_no_numbers_at_first_fix_nothing():
+def test_nan_images_at_the_start_set_no_range():
     good = scene("32 bit")
-    assert followed([flat(np.nan, "32 bit")] * 3).span is None
-    assert followed([flat(np.nan, "32 bit"), good]).span == gray_range(good)
+    assert gain_after([flat(np.nan, "32 bit")] * 3).span is None
+    assert gain_after([flat(np.nan, "32 bit"), good]).span == gray_range(good)
 
 
-def test_a_drift_is_followed_with_the_time_constant_and_no_frame_jumps(kind):
+def test_the_range_follows_a_drift_with_the_time_constant_and_without_jumps(kind):
     _, _, unit = KINDS[kind]
-    gain = followed([scene(kind)])
+    gain = gain_after([scene(kind)])
     spans = []
     for step in range(1500):
         gain = gain.update(scene(kind, offset=0.01 * step), INTERVAL)
         spans.append(gain.span)
     jumps = np.abs(np.diff(spans, axis=0)).max() / unit
     assert jumps < 0.03
-    # It lags behind by what drifts in the time constant of 10 s: 0.25 units a second.
+    # The lag is the drift, 0.25 units per second, times the time constant of 10 s.
     lag = (np.array(gray_range(scene(kind, offset=14.99))) - spans[-1]) / unit
     assert lag == pytest.approx([2.5, 2.5], abs=0.1)
 
 
-def test_something_hot_that_enters_and_stays_in_view_is_adapted_to_slowly(kind):
+def test_the_range_adapts_slowly_to_a_hot_object_that_stays_in_view(kind):
     """A target beside it keeps its gray."""
     cool = scene(kind)
     hot = with_outliers(cool, KINDS[kind][1] + 200 * KINDS[kind][2], share=0.1)
-    gain = before = followed([cool])
+    gain = before = gain_after([cool])
     views = []
     for _ in range(50):
         gain = gain.update(hot, INTERVAL)
@@ -179,15 +179,15 @@ def test_something_hot_that_enters_and_stays_in_view_is_adapted_to_slowly(kind):
 
 def test_the_range_of_a_steady_camera_is_that_of_its_images(kind):
     images = [scene(kind, seed=seed) for seed in range(50)]
-    gain = followed(images)
+    gain = gain_after(images)
     assert gain.span == pytest.approx(gray_range(images[0]), rel=2e-3)
 
 
-def test_a_gain_control_is_a_value(kind):
-    gain = followed([scene(kind), scene(kind, offset=60)])
+def test_a_gain_control_is_immutable(kind):
+    gain = gain_after([scene(kind), scene(kind, offset=60)])
     twin = pickle.loads(pickle.dumps(gain))
     assert twin == gain
     before = (gain.span, gain.outlier_span, gain.outlier_for)
     gain.update(scene(kind, offset=60), 3.0)
     assert (gain.span, gain.outlier_span, gain.outlier_for) == before
-    assert followed([scene(kind, offset=60)] * 20, twin).span != gain.span
+    assert gain_after([scene(kind, offset=60)] * 20, twin).span != gain.span

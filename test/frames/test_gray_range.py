@@ -1,4 +1,4 @@
-"""The gray range of images of more than 8 bits: of one image, and one step in time."""
+"""The gray range of images of more than 8 bits: one image and one update."""
 
 import math
 
@@ -26,7 +26,7 @@ def test_the_range_of_a_large_image_is_that_of_a_sample():
 
 
 @pytest.mark.parametrize("shape", [(1, 10**6), (10**6, 1), (3, 300_000), (700, 900), (5, 7)])
-def test_at_most_so_many_pixels_are_looked_at_all_over_the_image(shape):
+def test_a_limited_number_of_pixels_is_sampled_from_the_whole_image(shape):
     image = np.arange(shape[0] * shape[1], dtype=np.float32).reshape(shape)
     values = sample(image)
     assert min(image.size, 9_000) <= values.size <= min(image.size, 20_500)
@@ -62,7 +62,7 @@ def test_floats_of_any_range_become_evenly_spaced_grays(low, high):
     assert steps.min() >= steps.max() - 1 > 0
 
 
-def test_floats_that_are_no_numbers_are_black_and_outliers_leave_the_range_alone():
+def test_nan_is_black_and_outliers_do_not_change_the_range():
     values = np.random.default_rng(0).uniform(20, 30, (40, 50)).astype(np.float32)
     clean = Frame(values).pixels
     values = values.copy()
@@ -73,12 +73,12 @@ def test_floats_that_are_no_numbers_are_black_and_outliers_leave_the_range_alone
     assert not Frame(np.full((4, 4), np.nan, np.float32)).pixels.any()
 
 
-def test_the_view_is_the_part_of_the_range_in_255_steps_rounded_down():
+def test_the_view_is_the_position_in_the_range_in_255_steps_rounded_down():
     values = np.arange(65536, dtype=np.uint16).reshape(256, 256)
     span = (7000.0, 9000.0)
     exact = np.clip((values.astype(float) - 7000.0) / 2000.0 * 255.0, 0.0, 255.0)
     for image in (values, values.astype(np.float32)):
         view = to_8_bit(image, span)
-        # Where a value lies on an edge between two grays, 32 bits may say the one below.
+        # On an edge between two grays, single precision may give the lower one.
         assert ((view == np.floor(exact)) | (view == np.floor(exact - 1e-3))).all()
         assert (image == values).all()

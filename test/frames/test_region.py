@@ -1,4 +1,4 @@
-"""The maps of a region: each computed once, whatever else the region covers."""
+"""The maps of a region: computed once, independent of the region's extent."""
 
 import cv2
 import numpy as np
@@ -13,7 +13,7 @@ def image():
     return cv2.resize(noise, (161, 121), interpolation=cv2.INTER_CUBIC)
 
 
-def test_only_the_region_of_the_boxes_is_looked_at(image):
+def test_the_region_covers_only_the_boxes(image):
     region = Region(Frame(image), np.array([[50.0, 40.0, 10.0, 10.0], [60.0, 45.0, 12.0, 8.0]]))
     assert region.pixels.shape[1] <= 22 + 6
     assert region.pixels.shape[0] <= 13 + 6
@@ -92,7 +92,7 @@ def test_the_foreground_of_a_region_is_the_mask_below_each_pixel_s_center(
 
 @pytest.mark.parametrize("side", [60, 400])
 def test_gradient_sums_are_exact_however_large_the_region_is(side):
-    """The larger one has more of the largest gradients than single precision could add up."""
+    """The sum of the larger one exceeds the exact range of single precision."""
     stripes = np.zeros((side + 8, side + 8), np.uint8)
     stripes[:, np.arange(side + 8) % 4 >= 2] = 255
     region = Region(Frame(stripes), np.array([[4.0, 4.0, side, side]]))

@@ -1,4 +1,4 @@
-"""Images that are computed where they are looked at, whatever is read in whatever order."""
+"""Tiled images: computed only where they are read, in any order."""
 
 import numpy as np
 import pytest
@@ -11,12 +11,12 @@ SIDE = 16
 
 
 def numbered(shape):
-    """An image whose pixels tell where they are, as far as 8 bits can."""
+    """An image whose pixel values depend on their position."""
     return (np.arange(np.prod(shape)) * 37 % 251).astype(np.uint8).reshape(shape)
 
 
 class Computed:
-    """Computes by cutting from an image, and counts how often each pixel was asked for."""
+    """Computes by cropping an image, and counts how often each pixel is computed."""
 
     def __init__(self, image):
         self.image = image
@@ -30,7 +30,7 @@ class Computed:
 
 
 def sections(length):
-    """A start and an end with at least one pixel in between."""
+    """A start and an end, at least one pixel apart."""
     return st.tuples(st.integers(0, length - 1), st.integers(1, length)).map(
         lambda ends: (min(ends), max(ends)) if ends[0] != ends[1] else (ends[0] - 1, ends[1])
     )
@@ -38,7 +38,7 @@ def sections(length):
 
 @st.composite
 def readings(draw):
-    """The shape of an image, and parts to read of it one after the other."""
+    """The shape of an image, and parts to read in order."""
     height, width = draw(st.integers(1, 150)), draw(st.integers(1, 150))
     shape = draw(st.sampled_from([(height, width), (height, width, 3)]))
     parts = st.tuples(sections(height), sections(width)).map(
@@ -48,7 +48,7 @@ def readings(draw):
 
 
 @given(readings())
-def test_every_reading_is_right_and_no_pixel_is_computed_twice_or_for_nothing(reading):
+def test_every_read_is_right_and_computes_each_needed_tile_once(reading):
     shape, parts = reading
     computed = Computed(numbered(shape))
     tiled = TiledImage(shape)
@@ -67,8 +67,8 @@ def test_every_reading_is_right_and_no_pixel_is_computed_twice_or_for_nothing(re
         assert right % SIDE == 0 or right == shape[1]
 
 
-def test_what_is_not_known_yet_of_a_part_is_computed_in_few_pieces():
-    """A new part in one; around known tiles what is beside them in one, what is above as well."""
+def test_the_unknown_tiles_of_a_part_are_computed_in_few_rectangles():
+    """A new part is one rectangle; around known tiles there is one on each side."""
     computed = Computed(numbered((96, 96)))
     tiled = TiledImage((96, 96))
     tiled.read(PixelRect(32, 64, 32, 48), computed)
@@ -82,7 +82,7 @@ def test_what_is_not_known_yet_of_a_part_is_computed_in_few_pieces():
     ]
 
 
-def test_what_could_not_be_computed_is_not_taken_for_known():
+def test_a_failed_computation_is_repeated():
     image = numbered((80, 80))
 
     def compute(part):

@@ -1,4 +1,4 @@
-"""Windows read from a frame, against pixels picked, averaged and interpolated by hand."""
+"""Windows read from a frame, compared with averages and interpolation by hand."""
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ def window(image, center, side, pixels, gray=False):
 def block_means(image, reduction):
     """The image reduced by a whole factor, the last row and column repeated to fill a block.
 
-    Of blocks larger than 8 x 8 the mean is that of 4 x 4 pixels spread evenly over them.
+    Blocks larger than 8 x 8 are sampled by 4 x 4 pixels, spread evenly.
     """
     missing = [(0, -length % reduction) for length in image.shape[:2]]
     padded = np.pad(image, missing + [(0, 0)] * (image.ndim - 2), mode="edge").astype(float)
@@ -40,12 +40,12 @@ def block_means(image, reduction):
 
 
 def bilinear_window(image, center, side, pixels, reduction):
-    """Each pixel of the window on its own, from the four around its center in a reduced image."""
+    """Each pixel of the window, from the four around its center in a reduced image."""
     values = np.rint(block_means(image, reduction)) if reduction > 1 else image.astype(float)
     height, width = values.shape[:2]
     expected = np.empty((pixels, pixels, *image.shape[2:]))
     for row, column in np.ndindex(pixels, pixels):
-        # Of the window's pixel, in the image; then of pixels of the reduced one, from the first's.
+        # Center of the window's pixel in the image, then in the reduced image.
         x = center[0] - side / 2 + (column + 0.5) * side / pixels
         y = center[1] - side / 2 + (row + 0.5) * side / pixels
         x, y = x / reduction - 0.5, y / reduction - 0.5
@@ -61,7 +61,7 @@ def bilinear_window(image, center, side, pixels, reduction):
     return expected
 
 
-# OpenCV reads at thirty-seconds of a pixel, so half of one off along each axis at most.
+# OpenCV interpolates in steps of 1/32 pixel, so the error is at most half a step along each axis.
 READING_STEP = 1 / 64
 
 
@@ -73,7 +73,7 @@ def steepest(image):
 
 @pytest.fixture(scope="module")
 def smooth():
-    """Smooth noise of odd sides, so that reduced blocks reach out of it."""
+    """Smooth noise with odd sides, so that reduced blocks extend outside."""
     noise = np.random.default_rng(2).integers(0, 256, (9, 12, 3), dtype=np.uint8)
     return cv2.resize(noise, (95, 71), interpolation=cv2.INTER_CUBIC)
 
@@ -97,12 +97,12 @@ def smooth():
 def test_equals_an_independent_reading_inside_and_out_of_the_image(
     smooth, pixels, side, reduction, center
 ):
-    """Reduced as the scale asks for: by 1 to a scale of 1.75, by 2 to 2.75 and so on."""
+    """Reduced by 1 up to a scale of 1.75, by 2 up to 2.75 and so on."""
     for image in (smooth, np.ascontiguousarray(smooth[..., 1])):
         read = window(image, center, side, pixels)
         assert read.dtype == np.uint8
         expected = bilinear_window(image, center, side, pixels, reduction)
-        # A half for the rounding of the window, another for that of blocks whose mean is a half.
+        # Half a level for rounding the window, half for rounding the blocks.
         tolerance = 1.01 + 2 * READING_STEP * steepest(block_means(image, reduction))
         np.testing.assert_allclose(read, expected, atol=tolerance)
 
@@ -164,7 +164,7 @@ def test_a_window_of_lower_resolution_holds_the_means_of_blocks(image):
 
 
 def test_no_pixel_is_skipped_wherever_the_window_is():
-    """Whole factors rarely fit the window: a chessboard of pixels still becomes gray all over."""
+    """A chessboard of pixels becomes gray, although whole factors rarely fit the window."""
     chessboard = (np.indices((120, 160)).sum(axis=0) % 2 * 255).astype(np.uint8)
     for center in ((60.3, 50.8), (80.0, 61.0), (75.5, 40.25)):
         reduced = window(chessboard, center, 64, 16)
@@ -183,7 +183,7 @@ def test_outside_the_image_its_border_is_repeated(image, corner):
 
 
 @pytest.mark.parametrize(("side", "pixels"), [(16, 16), (48, 16), (40, 64)])
-def test_a_window_does_not_depend_on_what_was_read_of_the_frame_before(image, side, pixels):
+def test_a_window_does_not_depend_on_earlier_reads(image, side, pixels):
     center = np.array([30.0, 24.0])
     frame = Frame(image)
     alone = read_window(frame, center, float(side), pixels)
@@ -193,7 +193,7 @@ def test_a_window_does_not_depend_on_what_was_read_of_the_frame_before(image, si
     np.testing.assert_array_equal(read_window(busy, center, float(side), pixels), alone)
 
 
-def test_a_window_of_a_16_bit_frame_is_one_of_its_8_bit_view():
+def test_a_window_of_a_16_bit_frame_is_read_from_its_8_bit_view():
     image = np.random.default_rng(3).integers(7000, 8000, (48, 64), dtype=np.uint16)
     frame = Frame(image, span=(7000.0, 8000.0))
     converted = np.floor((image - 7000.0) * (255.0 / 1000.0)).astype(np.uint8)

@@ -135,12 +135,12 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     measurement = measure(searching, state, frame, prediction)
     before = prediction.particles
     boxes = state.motion.boxes(before.states)
-    np.testing.assert_allclose(measurement.search.predicted_box, before.weights @ boxes)
+    np.testing.assert_allclose(measurement.search.center_box, before.weights @ boxes)
 
     # The same from its parts; `test_proposals.py` tests the proposal itself.
-    predicted_box = before.weights @ boxes
-    search = Search(predicted_box, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
-    _, region = searching.search_window(frame, predicted_box)
+    center_box = before.weights @ boxes
+    search = Search(center_box, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
+    _, region = searching.search_window(frame, center_box)
     found = cues.responses(region, search.boxes, state.templates)
     cue_weights = cues.adapt(state.distractor_ratios, 1.5)
     assert measurement.cue_weights == pytest.approx(cue_weights)
@@ -224,7 +224,7 @@ def test_the_covariance_of_a_search_by_hand(state, couple):
     measurement = measure(searching, state, frame, prediction_for(state))
     box = measurement.box + [3.0, 0.0, 0.0, 0.0]
     seen = Assessment(box, 0.75, TrackStatus(), measurement.particles, measurement.boxes)
-    size = np.sqrt(measurement.search.predicted_box[2] * measurement.search.predicted_box[3])
+    size = np.sqrt(measurement.search.center_box[2] * measurement.search.center_box[3])
     anywhere = (WINDOW * size) ** 2 / 12.0
     within = covariance_about(measurement.particles, box[:2] + box[2:] / 2)
     np.testing.assert_allclose(

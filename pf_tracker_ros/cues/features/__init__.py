@@ -1,4 +1,4 @@
-"""What a window of the image looks like, cell by cell, for the correlation filter."""
+"""Features of image windows, one value per channel and cell, for the correlation filter."""
 
 from pf_tracker_ros.cues.features.features import FEATURES, Calibration, Features
 from pf_tracker_ros.registry import import_all

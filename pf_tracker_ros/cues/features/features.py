@@ -1,4 +1,9 @@
-"""What every kind of features can do."""
+"""The interface of features, and the calibration of a filter trained on them.
+
+The responses of a correlation filter are not probabilities. A `Calibration`, fitted to footage with
+ground truth, converts them to a similarity (logistic in the logarithm of two ratios) and to log
+odds (logistic regression on the logarithms of three ratios).
+"""
 
 from __future__ import annotations
 
@@ -14,25 +19,23 @@ from pf_tracker_ros.registry import Registry
 
 @dataclass(frozen=True)
 class Calibration:
-    """What the responses of a filter of some features say of the target.
+    """Conversion of a filter's responses to similarity and log odds of the target.
 
-    It is fitted to footage with ground truth, see `benchmarks/uncertainty.py`. A response stands
-    out by so many standard deviations of the response map.
+    The values are fitted by `benchmarks/uncertainty.py`. A level is a response / the response to
+    the last training window.
 
     Attributes:
-        even_clutter: Standard deviation of the response map, as a share of its peak, at which the
-            target is as likely there as not.
-        even_level: The same for the peak, as a share of the response to what was learned from last.
-        exponent: How fast the similarity changes with both.
-        odds_slope: How fast the log odds that it is the target grow with the logarithm of how far
-            the box stands out for the filter as it is.
-        even_peak_to_sidelobe: How far it stands out where these are 0.
+        even_clutter: Standard deviation of the response map / its peak, at similarity 1/2.
+        even_level: Level of the peak at similarity 1/2.
+        exponent: Slope of the similarity with both.
+        odds_slope: Slope of the log odds with the logarithm of the present filter's
+            peak-to-sidelobe ratio at the box.
+        even_peak_to_sidelobe: That ratio at log odds 0.
         first_odds_slope: As `odds_slope`, for the filter of the first frame.
         even_first_peak_to_sidelobe: As `even_peak_to_sidelobe`, for the filter of the first frame.
-        level_odds_slope: How fast the log odds fall with the logarithm of the response at the box, below
-            the least level: what has the target's colors is not it where the filter hardly answers.
-        least_level: Share of the response to what was learned from last that the target hardly
-            ever falls below.
+        level_odds_slope: Slope of the log odds with the logarithm of the level at the box, below
+            the least level.
+        least_level: Level that the target rarely falls below.
     """
 
     even_clutter: float
@@ -46,45 +49,45 @@ class Calibration:
     least_level: float
 
     def similarity(self, peak: float, deviation: float, reference: float) -> float:
-        """How much a response map looks like one of the target, 0 to 1.
+        """Similarity of a response map to one of the target, 0 to 1.
 
         Args:
-            peak: The largest response, above 0.
-            deviation: Standard deviation of the map, above 0.
-            reference: Response to what was learned from last, above 0.
+            peak: The largest response, > 0.
+            deviation: Standard deviation of the map, > 0.
+            reference: Response to the last training window, > 0.
         """
-        peak_to_sidelobe_ratio = self._share(self.even_clutter * peak / deviation)
-        return peak_to_sidelobe_ratio * self._share(peak / reference / self.even_level)
+        peak_score = self._score(self.even_clutter * peak / deviation)
+        return peak_score * self._score(peak / reference / self.even_level)
 
     def log_odds(
         self, peak_to_sidelobe_ratio: float, first_peak_to_sidelobe_ratio: float, level: float
     ) -> dict[str, float]:
-        """What the responses at a box say, see `Cue.log_odds`.
+        """Log odds of the responses at a box, see `Cue.log_odds`.
 
         Args:
-            peak_to_sidelobe_ratio: How far the box stands out for the filter as it is, above 0.
-            first_peak_to_sidelobe_ratio: The same for the filter of the first frame.
-            level: Response at the box, as a share of that to what was learned from last, above 0.
+            peak_to_sidelobe_ratio: Ratio at the box for the present filter, > 0.
+            first_peak_to_sidelobe_ratio: Ratio near the box for the filter of the first frame, > 0.
+            level: Level at the box, > 0.
         """
-        first_growth, even_first = self.first_odds_slope, self.even_first_peak_to_sidelobe
+        ratio = peak_to_sidelobe_ratio / self.even_peak_to_sidelobe
+        first_ratio = first_peak_to_sidelobe_ratio / self.even_first_peak_to_sidelobe
         return {
-            "response": self.odds_slope
-            * math.log(peak_to_sidelobe_ratio / self.even_peak_to_sidelobe),
-            "first response": first_growth * math.log(first_peak_to_sidelobe_ratio / even_first),
+            "response": self.odds_slope * math.log(ratio),
+            "first response": self.first_odds_slope * math.log(first_ratio),
             "level": self.level_odds_slope * min(math.log(level / self.least_level), 0.0),
         }
 
-    def _share(self, ratio: float) -> float:
-        """From 0 to 1, a half at a ratio of 1."""
+    def _score(self, ratio: float) -> float:
+        """Logistic function of the ratio's logarithm: 0 to 1, 1/2 at a ratio of 1."""
         return ratio**self.exponent / (1.0 + ratio**self.exponent)
 
 
 class Features(Protocol):
-    """Turns windows of the image into channels, one value for each cell of them.
+    """Converts image windows to channels, one value per cell.
 
     Attributes:
         cell_size: Pixels along each side of a cell.
-        calibration: What the responses of a filter of these channels say.
+        calibration: Calibration of a filter trained on these channels.
     """
 
     @property
@@ -94,14 +97,14 @@ class Features(Protocol):
     def calibration(self) -> Calibration: ...  # noqa: D102
 
     def extract(self, windows: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """The channels of windows, each as if there were no other.
+        """The channels of windows, each computed independently.
 
         Args:
             windows: (K, P, P, 3) BGR or (K, P, P) gray, P a multiple of `cell_size`.
 
         Returns:
-            (K, channels, P / stride, P / stride). The number of channels may differ between colored
-            and gray windows, and in nothing else.
+            (K, channels, P / cell_size, P / cell_size). The number of channels may differ only
+            between colored and gray windows.
         """
 
 

@@ -1,10 +1,15 @@
-"""Edge directions, and colors or gray levels, as channels.
+"""Gradient directions (a compact HOG) and color names or gray levels as feature channels.
+
+1. Gradients: a histogram of 9 unsigned directions per cell, normalized by each of the four blocks
+   around it and truncated. The sums over blocks (9 directions) and over directions (4 textures) are
+   projected to 11 channels.
+2. Colors: the probabilities of 11 color names, projected to 5 principal components. Gray windows
+   have 6 levels, relative to the window's own range, in 5 components instead.
 
 Sources: Felzenszwalb et al. 2010, "Object detection with discriminatively trained part-based
-models", section 6 (without the channels that tell a gradient's sign, which changes with the
-background; reduced along fixed axes, as in 6.2); Berlin, Kay 1969, "Basic color terms", and van de
-Weijer et al. 2009, "Learning color names for real-world applications" (the 11 colors that languages
-have a name for).
+models", section 6 (without signed directions, because the sign changes with the background; reduced
+along fixed axes, as in 6.2); Berlin, Kay 1969, "Basic color terms", and van de Weijer et al. 2009,
+"Learning color names for real-world applications" (the 11 color names).
 """
 
 from __future__ import annotations
@@ -21,33 +26,32 @@ from pf_tracker_ros.cues.features.features import FEATURES, Calibration
 from pf_tracker_ros.frames.region import all_gradients, paired_differences
 
 _CELL_PIXELS = 4
-# Over 180 degrees; and the blocks of four cells that each cell is in.
+# Direction bins over 180 degrees, and blocks of four cells around each cell.
 _DIRECTIONS, _BLOCKS = 9, 4
-# Channels that tell the directions, as waves over them, and how the textures differ.
+# Channels: the mean, cosine and sine waves over the directions, and differences of the textures.
 _WAVES, _DIFFERENCES = 4, 2
 _GRADIENT_CHANNELS = 1 + 2 * _WAVES + _DIFFERENCES
-# Steps that a gray level's gradient is counted in; and by how much more than all of a cell's may
-# come to, the sums of two directions are told apart in one number.
+# Steps of one gray level's gradient in integer sums; the factor of the upper direction, larger than
+# any cell's sum, so that one number holds the sums of two directions.
 _MAGNITUDE_STEPS, _UPPER = 2.0**15, 2.0**28
-# Largest value of a channel after division by a block's length.
-_CUT = 0.2
-# Mean square gradient of a block, in gray levels, that counts as much as the sensor's noise.
+# Normalized histogram values are truncated at this.
+_TRUNCATED_AT = 0.2
+# Mean square gradient of sensor noise in a block, gray levels.
 _NOISE = 4.0
-# Colors and gray levels have this weight beside gradients.
+# Weight of colors and gray levels relative to gradients.
 _COLOR_WEIGHT = 0.6
-# Gray levels, evenly spread over the range of the window's middle: a thermal camera's gray values
-# mean nothing in themselves, and often use a small part of their range.
+# Gray levels, spread evenly over the range of the window's middle. Absolute gray values of thermal
+# cameras have no meaning, and often a small range.
 _GRAY_LEVELS = 6
 _GRAY_PERCENTILES = (2, 98)
 _SMALLEST_GRAY_RANGE = 16.0
 # Levels of blue, green and red in the table of color names.
 _COLOR_LEVELS = 32
-# How far, in units of CIE Lab, a color's name reaches.
-_NAME_REACH = 22.0
-# Channels that tell the colors' names apart, and how far from gray common colors are, in units of
-# CIE Lab.
+# Standard deviation of the colors of one name, units of CIE Lab.
+_NAME_STD = 22.0
+# Color channels, and the standard deviation of the chroma of common colors, units of CIE Lab.
 _COLORS, _COMMON_CHROMA = 5, 20.0
-# A typical color of each name: red, green, blue.
+# A typical color (red, green, blue) of each name.
 _NAMED_COLORS = (
     (0, 0, 0),
     (0, 0, 255),
@@ -81,7 +85,7 @@ class GradientsAndColors:
     )
 
     def __init__(self) -> None:
-        # They take several frames' time, which the first frame of a target does not have.
+        # Computed in advance: the tables take the time of several frames.
         _direction_tables()
         _name_table()
 
@@ -89,7 +93,7 @@ class GradientsAndColors:
         """See `Features.extract`."""
         count, pixels = windows.shape[:2]
         cells, colored = pixels // _CELL_PIXELS, windows.ndim == 4
-        # One below the other, so that what looks at single pixels and cells sees one image.
+        # All windows in one column, so that operations on pixels and cells process one image.
         column = windows.reshape(count * pixels, *windows.shape[2:])
         gray = cv2.cvtColor(column, cv2.COLOR_BGR2GRAY) if colored else column
         half_size = (2 * cells, 2 * cells * count)
@@ -105,27 +109,29 @@ class GradientsAndColors:
 
 
 def _fill_gradient_channels(gray: NDArray[np.uint8], channels: NDArray[np.float32]) -> None:
-    """Fill (K, 11, rows, columns) channels of K windows one below the other."""
+    """Fill the (K, 11, rows, columns) channels of a column of K windows."""
     count, _, rows, columns = channels.shape
     histogram = _direction_histogram(gray, (count, rows, columns))
     energy = np.einsum("dkyx,dkyx->kyx", histogram, histogram)
     padded = _with_border(energy)
     blocks = padded[:, :-1, :-1] + padded[:, 1:, :-1] + padded[:, :-1, 1:] + padded[:, 1:, 1:]
     inverse = 1.0 / np.sqrt(blocks + np.float32(_NOISE))
-    cut = np.empty((_BLOCKS, *histogram.shape), dtype=np.float32)
+    normalized = np.empty((_BLOCKS, *histogram.shape), dtype=np.float32)
     for number, (down, across) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
         block = inverse[:, down : down + rows, across : across + columns]
-        np.multiply(histogram, block, out=cut[number])
-    np.minimum(cut, np.float32(_CUT), out=cut)
+        np.multiply(histogram, block, out=normalized[number])
+    np.minimum(normalized, np.float32(_TRUNCATED_AT), out=normalized)
     sums = np.empty((_DIRECTIONS + _BLOCKS, count, rows * columns), dtype=np.float32)
-    cut.sum(axis=0, out=sums[:_DIRECTIONS].reshape(histogram.shape))
-    cut.sum(axis=1, out=sums[_DIRECTIONS:].reshape(cut.shape[:1] + cut.shape[2:]))
-    for number, of_window in enumerate(channels):
-        of_window[...] = product(_gradient_axes(), sums[:, number]).reshape(of_window.shape)
+    normalized.sum(axis=0, out=sums[:_DIRECTIONS].reshape(histogram.shape))
+    textures_shape = normalized.shape[:1] + normalized.shape[2:]
+    normalized.sum(axis=1, out=sums[_DIRECTIONS:].reshape(textures_shape))
+    for number, window_channels in enumerate(channels):
+        projected = product(_gradient_axes(), sums[:, number])
+        window_channels[...] = projected.reshape(window_channels.shape)
 
 
 def _with_border(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(K, rows + 2, columns + 2) of (K, rows, columns) values, those at the border repeated."""
+    """(K, rows + 2, columns + 2) of (K, rows, columns) values, with the border repeated."""
     count, rows, columns = values.shape
     padded = np.empty((count, rows + 2, columns + 2), dtype=np.float32)
     padded[:, 1:-1, 1:-1] = values
@@ -136,18 +142,18 @@ def _with_border(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @cache
 def _gradient_axes() -> NDArray[np.float32]:
-    """(11, 13) what each channel takes of the sums of 9 directions and 4 textures.
+    """(11, 13) projection of the sums of 9 directions and 4 textures to the channels.
 
-    The axes are orthogonal, so that a filter of these channels answers as one of all 13 would, but
-    for the least of them, which is left out. The mean of the directions is that of the textures,
-    and stands for both.
+    The axes are orthogonal, so a filter of the 11 channels responds almost as one of all 13. The
+    mean of the directions equals that of the textures, so one axis represents both; the least axis
+    is omitted.
     """
     turn = 2.0 * np.pi / _DIRECTIONS * np.arange(_DIRECTIONS)
     waves = [wave(cycles * turn) for cycles in range(1, _WAVES + 1) for wave in (np.cos, np.sin)]
     axes = np.zeros((_GRADIENT_CHANNELS, _DIRECTIONS + _BLOCKS))
     axes[0, :_DIRECTIONS] = math.sqrt(0.75)
     axes[1 : 1 + 2 * _WAVES, :_DIRECTIONS] = waves
-    # The textures of the blocks above and below, and of those to the left and to the right.
+    # Upper minus lower blocks, left minus right blocks.
     axes[-2, _DIRECTIONS:] = 0.5, 0.5, -0.5, -0.5
     axes[-1, _DIRECTIONS:] = 0.5, -0.5, 0.5, -0.5
     return (axes / math.sqrt(2 * _DIRECTIONS)).astype(np.float32)
@@ -156,10 +162,10 @@ def _gradient_axes() -> NDArray[np.float32]:
 def _direction_histogram(
     gray: NDArray[np.uint8], cells: tuple[int, int, int]
 ) -> NDArray[np.float32]:
-    """(9, K, rows, columns) mean gradient magnitude, shared between the two nearest directions.
+    """(9, K, rows, columns) mean gradient magnitudes, shared by the two nearest directions.
 
     Args:
-        gray: (pixels, pixels) of K windows one below the other.
+        gray: (K * pixels, pixels) column of K windows.
         cells: (K, rows, columns).
     """
     count, rows, columns = cells
@@ -171,7 +177,7 @@ def _direction_histogram(
     lower = sums - upper * _UPPER
     lower[1:] += upper[:-1]
     histogram = lower.reshape(-1, _DIRECTIONS + 1)
-    # The direction after the last is the first.
+    # Directions are cyclic: the one after the last is the first.
     histogram[:, 0] += histogram[:, _DIRECTIONS]
     means = np.ascontiguousarray(histogram.T[:_DIRECTIONS], np.float32)
     means *= np.float32(1.0 / (_MAGNITUDE_STEPS * _CELL_PIXELS**2))
@@ -179,20 +185,20 @@ def _direction_histogram(
 
 
 def _paired_differences(gray: NDArray[np.uint8], count: int) -> NDArray[np.float32]:
-    """Those of `paired_differences`, none across the border between two of so many windows."""
+    """`paired_differences` of a column of windows, without gradients between windows."""
     if count == 1:
         return paired_differences(gray)
     windows = gray.reshape(count, -1, gray.shape[1])
-    apart = np.empty((count, windows.shape[1] + 2, gray.shape[1]), dtype=np.uint8)
-    apart[:, 1:-1] = windows
-    # A window's first and last row then have the same on either side, as at an image's border.
-    apart[:, 0], apart[:, -1] = windows[:, 1], windows[:, -2]
-    return paired_differences(apart.reshape(-1, gray.shape[1])).reshape(apart.shape)[:, 1:-1]
+    padded = np.empty((count, windows.shape[1] + 2, gray.shape[1]), dtype=np.uint8)
+    padded[:, 1:-1] = windows
+    # The border is reflected, as at an image's border.
+    padded[:, 0], padded[:, -1] = windows[:, 1], windows[:, -2]
+    return paired_differences(padded.reshape(-1, gray.shape[1])).reshape(padded.shape)[:, 1:-1]
 
 
 @cache
 def _first_bins(rows: int, columns: int) -> NDArray[np.intp]:
-    """(pixels,) number of the first bin of each pixel's cell."""
+    """(pixels,) index of the first bin of each pixel's cell."""
     row = np.repeat(np.arange(rows), _CELL_PIXELS)
     column = np.repeat(np.arange(columns), _CELL_PIXELS)
     return ((row[:, None] * columns + column) * (_DIRECTIONS + 1)).ravel()
@@ -200,43 +206,43 @@ def _first_bins(rows: int, columns: int) -> NDArray[np.intp]:
 
 @cache
 def _direction_tables() -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """For any two 8-bit differences the direction below, and the magnitude's shares.
+    """By `paired_differences` index: the lower direction, and the magnitude's two shares.
 
-    Both shares are whole numbers of steps in one number: that of the direction above counts
-    `_UPPER`. So one sum adds up both.
+    The shares of the lower and the upper direction are integers a and b, combined as
+    a + b * `_UPPER`, so that one sum adds both.
     """
     magnitude, angles = all_gradients()
-    place = angles % np.pi * (_DIRECTIONS / np.pi)
-    first = np.minimum(np.floor(place), _DIRECTIONS - 1)
-    share = place - first
+    position = angles % np.pi * (_DIRECTIONS / np.pi)
+    first = np.minimum(np.floor(position), _DIRECTIONS - 1)
+    share = position - first
     upper = np.rint(_MAGNITUDE_STEPS * magnitude * share)
     lower = np.rint(_MAGNITUDE_STEPS * magnitude * (1.0 - share))
     return first.astype(np.uint8), lower + _UPPER * upper
 
 
 def _name_shares(half: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """(h, w, 5) which names fit each of (h, w, 3) pixels."""
+    """(h, w, 5) color channels of (h, w, 3) pixels."""
     blue, green, red = cv2.split(half // (256 // _COLOR_LEVELS))
-    number = (blue.astype(np.intp) * _COLOR_LEVELS + green) * _COLOR_LEVELS + red
-    return _name_table().take(number, axis=0)
+    index = (blue.astype(np.intp) * _COLOR_LEVELS + green) * _COLOR_LEVELS + red
+    return _name_table().take(index, axis=0)
 
 
 def _level_shares(half: NDArray[np.uint8], count: int) -> NDArray[np.float32]:
-    """(K * h, h, 5) which levels of the middle's range are near each pixel of K windows."""
+    """(K * h, h, 5) gray channels of K windows, relative to the range of each one's middle."""
     side = half.shape[1]
     windows, border = half.reshape(count, side, side), side // 4
     middle = windows[:, border : side - border, border : side - border].reshape(count, -1)
     low, high = np.percentile(middle, _GRAY_PERCENTILES, axis=1)[..., None, None]
     scale = 255.0 / np.maximum(high - low, _SMALLEST_GRAY_RANGE)
-    place = np.rint(np.clip((windows - low) * scale, 0.0, 255.0)).astype(np.intp)
-    return _level_table().take(place.reshape(half.shape), axis=0)
+    value = np.rint(np.clip((windows - low) * scale, 0.0, 255.0)).astype(np.intp)
+    return _level_table().take(value.reshape(half.shape), axis=0)
 
 
 @cache
 def _name_table() -> NDArray[np.float32]:
-    """(colors, 5) the principal components of how well each name fits each color.
+    """(colors, 5) principal components of the probabilities of the names of each color.
 
-    All names come to a quarter of `_COLOR_WEIGHT`.
+    They are scaled to a quarter of `_COLOR_WEIGHT`; a cell sums four values.
     """
     step = 256 // _COLOR_LEVELS
     level = (np.arange(_COLOR_LEVELS) * step + step / 2) / 255
@@ -245,32 +251,32 @@ def _name_table() -> NDArray[np.float32]:
     named = np.array(_NAMED_COLORS) / 255
     lab = _lab(colors)
     distance = np.linalg.norm(lab[:, None] - _lab(named)[None], axis=2)
-    fit = np.exp(-0.5 * np.square(distance / _NAME_REACH))
-    fit /= fit.sum(axis=1, keepdims=True) + 1e-9
+    probability = np.exp(-0.5 * np.square(distance / _NAME_STD))
+    probability /= probability.sum(axis=1, keepdims=True) + 1e-9
     chroma = np.linalg.norm(lab[:, 1:], axis=1)
-    commonness = np.exp(-0.5 * np.square(chroma / _COMMON_CHROMA))
-    return (0.25 * _COLOR_WEIGHT * _principal(fit, commonness, _COLORS)).astype(np.float32)
+    frequency = np.exp(-0.5 * np.square(chroma / _COMMON_CHROMA))
+    principal = _principal_components(probability, frequency, _COLORS)
+    return (0.25 * _COLOR_WEIGHT * principal).astype(np.float32)
 
 
 @cache
 def _level_table() -> NDArray[np.float32]:
-    """(256, 5) the same of how near each place in the range is to each level."""
-    place = np.linspace(0.0, _GRAY_LEVELS - 1, 256)[:, None]
-    near = np.clip(1.0 - np.abs(place - np.arange(_GRAY_LEVELS)), 0.0, 1.0)
-    # The shares come to 1 everywhere, so that one of them follows from the others.
-    principal = _principal(near, np.ones(len(near)), _GRAY_LEVELS - 1)
+    """(256, 5) principal components of the shares of the levels of each gray value."""
+    value = np.linspace(0.0, _GRAY_LEVELS - 1, 256)[:, None]
+    shares = np.clip(1.0 - np.abs(value - np.arange(_GRAY_LEVELS)), 0.0, 1.0)
+    # The shares sum to 1, so one component less represents them all.
+    principal = _principal_components(shares, np.ones(len(shares)), _GRAY_LEVELS - 1)
     return (0.25 * _COLOR_WEIGHT * principal).astype(np.float32)
 
 
-def _principal(
-    entries: NDArray[np.float64], commonness: NDArray[np.float64], count: int
+def _principal_components(
+    entries: NDArray[np.float64], weights: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """(N, count) principal components of (N, D) entries, each of which is (N,) common."""
-    centered = entries - np.average(entries, axis=0, weights=commonness)
-    _, axes = np.linalg.eigh((centered * commonness[:, None]).T @ centered)
+    """(N, count) principal components of (N, D) entries with (N,) weights."""
+    centered = entries - np.average(entries, axis=0, weights=weights)
+    _, axes = np.linalg.eigh((centered * weights[:, None]).T @ centered)
     # The largest come last.
-    components: NDArray[np.float64] = centered @ axes[:, : -count - 1 : -1]
-    return components
+    return centered @ axes[:, : -count - 1 : -1]
 
 
 def _lab(colors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""What responses say of the target, as features are calibrated."""
+"""Calibration: similarity and log odds from the responses of a filter."""
 
 import math
 from dataclasses import replace
@@ -28,14 +28,14 @@ CALIBRATION = Calibration(
 )
 
 
-def test_a_peak_that_is_as_likely_the_target_as_not_is_similar_by_half_in_both():
+def test_at_the_even_values_each_factor_of_the_similarity_is_a_half():
     assert CALIBRATION.similarity(0.5, 0.05, 1.0) == pytest.approx(0.25)
-    # Twice as far from the clutter: 4 / (1 + 4); on the level by the half.
+    # Twice the even ratio: 4 / (1 + 4); the level's factor is a half.
     assert CALIBRATION.similarity(0.5, 0.025, 1.0) == pytest.approx(0.8 * 0.5)
     assert CALIBRATION.similarity(1.0, 0.1, 1.0) == pytest.approx(0.5 * 0.8)
 
 
-def test_log_odds_are_0_where_they_are_even_and_grow_with_logarithms():
+def test_log_odds_are_0_at_the_even_values_and_linear_in_logarithms():
     assert CALIBRATION.log_odds(6.0, 4.0, 0.2) == {
         "response": 0.0,
         "first response": 0.0,
@@ -44,23 +44,25 @@ def test_log_odds_are_0_where_they_are_even_and_grow_with_logarithms():
     odds = CALIBRATION.log_odds(6.0 * math.e, 4.0 / math.e, 0.2 / math.e)
     expected = {"response": 1.5, "first response": -3.0, "level": -20.0}
     assert odds == pytest.approx(expected)
-    # A strong response says no more than one at the least level.
+    # Above the least level the log odds are constant.
     assert CALIBRATION.log_odds(6.0, 4.0, 0.9)["level"] == 0.0
 
 
-def test_the_cue_asks_its_features(monkeypatch):
+def test_the_cue_uses_the_calibration_of_its_features(monkeypatch):
     image = np.random.default_rng(0).integers(0, 256, (120, 160, 3)).astype(np.uint8)
     box = np.array([60.0, 40.0, 30.0, 30.0])
 
-    def answers(**changes):
+    def results(**changes):
         calibration = replace(GradientsAndColors.calibration, **changes)
         monkeypatch.setattr(GradientsAndColors, "calibration", calibration)
         cue = CorrelationResponse(CorrelationResponseParameters())
         region = Region(Frame(image), box[None])
-        template, view = cue.learn(region, box), DeferredObservation(region, box)
-        return cue.match(view, template).similarity, cue.log_odds(view, template, template)
+        template, observation = cue.learn(region, box), DeferredObservation(region, box)
+        return cue.match(observation, template).similarity, cue.log_odds(
+            observation, template, template
+        )
 
-    (similarity, odds), (another, doubled) = answers(), answers(odds_slope=2.0, even_level=2.0)
+    (similarity, odds), (another, doubled) = results(), results(odds_slope=2.0, even_level=2.0)
     assert doubled["response"] == pytest.approx(2.0 * odds["response"])
     assert doubled["first response"] == odds["first response"]
     assert 0.0 < another < similarity <= 1.0

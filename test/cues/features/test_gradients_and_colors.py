@@ -1,4 +1,4 @@
-"""What a window's cells hold, against a loop over pixels and by hand."""
+"""The channels of a window, compared with a loop over pixels and by hand."""
 
 import cv2
 import numpy as np
@@ -48,7 +48,7 @@ def distances(points):
 
 
 def looped_gradients(gray):
-    """Felzenszwalb et al. 2010, section 6, without signs, pixel by pixel and cell by cell."""
+    """Felzenszwalb et al. 2010, section 6, unsigned, pixel by pixel and cell by cell."""
     rows, columns = gray.shape[0] // 4, gray.shape[1] // 4
     padded = np.pad(gray.astype(float), 1, mode="reflect")
     histogram = np.zeros((rows, columns, 9))
@@ -85,8 +85,8 @@ def test_eleven_channels_of_gradients_and_five_of_colors_or_gray_levels(shape):
 
 
 @pytest.mark.parametrize("contrast", [2, 30, 255])
-def test_gradient_channels_are_those_of_a_loop_over_pixels_in_other_axes(contrast):
-    """All inner products are those of the 13, but for what textures differ along both diagonals."""
+def test_gradient_channels_are_a_projection_of_those_of_a_loop_over_pixels(contrast):
+    """Inner products equal those of the 13, except for the textures' diagonal difference."""
     generator = np.random.default_rng(contrast)
     gray = generator.integers(0, contrast + 1, (24, 24), dtype=np.uint8)
     reduced, looped = of_cells(gradients(gray)), of_cells(looped_gradients(gray))
@@ -96,7 +96,7 @@ def test_gradient_channels_are_those_of_a_loop_over_pixels_in_other_axes(contras
 
 
 @pytest.mark.parametrize("colors", [(3,), ()], ids=["colored", "gray"])
-def test_windows_that_are_looked_at_together_are_as_each_alone(colors):
+def test_windows_extracted_together_equal_each_alone(colors):
     windows = np.random.default_rng(0).integers(0, 256, (3, 32, 32, *colors), dtype=np.uint8)
     windows[1] //= 4
     together = GradientsAndColors().extract(windows)
@@ -119,8 +119,8 @@ def test_brightness_and_contrast_hardly_change_the_gradient_channels():
     assert np.abs(stronger - features).mean() < 0.1 * other
 
 
-def test_an_edge_counts_for_its_direction_whatever_its_sign():
-    """Across, all of the cosines of a direction of 0 are the same, and the sines are 0."""
+def test_opposite_edges_have_the_same_channels():
+    """At direction 0, all cosines are equal and the sines are 0."""
     rising = np.tile((4 * np.arange(32)).astype(np.uint8), (32, 1))
     of_one = [
         gradients(np.ascontiguousarray(image))[:9, 2:-2, 2:-2]
@@ -131,13 +131,13 @@ def test_an_edge_counts_for_its_direction_whatever_its_sign():
     assert mean.min() > 0.01
     np.testing.assert_allclose(waves[0::2], np.broadcast_to(mean / 0.75**0.5, (4, 4, 4)), rtol=1e-5)
     np.testing.assert_allclose(waves[1::2], 0.0, atol=1e-6)
-    # Down, by 90 of 180 degrees, the wave of one cycle is turned by a half.
+    # At 90 of 180 degrees, the wave of one cycle is shifted by a half.
     down = gradients(np.ascontiguousarray(rising.T))[:9, 2:-2, 2:-2]
     assert down[1].max() < -0.9 * mean.min()
 
 
 def color_channels(color):
-    """Of an even patch of red, green and blue."""
+    """The color channels of a uniform patch of a (red, green, blue) color."""
     window = np.empty((4, 4, 3), np.uint8)
     window[:] = color[::-1]
     return extract(window)[11:, 0, 0].astype(float)
@@ -154,10 +154,10 @@ def test_a_shade_of_a_named_color_is_nearest_to_it(name):
     assert min(apart, key=apart.get) == name
 
 
-def test_colors_differ_by_how_well_the_names_fit_them():
-    """Nearly as with a channel a name, for colors that are common; never more."""
+def test_distances_of_colors_are_those_of_their_name_probabilities():
+    """For common colors almost as with one channel per name; never more."""
     colors = np.random.default_rng(0).integers(40, 216, (300, 3))
-    # In the middle of the steps that colors are counted in.
+    # The centers of the color levels.
     colors = (colors // 8 * 8 + 4).astype(np.uint8)
 
     def lab(values):
@@ -176,7 +176,7 @@ def test_colors_differ_by_how_well_the_names_fit_them():
 
 
 def test_the_names_of_a_cell_are_the_means_of_its_parts():
-    """Each quarter of a cell, 2 x 2 pixels, has its names."""
+    """Names are computed for quarters of a cell, 2 x 2 pixels."""
     generator = np.random.default_rng(0)
     quarters = generator.integers(0, 256, (4, 4, 3), dtype=np.uint8)
     window = np.kron(quarters, np.ones((2, 2, 1), np.uint8))
@@ -189,12 +189,12 @@ def test_the_names_of_a_cell_are_the_means_of_its_parts():
 
 
 def strips(values):
-    """A gray window of 8 cells a side, each column of cells of one value."""
+    """A gray window of 8 x 8 cells, each column of cells with one value."""
     return np.repeat(np.array(values, np.uint8), STRIDE)[None].repeat(8 * STRIDE, axis=0)
 
 
-def test_gray_levels_span_what_is_in_the_middle_of_the_window():
-    """The middle four columns are 40 to 240, so a level is 40 wide; beyond them it is the end."""
+def test_gray_levels_span_the_range_of_the_window_s_middle():
+    """The middle four columns are 40 to 240, so a level is 40 wide; values beyond are clipped."""
     levels = extract(strips([0, 40, 40, 90, 140, 240, 200, 255]))[11:]
     expected = np.zeros((6, 8))
     for column, shares in enumerate(
@@ -224,7 +224,7 @@ def test_brightness_and_contrast_do_not_change_the_gray_levels():
 
 
 def test_noise_of_the_sensor_alone_hardly_has_gray_levels():
-    """Its range counts as 16 gray levels at least, so that 2 of them are 5 / 8 of one level."""
+    """The range is at least 16 gray levels, so 2 of these are 5 / 8 of one level."""
     window = np.full((64, 64), 100, np.uint8)
     window[:, 32:] = 102
     levels = extract(window)[11:]

@@ -1,7 +1,7 @@
-"""Brightness cue: how bright a box is on average.
+"""Brightness cue: the mean gray level of a box.
 
-A cue of one's own, complete. As a file in `pf_tracker_ros/cues` it is there: nothing else has to
-know of it. `brightness` in the parameter `cues` chooses it, and its parameters then count.
+A complete example of a cue. The file alone, in `pf_tracker_ros/cues` or declared by an entry point,
+adds it. `brightness` in the parameter `cues` selects it and activates its parameters.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from pf_tracker_ros.frames.region import Region, nearest_pixel
 from pf_tracker_ros.parameters import declared
 
 
-# What can be tuned, each with its range. The full names are `brightness.weight`, which every cue
-# has, `brightness.sharpness` and `brightness.keep`.
+# The parameters with their ranges. Their full names are `brightness.weight`, which every cue has,
+# `brightness.sharpness` and `brightness.keep`.
 @dataclass(frozen=True)
 class BrightnessParameters(CueParameters):
     """The brightness cue."""
@@ -34,14 +34,14 @@ class BrightnessParameters(CueParameters):
     keep: float = declared_keep(0.9)
 
 
-# A cue is made once, for all targets, and holds nothing of any of them: what it learns of one is a
-# value that `learn` returns, here a float, and that it is given back.
+# One cue serves all targets and is stateless. `learn` returns a template, here a float, and the
+# other methods receive it.
 @CUES.register("brightness", BrightnessParameters)
 class Brightness(Cue):
-    """Mean gray level of a box against that of the target.
+    """Difference of a box's mean gray level from the target's.
 
     Args:
-        parameters: Sharpness, and how slowly the template changes.
+        parameters: Sharpness and rate of template updates.
     """
 
     def __init__(self, parameters: BrightnessParameters) -> None:
@@ -55,30 +55,30 @@ class Brightness(Cue):
     def log_likelihood(
         self, region: Region, boxes: NDArray[np.float64], template: float
     ) -> NDArray[np.float64]:
-        """See `Cue.log_likelihood`; all boxes at once, since there are hundreds."""
+        """See `Cue.log_likelihood`; all boxes are computed at once."""
         return -self._sharpness * np.abs(self._means(region, boxes) - template)
 
-    def match(self, seen: float, template: float) -> Match:
+    def match(self, observation: float, template: float) -> Match:
         """See `Cue.match`; the similarity is 0 between black and white."""
-        difference = abs(seen - template)
+        difference = abs(observation - template)
         return Match(-self._sharpness * difference, 1.0 - difference / 255.0)
 
-    def blend(self, template: float, seen: float) -> float:
+    def blend(self, template: float, observation: float) -> float:
         """See `Cue.blend`."""
-        return self._keep * template + (1.0 - self._keep) * seen
+        return self._keep * template + (1.0 - self._keep) * observation
 
     def _means(self, region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) mean gray levels of (N, 4) boxes, over what of them is inside the image."""
+        """(N,) mean gray levels of the parts of (N, 4) boxes inside the image."""
 
         def integrate() -> NDArray[np.int32]:
             return cv2.integral(region.gray, sdepth=cv2.CV_32S)
 
-        # Boxes overlap, so what all of them need is computed once, when it is first asked for.
+        # Boxes overlap, so the region caches a map that all of them read.
         integral = region.cached("brightness", integrate)
         height, width = region.gray.shape
         top, _, left, _ = region.padding
         x, y, box_width, box_height = region.region_boxes(boxes).T
-        # The region begins at its padding, which is outside the image, and not in `region.gray`.
+        # `region.gray` is without the padding, which is outside the image.
         x0, x1 = (np.clip(nearest_pixel(edge) - left, 0, width) for edge in (x, x + box_width))
         y0, y1 = (np.clip(nearest_pixel(edge) - top, 0, height) for edge in (y, y + box_height))
         sums = integral[y1, x1] - integral[y0, x1] - integral[y1, x0] + integral[y0, x0]

@@ -1,8 +1,8 @@
 """Cell means: colors or brightness, and edges, averaged over large cells.
 
-Features of one's own for the correlation filter, complete. As a file in
-`pf_tracker_ros/cues/features` they are there: nothing else has to know of them. With a second kind
-to choose from, `correlation_response.features` is a parameter, and `cell_means` chooses this one.
+A complete example of features for the correlation filter. The file alone, in
+`pf_tracker_ros/cues/features` or declared by an entry point, adds them. With more than one kind,
+`correlation_response.features` is a parameter, and `cell_means` selects this one.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
 from pf_tracker_ros.parameters import declared
 
 
-# What can be tuned; the full name is `correlation_response.cell_means.edge_weight`.
+# The full name is `correlation_response.cell_means.edge_weight`.
 @dataclass(frozen=True)
 class CellMeansParameters:
     """Cell means."""
 
     edge_weight: float = declared(
-        1.0, "Weight of the edges beside the colors.", minimum=0.0, maximum=100.0
+        1.0, "Weight of the edges relative to the colors.", minimum=0.0, maximum=100.0
     )
 
 
-# The cue brings its windows to `cell_size` pixels a cell before it asks for its channels, so a larger
-# stride sees finer detail, and costs more.
+# The cue resizes its windows to `cell_size` pixels per cell, so a larger cell size has finer detail
+# and costs more.
 @FEATURES.register("cell_means", CellMeansParameters)
 class CellMeans:
-    """Mean of each color, or of the gray levels, and mean steepness across and down, by cell."""
+    """Mean of each color or of the gray levels, and mean horizontal and vertical gradients."""
 
     cell_size = 8
-    # How sure the tracker is follows from these numbers: until they are measured for these features
-    # (`benchmarks/uncertainty.py`), those of others have to do.
+    # The confidence depends on the calibration. Until it is measured for these features, by
+    # `benchmarks/uncertainty.py`, use that of others.
     calibration = GradientsAndColors.calibration
 
     def __init__(self, parameters: CellMeansParameters) -> None:
@@ -47,7 +47,7 @@ class CellMeans:
         return np.stack([self._channels(window) for window in windows])
 
     def _channels(self, window: NDArray[np.uint8]) -> NDArray[np.float32]:
-        """(channels, cells, cells) of one of them."""
+        """(channels, cells, cells) channels of one window."""
         gray = cv2.cvtColor(window, cv2.COLOR_BGR2GRAY) if window.ndim == 3 else window
         planes = list(cv2.split(window))
         weight = self._edge_weight

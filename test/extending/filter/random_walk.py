@@ -1,12 +1,11 @@
-"""Random walk: the target goes on from where it is, in any direction.
+"""Random walk: the target moves from its last position in any direction.
 
-A motion model of one's own, complete. As a file in `pf_tracker_ros/filter` it is there: nothing
-else has to know of it. `random_walk` in the parameter `motion.model` chooses it, and its parameters
-then count.
+A complete example of a motion model. The file alone, in `pf_tracker_ros/filter` or declared by an
+entry point, adds it. `random_walk` in the parameter `motion.model` selects it and activates its
+parameters.
 
-What more a model can do it tells by its methods: one with those of `SearchableMotion` works with
-`proposal.method` "search", one with that of `KalmanFilteredMotion` with "kalman". This one has neither,
-and is refused there.
+A model with the methods of `SearchableMotion` works with `proposal.method` "search", one with that
+of `KalmanFilteredMotion` with "kalman". This one has neither, so these methods are rejected.
 """
 
 from __future__ import annotations
@@ -26,9 +25,8 @@ from pf_tracker_ros.filter.motion import (
 from pf_tracker_ros.parameters import declared
 
 
-# What can be tuned, each with its range. What other models have too is declared by a function of
-# `motion`, so that it means the same in all. The full names are `motion.position_noise` and
-# `motion.vertical_share`.
+# The parameters with their ranges. A function of `motion` declares those that several models share.
+# Their full names are `motion.position_noise` and `motion.vertical_share`.
 @dataclass(frozen=True)
 class RandomWalkParameters:
     """A random walk."""
@@ -36,18 +34,18 @@ class RandomWalkParameters:
     position_noise: float = declared_position_noise()
     vertical_share: float = declared(
         1.0,
-        "Share of the position's noise that its vertical part has; less than 1 for targets that "
-        "stay on level ground.",
+        "Vertical noise of the position, relative to the horizontal noise; less than 1 for targets "
+        "on level ground.",
         minimum=0.0,
         maximum=1.0,
     )
 
 
-# A model is made for each target, of its first box. States are arrays, one row a particle; a model
-# is told the seconds between frames, so the variance of its noise grows with them.
+# Each target has its own model, constructed from the first box. States are arrays with one row per
+# particle. The variance of the noise grows with the interval between frames, in seconds.
 @MOTION_MODELS.register("random_walk", RandomWalkParameters)
 class RandomWalk:
-    """State (x, y) in pixels; the box keeps its size.
+    """State (x, y) in pixels; the box size is constant.
 
     Args:
         box: (x, y, width, height) of the target in the first frame, pixels.
@@ -61,8 +59,8 @@ class RandomWalk:
         self._center = np.array([x + width / 2, y + height / 2])
         self._size = np.array([width, height])
         self._box_size = np.sqrt(width * height)
-        across = parameters.position_noise * self._box_size
-        self._noise = np.array([across, parameters.vertical_share * across])
+        horizontal = parameters.position_noise * self._box_size
+        self._noise = np.array([horizontal, parameters.vertical_share * horizontal])
 
     def sample_prior(self, count: int, generator: np.random.Generator) -> NDArray[np.float64]:
         """See `MotionModel.sample_prior`."""

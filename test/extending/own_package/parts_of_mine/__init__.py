@@ -1,1 +1,1 @@
-"""Parts of another package; the others of `test/extending` are copied beside them."""
+"""Parts of another package; the test copies the other examples of `test/extending` here."""

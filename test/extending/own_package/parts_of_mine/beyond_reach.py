@@ -1,4 +1,4 @@
-"""A cue that needs what is not installed."""
+"""A cue with a dependency that is not installed."""
 
 from importlib import import_module
 

@@ -1,4 +1,4 @@
-"""An appearance: the mean color of a box, its descriptor in the place of a network's."""
+"""An appearance: the mean color of a box, in place of a network's descriptor."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class MeanColorParameters:
 
     scale: float = declared(
         3.0,
-        "Factor from the difference of two colors, as a share of the largest one, to the distance.",
+        "Distance per difference of two colors, as a share of the largest difference.",
         minimum=0.1,
         maximum=100.0,
     )
 
 
-# Without `find`, what is lost is not looked for all over the image.
+# Without `find`, lost targets are not searched for in the whole image.
 @APPEARANCES.register("mean_color", MeanColorParameters)
 class MeanColor(Appearance):
     """Mean blue, green and red of the middle of a box, 0 to 1.
@@ -40,18 +40,18 @@ class MeanColor(Appearance):
         self._scale = parameters.scale
 
     def extract(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-        """See `Appearance.extract`; a network would take all crops at once."""
+        """See `Appearance.extract`; a network would process all crops at once."""
         means = [self._mean(frame, box) for box in boxes]
         return np.array(means, dtype=np.float32).reshape(-1, 3) / np.float32(255.0)
 
     def distance(self, descriptor: Descriptor, others: NDArray[np.float32]) -> NDArray[np.float64]:
         """See `Appearance.distance`."""
-        apart = np.linalg.norm(others - descriptor, axis=1).astype(np.float64)
-        return np.minimum(self._scale * apart / np.sqrt(3.0), 1.0)
+        difference = np.linalg.norm(others - descriptor, axis=1).astype(np.float64)
+        return np.minimum(self._scale * difference / np.sqrt(3.0), 1.0)
 
-    def blend(self, descriptor: Descriptor, seen: Descriptor, share: float) -> Descriptor:
+    def blend(self, descriptor: Descriptor, other: Descriptor, share: float) -> Descriptor:
         """See `Appearance.blend`."""
-        return descriptor + np.float32(share) * (seen - descriptor)
+        return descriptor + np.float32(share) * (other - descriptor)
 
     def _mean(self, frame: Frame, box: NDArray[np.float64]) -> list[float]:
         first = np.clip(box[:2] + box[2:] / 4, 0, np.array(frame.size) - 1)

@@ -1,4 +1,4 @@
-"""A resampling scheme: some of the particles drawn by themselves, the others in equal strata."""
+"""A resampling scheme: most particles are drawn in equal strata, the others independently."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from pf_tracker_ros.parameters import declared
 class MostlyStratifiedParameters:
     """A mixture of two schemes."""
 
-    share: float = declared(0.8, "Share of the particles in strata.", minimum=0.0, maximum=1.0)
+    share: float = declared(0.8, "Share drawn in strata.", minimum=0.0, maximum=1.0)
 
 
 @RESAMPLERS.register("mostly_stratified", MostlyStratifiedParameters)
 class MostlyStratified:
-    """Draws a share of the particles in strata, the others by themselves.
+    """Draws a share of the particles in strata, the others independently.
 
     Args:
         parameters: The share.

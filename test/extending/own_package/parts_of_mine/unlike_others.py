@@ -1,4 +1,4 @@
-"""A motion model that declares a parameter of all models otherwise than they do."""
+"""A motion model that declares a shared parameter differently."""
 
 from dataclasses import dataclass
 
@@ -15,4 +15,4 @@ class UnlikeOthersParameters:
 
 @MOTION_MODELS.register("unlike_others", UnlikeOthersParameters)
 class UnlikeOthers:
-    """It comes to no more than its name."""
+    """Only a name, since its parameters make it unusable."""

@@ -1,4 +1,4 @@
-"""Illumination that changes: told from all else that changes, and taken back from the colors."""
+"""Changes of illumination: distinguished from other changes, and compensated."""
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ def lit(image, gain):
     return cv2.convertScaleAbs(image, alpha=gain)
 
 
-def followed(images, illumination=None, interval=INTERVAL):
+def gain_after(images, illumination=None, interval=INTERVAL):
     illumination = illumination or Illumination()
     for image in images:
         illumination = illumination.update(image, interval)
@@ -36,18 +36,18 @@ def followed(images, illumination=None, interval=INTERVAL):
 
 @pytest.mark.parametrize("gain", [0.4, 0.5, 0.8, 1.3, 1.7, 2.5])
 @pytest.mark.parametrize("channels", [1, 3])
-def test_a_jump_of_the_light_is_measured(gain, channels):
+def test_a_jump_of_the_illumination_is_measured(gain, channels):
     image = scene()
     image = image if channels == 3 else image[..., 0]
-    assert followed([image, lit(image, gain)]) == pytest.approx(gain, rel=0.02)
+    assert gain_after([image, lit(image, gain)]) == pytest.approx(gain, rel=0.02)
 
 
 @pytest.mark.parametrize("gain", [1.7, 2.5])
-def test_pixels_that_are_cut_off_do_not_count(gain):
+def test_saturated_pixels_are_ignored(gain):
     """Half of the scene is so bright that it becomes white."""
     image = scene()
     image[:, 80:] = scene(1, 180, 255)[:, 80:]
-    assert followed([image, lit(image, gain)]) == pytest.approx(gain, rel=0.03)
+    assert gain_after([image, lit(image, gain)]) == pytest.approx(gain, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -61,31 +61,31 @@ def test_pixels_that_are_cut_off_do_not_count(gain):
         ([1.0, 1.1, 1.2, 1.3, 1.4], False),
     ],
 )
-def test_a_jump_is_of_one_image(gains, has_jumped):
+def test_a_jump_lasts_one_image(gains, has_jumped):
     illumination = Illumination()
     for gain in gains:
         illumination = illumination.update(lit(scene(), gain), INTERVAL)
     assert illumination.has_jumped is has_jumped
 
 
-def test_a_light_that_comes_and_goes_leaves_nothing():
+def test_after_a_light_that_comes_and_goes_the_gain_is_1():
     image = scene()
-    assert followed([image, lit(image, 0.5), image]) == 1.0
+    assert gain_after([image, lit(image, 0.5), image]) == 1.0
 
 
 @pytest.mark.parametrize("gain", [0.15, 0.2])
-def test_not_even_where_it_is_beyond_what_can_be_taken_back(gain):
+def test_also_when_the_gain_exceeded_the_largest_correction(gain):
     image = scene(low=100, high=190)
     illumination = Illumination().update(image, INTERVAL).update(lit(image, gain), INTERVAL)
     assert illumination.gain == pytest.approx(gain, rel=0.05)
     np.testing.assert_array_equal(gain_table(illumination.gain), gain_table(0.25))
-    assert followed([image, image], illumination) == 1.0
+    assert gain_after([image, image], illumination) == 1.0
 
 
-def test_the_jumps_of_several_images_are_one():
+def test_the_changes_of_several_images_add_up():
     image = scene()
     steps = [lit(image, gain) for gain in (1.0, 0.9, 0.8, 0.7, 0.6)]
-    assert followed(steps) == pytest.approx(0.6, rel=0.03)
+    assert gain_after(steps) == pytest.approx(0.6, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -98,24 +98,24 @@ def test_the_jumps_of_several_images_are_one():
         pytest.param(scene(), np.full((*SIZE, 3), 255, np.uint8), id="a flash"),
     ],
 )
-def test_what_is_no_change_of_the_light_is_none(before, after):
-    assert followed([before, after]) == 1.0
+def test_other_changes_do_not_change_the_gain(before, after):
+    assert gain_after([before, after]) == 1.0
 
 
-def test_a_bright_thing_that_comes_in_is_no_light():
+def test_a_bright_object_that_enters_does_not_change_the_gain():
     after = scene().copy()
     after[20:100, 30:90] = 230
-    assert followed([scene(), after]) == 1.0
+    assert gain_after([scene(), after]) == 1.0
 
 
-def test_what_the_camera_regains_by_itself_is_given_back():
-    """10 s later a third is left; what is less than a step of the colors is none."""
+def test_the_gain_decays_to_1():
+    """After 10 s, 1 / e of its logarithm is left; small gains become 1."""
     image = scene()
     illumination = Illumination().update(image, INTERVAL).update(lit(image, 0.5), INTERVAL)
-    assert followed([lit(image, 0.5)], illumination, 10.0) == pytest.approx(
+    assert gain_after([lit(image, 0.5)], illumination, 10.0) == pytest.approx(
         0.5 ** np.exp(-1), rel=0.02
     )
-    assert followed([lit(image, 0.5)], illumination, 40.0) == 1.0
+    assert gain_after([lit(image, 0.5)], illumination, 40.0) == 1.0
 
 
 @settings(max_examples=40)
@@ -123,7 +123,7 @@ def test_what_the_camera_regains_by_itself_is_given_back():
     st.lists(st.floats(0.0, 30.0), min_size=1, max_size=8),
     st.sampled_from([(1, 1), (1, 400), (300, 2), (37, 53)]),
 )
-def test_whatever_comes_levels_change_by_a_factor_of_four_at_most(gains, size):
+def test_levels_change_at_most_by_a_factor_of_four(gains, size):
     image = scene(3, 0, 256, size).reshape(*size, 3)
     illumination = Illumination()
     for gain in gains:
@@ -134,13 +134,13 @@ def test_whatever_comes_levels_change_by_a_factor_of_four_at_most(gains, size):
 
 
 @pytest.mark.parametrize("kind", [np.uint16, np.float32])
-def test_images_of_more_bits_have_a_gain_control_instead(kind):
+def test_images_of_more_than_8_bits_have_no_gain(kind):
     image = scene()[..., 0].astype(kind)
-    assert followed([image, image // 2]) == 1.0
+    assert gain_after([image, image // 2]) == 1.0
 
 
-def test_a_frame_is_seen_in_the_light_of_before():
-    """In full, in parts and reduced."""
+def test_the_view_of_a_frame_is_divided_by_the_gain():
+    """The whole view, a part and a reduced one."""
     image = scene()
     dark = Frame(lit(image, 0.5), illumination=Illumination(0.5))
     part = PixelRect(10, 50, 20, 90)
@@ -154,6 +154,6 @@ def test_a_frame_is_seen_in_the_light_of_before():
     assert dark.image.max() < image.max()
 
 
-def test_levels_are_brought_back_rounded_and_within_bounds():
+def test_the_gain_table_rounds_and_saturates():
     levels = gain_table(0.5)
     assert levels[[0, 1, 100, 127, 128, 255]].tolist() == [0, 2, 200, 254, 255, 255]

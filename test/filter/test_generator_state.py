@@ -1,4 +1,4 @@
-"""A source of random numbers as a value."""
+"""The state of a random generator as a value."""
 
 import copy
 import pickle
@@ -31,15 +31,15 @@ def test_the_numbers_are_those_of_numpy_s_default_generator(seed):
     )
 
 
-def test_it_stands_where_the_generator_stood():
-    """Wherever that is: after the first of two 32-bit numbers that one of 64 bits gives, too."""
+def test_the_state_is_that_of_the_generator():
+    """Also after the first 32-bit half of a 64-bit number."""
     generator = np.random.default_rng(3)
     generator.integers(0, 9, dtype=np.uint32)
     generator_state = GeneratorState.of(generator)
     np.testing.assert_array_equal(drawn(generator_state.generator()), drawn(generator))
 
 
-def test_what_is_drawn_leaves_it_as_it_is():
+def test_drawing_does_not_change_it():
     original = np.random.default_rng(5)
     generator_state = GeneratorState.of(original)
     state = copy.deepcopy(generator_state.state)
@@ -49,7 +49,7 @@ def test_what_is_drawn_leaves_it_as_it_is():
     np.testing.assert_array_equal(drawn(generator_state.generator()), first)
 
 
-def test_two_generators_of_one_source_do_not_disturb_each_other():
+def test_two_generators_of_one_state_are_independent():
     generator_state = GeneratorState.of(np.random.default_rng(5))
     one, other = generator_state.generator(), generator_state.generator()
     expected = drawn(generator_state.generator())
@@ -57,8 +57,8 @@ def test_two_generators_of_one_source_do_not_disturb_each_other():
     np.testing.assert_array_equal(drawn(other), expected)
 
 
-def test_steps_of_a_stream_are_the_stream():
-    """As a target draws: from where the last frame left off."""
+def test_a_sequence_drawn_in_steps_is_the_same_sequence():
+    """As a target draws: each frame continues from the state of the last."""
     generator_state, parts = GeneratorState.of(np.random.default_rng(11)), []
     for count in (3, 1, 17):
         generator = generator_state.generator()
@@ -72,7 +72,7 @@ def test_steps_of_a_stream_are_the_stream():
 @pytest.mark.parametrize(
     "copied", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))]
 )
-def test_a_copy_goes_on_with_the_same_numbers_and_on_its_own(copied):
+def test_a_copy_is_independent_and_gives_the_same_numbers(copied):
     generator_state = GeneratorState.of(np.random.default_rng(9))
     other = copied(generator_state)
     expected = drawn(generator_state.generator())
@@ -80,7 +80,7 @@ def test_a_copy_goes_on_with_the_same_numbers_and_on_its_own(copied):
     np.testing.assert_array_equal(drawn(generator_state.generator()), expected)
 
 
-def test_it_cannot_be_set_elsewhere():
+def test_it_cannot_be_changed():
     generator_state = GeneratorState.of(np.random.default_rng(1))
     with pytest.raises(AttributeError):
         generator_state.state = {}
