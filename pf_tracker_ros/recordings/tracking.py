@@ -27,12 +27,9 @@ from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.targets.multi_tracker import DEFAULT_MAX_TARGETS
 from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.topics import FrameResult
+from pf_tracker_ros.topics import SKIPPED, FrameResult
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.presets import preset_parameters
-
-SKIPPED = ("refused", *DROPPED_ARRIVALS)
-"""Outcomes of frames that are not tracked, as in the node's status."""
 
 # Defaults of the node's parameters `frame_buffer_length` and `frame_buffer_megabytes`: late
 # detections are applied to buffered frames only.

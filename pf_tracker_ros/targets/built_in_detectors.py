@@ -280,7 +280,7 @@ class DetectorThread:
         self._is_discarded = True
 
     def close(self) -> None:
-        """End the thread; a detection that has not started is cancelled."""
+        """End the thread; a detection that has not started is canceled."""
         self._executor.shutdown(cancel_futures=True)
 
     def _detect(

@@ -12,7 +12,15 @@ PACKAGE = "pf_tracker_ros"
 LAYERS = (
     {"parameters", "registry"},
     {"boxes", "stamps", "plurals", "messages"},
-    {"ros_arguments", "signals", "opencv", "progress", "ros_domains", "atomic_files", "command_lines"},
+    {
+        "ros_arguments",
+        "signals",
+        "opencv",
+        "progress",
+        "ros_domains",
+        "atomic_files",
+        "command_lines",
+    },
     {"filter"},
     {"background"},
     {"frames"},

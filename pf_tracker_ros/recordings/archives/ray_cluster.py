@@ -87,7 +87,7 @@ class RayCluster:
                     yield number, self._result(reference)
         finally:
             if submitted:
-                # Their workers end with the connection. Cancelling a task at the moment of its
+                # Their workers end with the connection. Canceling a task at the moment of its
                 # completion would make Ray abort this process.
                 self.close()
 

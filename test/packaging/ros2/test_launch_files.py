@@ -38,7 +38,7 @@ def constants(tree):
 
 
 def called(call):
-    """The name of the function, or method of `LaunchArguments`, that is called; None for any other."""
+    """Name of the called function or method of `LaunchArguments`; None for any other."""
     if isinstance(call.func, ast.Attribute):
         of_given = getattr(call.func.value, "id", "") in ("given", "self")
         return call.func.attr if of_given else None
@@ -116,7 +116,12 @@ def test_what_is_shared_is_read_where_it_is_called():
 
 def test_each_shared_argument_is_described_and_declared_by_several_files():
     named = [
-        [name for call in calls(parsed(path)) if called(call) == "shared_arguments" for name in words(call)]
+        [
+            name
+            for call in calls(parsed(path))
+            if called(call) == "shared_arguments"
+            for name in words(call)
+        ]
         for path in LAUNCH_FILES
     ]
     described = constants(parsed(SHARING))["_SHARED"]
