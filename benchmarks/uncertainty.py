@@ -54,8 +54,10 @@ RANGES = 10
 NOTE = (
     f"A frame is right where the box overlaps the true one by more than {RIGHT_ABOVE}. Area under "
     "the ROC curve: probability that a right frame has more confidence than a wrong one. Ellipses: "
-    "share of the frames called tracking in which the ellipse of the covariance that should hold "
-    "the true center with that probability, were it Gaussian, does."
+    "share of the frames called tracking, with the box on the target (overlap of at least "
+    f"{GONE_BELOW}), whose ellipse of that probability contains the true center; NEES: squared "
+    "error of the center normalized by the covariance, over its two degrees of freedom, 1 where "
+    "the covariance is consistent."
 )
 
 
@@ -168,13 +170,18 @@ def roc_area(confidence: NDArray[np.float64], is_right: NDArray[np.bool_]) -> fl
     return float((above + not_below).mean() / 2 / len(right))
 
 
+def on_target(frames: Frames) -> NDArray[np.float64]:
+    """Squared Mahalanobis distances of the tracked frames whose box is on the target."""
+    return frames.distance[frames.is_tracking & (frames.overlap >= GONE_BELOW)]
+
+
 def inside(frames: Frames, share: float) -> float:
-    """How often the confidence ellipse contains the true center, in tracked frames.
+    """How often the covariance's ellipse contains the true center, while the box is on the target.
 
     For a Gaussian of two dimensions the squared distance is below -2 ln(1 - share) with that
     probability.
     """
-    return float((frames.distance[frames.is_tracking] <= -2.0 * math.log1p(-share)).mean())
+    return _mean(on_target(frames) <= -2.0 * math.log1p(-share))
 
 
 def measured(
@@ -297,6 +304,7 @@ def summary(
             [f"true center inside the {share:.0%} ellipse", _text(inside(frames, share))]
             for share in SHARES
         ),
+        ["NEES of the center", _text(float(on_target(frames).mean()) / 2)],
         ["right frames that are called tracking", _text(_mean(tracking[right]))],
         ["wrong frames that are called tracking", _text(_mean(tracking[~right]))],
         [

@@ -20,7 +20,7 @@ def make_estimate(
         box=box,
         state=state,
         confidence=0.5,
-        covariance=np.eye(2),
+        box_covariance=np.eye(4),
         particles=boxes,
         particle_boxes=boxes,
         weights=np.array(weights),

@@ -29,7 +29,7 @@ def target(id, state="tracking", box=(10.0, 20.0, 4.0, 6.0), label=""):
         box=box,
         state=state,
         confidence=0.25,
-        covariance=np.array([[2.0, 0.5], [0.5, 3.0]]),
+        box_covariance=np.diag([2.0, 3.0, 4.0, 5.0]) + 0.5 * np.eye(4)[[1, 0, 3, 2]],
         particles=np.zeros((2, 4)),
         particle_boxes=np.array([box, (-1.5, 0.0, 1.0, 3.0)]),
         weights=np.array([0.75, 0.25]),

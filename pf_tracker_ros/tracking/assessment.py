@@ -57,7 +57,7 @@ class Assessment:
         Args:
             frame: The frame.
             cue_weights: Weights of the cues in that frame.
-            covariance: (2, 2) of the target's center, px^2.
+            covariance: (4, 4) of the box, see `Estimate.box_covariance`.
         """
         self.boxes.setflags(write=False)
         covariance.setflags(write=False)
@@ -65,7 +65,7 @@ class Assessment:
             box=as_box(self.box),
             state=self.status.state,
             confidence=self.confidence,
-            covariance=covariance,
+            box_covariance=covariance,
             particles=self.particles.states,
             particle_boxes=self.boxes,
             weights=self.particles.weights,

@@ -23,7 +23,7 @@ from pf_tracker_ros.parameters import declared
 TrackState = Literal["tracking", "occluded", "lost"]
 
 # Fields of an estimate that are arrays.
-_ARRAYS = ("covariance", "particles", "particle_boxes", "weights")
+_ARRAYS = ("box_covariance", "particles", "particle_boxes", "weights")
 
 
 class FrozenCueWeights(Mapping[str, float]):
@@ -65,8 +65,9 @@ class Estimate:
             "lost" when that has lasted too long.
         confidence: 0 (nothing at the box is like the target) to 1 (exactly the template), smoothed
             by `track.confidence_rate`.
-        covariance: (2, 2), px^2: weighted covariance of the particles' centers; after a search,
-            covariance of the target's center about the box, given the confidence.
+        box_covariance: (4, 4) covariance of center x, center y, width and height, px^2: of the
+            weighted particles; after a search, of the errors to expect given that the box is on
+            the target (`box_covariance.py`). Errors of neighboring frames correlate.
         particles: (N, D) particle states, columns as named by the motion model.
         particle_boxes: (N, 4) boxes (x, y, width, height) of the particles, pixels.
         weights: (N,) normalized weights of the particles, before resampling.
@@ -78,7 +79,7 @@ class Estimate:
     box: tuple[float, float, float, float]
     state: TrackState
     confidence: float
-    covariance: NDArray[np.float64]
+    box_covariance: NDArray[np.float64]
     particles: NDArray[np.float64] = field(repr=False)
     particle_boxes: NDArray[np.float64] = field(repr=False)
     weights: NDArray[np.float64] = field(repr=False)
@@ -96,6 +97,11 @@ class Estimate:
         if not isinstance(self.cue_weights, FrozenCueWeights):
             object.__setattr__(self, "cue_weights", FrozenCueWeights(self.cue_weights))
 
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(2, 2) covariance of the center, px^2."""
+        return self.box_covariance[:2, :2]
+
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Estimate):
             return NotImplemented
@@ -112,7 +118,7 @@ class Estimate:
 
 def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
     """Status keys and values of an estimate; covariance in px^2."""
-    covariance = estimate.covariance
+    covariance = estimate.box_covariance
     background = {"background": str(estimate.background)} if estimate.background else {}
     cue_weights = {
         f"cue_weight_{name}": float(weight) for name, weight in estimate.cue_weights.items()
@@ -125,6 +131,10 @@ def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
             "covariance_xx": float(covariance[0, 0]),
             "covariance_xy": float(covariance[0, 1]),
             "covariance_yy": float(covariance[1, 1]),
+            "covariance_yh": float(covariance[1, 3]),
+            "covariance_ww": float(covariance[2, 2]),
+            "covariance_wh": float(covariance[2, 3]),
+            "covariance_hh": float(covariance[3, 3]),
             "effective_sample_size": float(estimate.effective_sample_size),
             "particles": len(estimate.weights),
         }

@@ -36,9 +36,16 @@ from pf_tracker_ros.cues.fusion import (
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters, SearchableMotion
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.box_covariance import (
+    NO_PEAK,
+    box_covariance,
+    box_features,
+    particle_covariance,
+    peak_std,
+)
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.prediction import Prediction
-from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
+from pf_tracker_ros.tracking.search import Search, mode_mean
 
 # Computes log likelihoods of boxes from a source other than the pixels.
 ExternalLikelihood = Callable[[BoxesByAxis], NDArray[np.float64]]
@@ -249,7 +256,7 @@ class Measurer:
         assessment: Assessment,
         time_since_seen: float,
     ) -> NDArray[np.float64]:
-        """(2, 2) covariance of the target's center, px^2.
+        """(4, 4) covariance of center x, center y, width and height of the box, px^2.
 
         Args:
             state: State after the last frame.
@@ -257,7 +264,7 @@ class Measurer:
             assessment: Of this frame.
             time_since_seen: Seconds, at most `track.lost_after`.
         """
-        return assessment.particles.covariance[:2, :2]
+        return particle_covariance(assessment.particles, assessment.boxes)
 
     def log_likelihoods(
         self, state: FilterState, frame: Frame, boxes: NDArray[np.float64]
@@ -418,12 +425,12 @@ class SearchingMeasurer(Measurer):
         assessment: Assessment,
         time_since_seen: float,
     ) -> NDArray[np.float64]:
-        """See `Measurer.covariance`; a mixture, see `Search.covariance`."""
+        """See `Measurer.covariance`; given that the box is on the target, see `box_covariance`."""
         if measurement.search is None:
             return super().covariance(state, measurement, assessment, time_since_seen)
-        center = assessment.box[:2] + assessment.box[2:] / 2
-        within_mode = covariance_about(assessment.particles, center)
-        random_walk_std = None
-        if assessment.status.state != "tracking":
-            random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
-        return measurement.search.covariance(within_mode, assessment.confidence, random_walk_std)
+        box, confidence = assessment.box, assessment.confidence
+        if assessment.status.state == "tracking":
+            std = peak_std(box, assessment.boxes, assessment.particles.weights)
+            return box_covariance(box, box_features(box, confidence, std))
+        random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
+        return box_covariance(box, box_features(box, 0.0, NO_PEAK), random_walk_std)

@@ -117,27 +117,6 @@ class Search:
         log_prior = predicted.log_weights + proposed.log_prior
         return particles.reweight(proposed.log_ratio), log_prior
 
-    def covariance(
-        self, within_mode: NDArray[np.float64], confidence: float, random_walk_std: float | None
-    ) -> NDArray[np.float64]:
-        """(2, 2) covariance of the target's center about the box, px^2.
-
-        A mixture: with the probability that the confidence gives, the target is in the mode of the
-        particles, else it is uniformly distributed over the search window. Out of sight, only the
-        uniform distribution is left, widened by a random walk.
-
-        Args:
-            within_mode: (2, 2) covariance of the particles' centers about the box, px^2.
-            confidence: Confidence in the box, 0 to 1.
-            random_walk_std: Standard deviation of the target's random walk since it was last seen,
-                box sizes; None while it is tracked.
-        """
-        variance = self._side**2 / 12.0
-        if random_walk_std is not None:
-            size = math.sqrt(self.center_box[2] * self.center_box[3])
-            return (variance + (random_walk_std * size) ** 2) * np.eye(2)
-        return confidence * within_mode + (1.0 - confidence) * variance * np.eye(2)
-
     def distractor_ratios(
         self, box: NDArray[np.float64], at_target: Responses, responses: Responses
     ) -> DistractorRatios:
@@ -208,12 +187,6 @@ class Search:
         middle = box[:2] + box[2:] / 2
         across, down = np.abs(self._centers - middle[:, None]) > distance * box[2:, None]
         return (down[:, None] | across).ravel()
-
-
-def covariance_about(particles: ParticleSet, center: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2, 2) weighted covariance, px^2, of the particles' centers about a (2,) center."""
-    offsets = particles.states[:, :2] - center
-    return (offsets * particles.weights[:, None]).T @ offsets
 
 
 def mode_mean(

@@ -27,6 +27,7 @@ from pf_tracker_ros.filter import (
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.box_covariance import particle_covariance
 from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurer
@@ -136,7 +137,7 @@ class StateOperations:
         status = TrackStatus("occluded", min(time_since_seen, self._lost_after))
         confidence = self._decayed_confidence(state, interval)
         assessment = Assessment(box, confidence, status, particles, boxes)
-        covariance = particles.covariance[:2, :2].copy()
+        covariance = particle_covariance(particles, boxes)
         return replace(
             state,
             kalman_filter=prediction.kalman_filter,

@@ -35,6 +35,7 @@ from pf_tracker_ros.filter import KalmanFilter, ParticleSet, build_resampler
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
+from pf_tracker_ros.tracking.box_covariance import particle_covariance
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
@@ -152,7 +153,7 @@ class TargetFilter:
         status = TrackStatus(track_state, self.parameters.track.lost_after if is_lost else 0.0)
         boxes = motion.boxes(particles.states)
         assessment = Assessment(box, 0.0 if is_lost else 1.0, status, particles, boxes)
-        covariance = particles.covariance[:2, :2]
+        covariance = particle_covariance(particles, boxes)
         return FilterState(
             first_box=first_box,
             motion=motion,

@@ -8,6 +8,7 @@ from itertools import product
 import cv2
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
 from pf_tracker_ros import Estimate, Tracker
 
@@ -22,7 +23,7 @@ def estimate(x=0.0, state="tracking", confidence=1.0, covariance=((4.0, 0.0), (0
         box=(x, 0.0, 10.0, 10.0),
         state=state,
         confidence=confidence,
-        covariance=np.array(covariance),
+        box_covariance=block_diag(covariance, np.eye(2)),
         particles=np.empty((1, 4)),
         particle_boxes=np.empty((1, 4)),
         weights=np.ones(1),
@@ -56,12 +57,19 @@ def test_frames_are_compared_with_the_truth_by_hand(uncertainty):
 
 
 def test_an_ellipse_holds_the_share_of_a_gaussian_that_it_should(uncertainty):
-    covariance = np.array([[9.0, 4.0], [4.0, 5.0]])
+    covariance = np.array([[0.9, 0.4], [0.4, 0.5]])
     centers = np.random.default_rng(0).multivariate_normal([0, 0], covariance, 4000)
     estimates = [estimate(covariance=covariance)] * 4000
     frames = uncertainty.compared(estimates, np.hstack([centers, np.full((4000, 2), 10.0)]), 0.04)
     for share in (0.5, 0.9, 0.99):
         assert uncertainty.inside(frames, share) == pytest.approx(share, abs=0.02)
+    assert uncertainty.on_target(frames).mean() == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_covariance_is_judged_only_where_a_tracked_box_is_on_the_target(uncertainty):
+    estimates = [estimate(1.0), estimate(9.5), estimate(2.0, "occluded")]
+    frames = uncertainty.compared(estimates, np.tile([0.0, 0.0, 10.0, 10.0], (3, 1)), 0.04)
+    assert uncertainty.on_target(frames) == pytest.approx([0.25])
 
 
 def test_the_table_of_reliability_by_hand(uncertainty):

@@ -10,10 +10,11 @@ from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.box_covariance import NO_PEAK, box_covariance, box_features, peak_std
 from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.measurement import Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.prediction import Prediction
-from pf_tracker_ros.tracking.search import Search, covariance_about, mode_mean
+from pf_tracker_ros.tracking.search import Search, mode_mean
 
 INTERVAL = 0.04
 WORKING_SIZE = 40
@@ -93,7 +94,7 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(state, couple):
     status, particles = TrackStatus("lost", 9.0), measurement.particles
     lost = Assessment(measurement.box, 0.1, status, particles, measurement.boxes)
     covariance = measurer.covariance(state, measurement, lost, 9.0)
-    np.testing.assert_array_equal(covariance, measurement.particles.covariance[:2, :2])
+    np.testing.assert_array_equal(covariance[:2, :2], measurement.particles.covariance[:2, :2])
 
 
 def test_a_search_finds_a_target_where_no_particle_is(state, couple):
@@ -215,27 +216,23 @@ def test_while_no_searching_cue_has_a_template_there_is_no_search(state, couple)
         without.box, 0.3, TrackStatus("occluded", 1.0), fallen_back.particles, fallen_back.boxes
     )
     covariance = searching.covariance(state, fallen_back, assessment, 1.0)
-    np.testing.assert_array_equal(covariance, fallen_back.particles.covariance[:2, :2])
+    np.testing.assert_array_equal(covariance[:2, :2], fallen_back.particles.covariance[:2, :2])
 
 
-def test_the_covariance_of_a_search_by_hand(state, couple):
+def test_the_covariance_of_a_search_is_that_of_the_box_and_grows_while_hidden(state, couple):
     _, searching = measurers(*CUES_OF_DEFAULT)
-    frame = Frame(couple.images[1])
-    measurement = measure(searching, state, frame, prediction_for(state))
-    box = measurement.box + [3.0, 0.0, 0.0, 0.0]
-    seen = Assessment(box, 0.75, TrackStatus(), measurement.particles, measurement.boxes)
-    size = np.sqrt(measurement.search.center_box[2] * measurement.search.center_box[3])
-    anywhere = (WINDOW * size) ** 2 / 12.0
-    within = covariance_about(measurement.particles, box[:2] + box[2:] / 2)
-    np.testing.assert_allclose(
-        searching.covariance(state, measurement, seen, 5.0),
-        0.75 * within + 0.25 * anywhere * np.eye(2),
+    measurement = measure(searching, state, Frame(couple.images[1]), prediction_for(state))
+    box, particles = measurement.box, measurement.particles
+    seen = Assessment(box, 0.75, TrackStatus(), particles, measurement.boxes)
+    features = box_features(box, 0.75, peak_std(box, measurement.boxes, particles.weights))
+    np.testing.assert_array_equal(
+        searching.covariance(state, measurement, seen, 5.0), box_covariance(box, features)
     )
     # The random walk of the preset's position noise, .6 box sizes in a second, for 4 s.
     hidden = replace(seen, status=TrackStatus("lost", 9.0))
     np.testing.assert_allclose(
         searching.covariance(state, measurement, hidden, 4.0),
-        (anywhere + (0.6 * 2.0 * size) ** 2) * np.eye(2),
+        box_covariance(box, box_features(box, 0.0, NO_PEAK), 1.2),
     )
 
 

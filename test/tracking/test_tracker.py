@@ -196,7 +196,7 @@ def test_the_estimate_is_complete_and_consistent(preset):
     centers = estimate.particle_boxes[:, :2] + estimate.particle_boxes[:, 2:] / 2
     of_particles = np.cov(centers.T, aweights=estimate.weights, ddof=0)
     if PRESETS[preset].get("proposal.method") == "search":
-        # The box is that of one mode; the covariance includes the rest of the search window.
+        # The box is that of one mode; the covariance is that of the errors to expect.
         np.testing.assert_allclose(center(estimate.box), estimate.weights @ centers, atol=0.5)
         assert np.linalg.eigvalsh(estimate.covariance - of_particles).min() > 0.0
     else:
@@ -492,7 +492,7 @@ def test_a_copy_cannot_relearn_a_target_before_its_first_frame():
     tracker = Tracker.from_preset("default")
     tracker.start(*frame(100, 100))
     twin = copy.copy(tracker)
-    with pytest.raises(ParameterError, match="no frame that is still kept shows it; stop it first"):
+    with pytest.raises(ParameterError, match="no stored frame shows it; stop it first"):
         twin.set_parameters({"working_size": 60})
     assert twin.parameters == tracker.parameters
     twin.update(frame(102, 100)[0])

@@ -14,7 +14,7 @@ from pf_tracker_ros import Estimate, Tracker
 from pf_tracker_ros.tracking.presets import PRESETS
 
 every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
-ARRAYS = ("covariance", "particles", "particle_boxes", "weights")
+ARRAYS = ("box_covariance", "particles", "particle_boxes", "weights")
 
 
 def pickled(value):

@@ -1,0 +1,190 @@
+r"""Fit the covariance of a box and measure it on footage that it was not fitted on.
+
+    python benchmarks/box_covariance.py SEQUENCE_DIR... --seeds 3 --group otb_ --group 'pets_|tud_'
+
+Frames count in which the state is tracking and the box overlaps the true one by at least 0.1.
+
+1. Track each sequence and keep the features of these frames and the errors of their boxes.
+2. Leave out one group of sequences in turn (`--group`; else each sequence by itself), fit the
+   coefficients on the others, and compare its errors with the fitted covariance.
+3. Fit the coefficients on all: `COEFFICIENTS` of `pf_tracker_ros/tracking/box_covariance.py`.
+
+A consistent covariance has a normalized error squared (NEES), over its degrees of freedom, of 1,
+and its regions of 50, 90 and 99 % contain the truth in that share of the frames.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Sequence
+from typing import NamedTuple
+
+# One thread also for the linear algebra, which reads this when NumPy is imported.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import arguments as options_of
+import numpy as np
+from cross_validation import grouped
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.stats import chi2
+from tables import Table
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.evaluation import EvaluationError, has_target, overlap, read_sequences
+from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.progress import progress_bar
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.tracking.box_covariance import (
+    COEFFICIENTS,
+    SIZE_CORRELATION,
+    box_features,
+    peak_std,
+)
+
+ON_TARGET = 0.1
+SHARES = (0.5, 0.9, 0.99)
+# Errors beyond are those of a few frames; they would set the scale of all.
+_LARGEST_ERROR = 1.0
+# Keeps slopes of features without an effect near 0.
+_SHRINKAGE = 1e-3
+
+
+class Errors(NamedTuple):
+    """Tracked frames of a sequence, all seeds.
+
+    Attributes:
+        features: (F, 5) from `box_features`.
+        errors: (F, 4) of the center, in box widths and heights, and of log width and log height.
+        edges: (F,) error of the lower edge, box heights.
+    """
+
+    features: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    edges: NDArray[np.float64]
+
+
+def measure(footage: Footage, preset: str, seeds: int) -> Errors:
+    """Track a sequence with each seed."""
+    truth = np.asarray(footage.ground_truth, dtype=float)
+    features, errors, edges = [], [], []
+    for seed in range(seeds):
+        tracker, last = Tracker.from_preset(preset, seed), 0
+        for number, frame in enumerate(footage.frames()):
+            if number == 0:
+                tracker.start(frame.image, truth[0])
+            else:
+                estimate = tracker.update(frame.image, (frame.stamp - last) / NANOSECONDS)
+                box, true = np.array(estimate.box), truth[number]
+                is_on = has_target(true[None])[0] and (
+                    overlap(box[None], true[None])[0] >= ON_TARGET
+                )
+                if is_on and estimate.state == "tracking":
+                    std = peak_std(box, estimate.particle_boxes, estimate.weights)
+                    features.append(box_features(box, estimate.confidence, std))
+                    offset = true[:2] + true[2:] / 2 - box[:2] - box[2:] / 2
+                    errors.append([*(offset / box[2:]), *np.log(true[2:] / box[2:])])
+                    edges.append((true[1] + true[3] - box[1] - box[3]) / box[3])
+            last = frame.stamp
+    return Errors(np.reshape(features, (-1, 5)), np.reshape(errors, (-1, 4)), np.array(edges))
+
+
+def fit(measured: Sequence[Errors]) -> NDArray[np.float64]:
+    """(4, 5) coefficients of maximum likelihood; a sequence counts with the root of its frames."""
+    features = np.concatenate([one.features for one in measured])
+    errors = np.concatenate([one.errors for one in measured])
+    counts = [len(one.edges) for one in measured]
+    weights = np.concatenate([np.full(count, count**-0.5) for count in counts if count])
+    weights /= weights.sum()
+
+    def column(errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        squared = np.square(np.clip(errors, -_LARGEST_ERROR, _LARGEST_ERROR))
+
+        def loss(slopes: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+            log_std = features @ slopes
+            scaled = squared * np.exp(-2.0 * log_std)
+            shrunk = _SHRINKAGE * slopes * (np.arange(len(slopes)) > 0)
+            value = weights @ (log_std + scaled / 2) + shrunk @ slopes
+            return value, (weights * (1.0 - scaled)) @ features + 2.0 * shrunk
+
+        start = np.zeros(features.shape[1])
+        start[0] = np.log(weights @ squared) / 2
+        return minimize(loss, start, jac=True, method="L-BFGS-B").x
+
+    return np.array([column(one) for one in errors.T])
+
+
+def squared_errors(
+    measured: Errors, coefficients: NDArray[np.float64]
+) -> dict[str, tuple[NDArray[np.float64], int]]:
+    """Name to normalized squared errors, (F,), and their degrees of freedom."""
+    std = np.exp(measured.features @ coefficients.T)
+    x, y, width, height = (measured.errors / std).T
+    correlated = width**2 - 2 * SIZE_CORRELATION * width * height + height**2
+    edge_variance = std[:, 1] ** 2 + std[:, 3] ** 2 / 4
+    return {
+        "center": (x**2 + y**2, 2),
+        "size": (correlated / (1 - SIZE_CORRELATION**2), 2),
+        "lower edge": (measured.edges**2 / edge_variance, 1),
+    }
+
+
+def summary(title: str, measured: Sequence[Errors], fitted: Sequence[NDArray[np.float64]]) -> Table:
+    """NEES over the degrees of freedom and shares inside, each sequence by its coefficients."""
+    parts = [squared_errors(one, by) for one, by in zip(measured, fitted, strict=True)]
+    rows = []
+    for name, (_, degrees) in parts[0].items():
+        squared = np.concatenate([part[name][0] for part in parts])
+        inside = (f"{(squared < chi2.ppf(share, degrees)).mean():.3f}" for share in SHARES)
+        rows.append([name, f"{squared.mean() / degrees:.2f}", *inside])
+    return Table(title, ("error", "NEES", *(f"inside {share:.0%}" for share in SHARES)), [rows])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, print the tables and the coefficients."""
+    parser = options_of.sequence_parser(__doc__)
+    options_of.add_preset(parser)
+    parser.add_argument(
+        "--group",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="a group of sequences, a regular expression for the beginning of their names; repeat",
+    )
+    options = parser.parse_args(arguments)
+    try:
+        sequences = read_sequences(options.sequences)
+        names = [footage.name for footage in sequences]
+        patterns = options.group or [f"{re.escape(name)}$" for name in names]
+        groups = grouped(names, patterns)
+        measured = []
+        with progress_bar(len(sequences), "sequences") as on_progress:
+            for footage in sequences:
+                measured.append(measure(footage, options.preset, options.seeds))
+                on_progress(footage.name, 1)
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
+        parser.error(" ".join(str(error).split()))
+    fitted: list[NDArray[np.float64]] = [COEFFICIENTS] * len(sequences)
+    for members in groups.values():
+        others = [one for number, one in enumerate(measured) if number not in members]
+        for number in members:
+            fitted[number] = fit(others)
+    summary("All sequences, each fitted on the other groups", measured, fitted).show()
+    if options.group:
+        for pattern, members in groups.items():
+            summary(
+                f"{pattern}, fitted on the other groups",
+                [measured[number] for number in members],
+                [fitted[number] for number in members],
+            ).show()
+    summary("All sequences, the package's", measured, [COEFFICIENTS] * len(sequences)).show()
+    print("\nfitted on all:")
+    print(np.array2string(fit(measured), precision=3, suppress_small=True, separator=", "))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
