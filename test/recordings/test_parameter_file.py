@@ -63,7 +63,7 @@ def test_a_file_for_another_node_is_used_with_a_warning(
         assert code == 0
         found.append((rows(tmp_path / path.stem), errors))
     assert found[0] == (found[1][0], "")
-    assert f"{other} is for /front_tracker, and taken for the tracker here" in found[1][1]
+    assert f"{other} is for the node /front_tracker, and is used for the tracker here" in found[1][1]
 
 
 def test_two_presets_are_refused(track, moving_square_sequence, own, tmp_path):
@@ -71,7 +71,7 @@ def test_two_presets_are_refused(track, moving_square_sequence, own, tmp_path):
     code, _, errors = track(*arguments, "--preset", "default")
     assert code == 2
     assert "--preset default and" in errors
-    assert "(preset li2007) both give the preset; leave --preset out" in errors
+    assert "(preset li2007) both set the preset; remove one of them" in errors
     assert not (tmp_path / "out").exists()
 
 
@@ -101,7 +101,7 @@ def test_an_invalid_typed_value_does_not_name_the_file(track, moving_square_sequ
         ("particels: 5", "did you mean 'particles'"),
         ("track: {lost_after: soon}", "parameter 'track.lost_after' is 'soon'"),
         ("particles:", "parameter 'particles' is 'None'"),
-        ('detector: {labels: ["a, b"]}', "allowed here: without commas"),
+        ('detector: {labels: ["a, b"]}', "allowed here: strings without commas"),
     ],
 )
 def test_an_invalid_value_is_reported_with_file_and_parameter(

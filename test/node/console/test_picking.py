@@ -130,7 +130,7 @@ def test_a_target_older_than_the_frame_buffer_is_refused_with_advice(shown, came
         camera.show()
     shown.mouse.up()
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
-    assert "before the oldest one" in shown.text("note")
+    assert "older than the oldest one in the buffer" in shown.text("note")
     assert shown.text("note").endswith("press Escape, pause with space, then draw")
 
 

@@ -32,7 +32,7 @@ def test_every_parameter_of_the_node_has_a_field_with_its_description(tuned, cli
     for name in names:
         assert field(tuned, name).count() == 1, name
     about = tuned.locator("[id='parameter-track.lost_after-about']").inner_text()
-    assert about.startswith("The target counts as lost after it has been occluded for so long.")
+    assert about.startswith("The target counts as lost after it has been occluded for this time.")
     assert about.endswith("Allowed: 0 to 3600.")
     assert field(tuned, "autostart").is_disabled()
 

@@ -52,7 +52,7 @@ def test_a_repeated_fault_is_logged_once(graph, client, images, box, capfd):
     client.show(images[1], client.at(2))
     log = capfd.readouterr().err
     assert log.count("its data has 5 bytes") == 1
-    assert log.count("image is (50, 160, 3) uint8, but those") == 1
+    assert log.count("image is (50, 160, 3) uint8, but the targets are tracked") == 1
 
 
 def test_many_refusals_do_not_fill_the_log(graph, client, images, capfd):
