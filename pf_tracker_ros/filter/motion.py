@@ -35,7 +35,8 @@ SMALLEST_SIDE = 6.0
 MODEL_STEP = 0.04
 # Maximum number of steps in one prediction: a divergent model would overflow with more.
 _MAX_STEPS = 200.0
-# Longest interval of one prediction in seconds; more could overflow.
+# Longest interval of a prediction with any model, seconds. Discrete equations of motion stop
+# earlier, after `_MAX_STEPS`.
 LONGEST_PREDICTION = 60.0
 
 
@@ -131,9 +132,9 @@ class MotionParameters:
     model: str = declared(
         "constant_velocity",
         "Motion model: constant_velocity keeps the box size of the first frame, "
-        "constant_velocity_and_size lets it change, affine applies a factor and a drift to "
-        "position and scale, second_order_autoregressive continues position and size from the "
-        "last two steps.",
+        "constant_velocity_and_size lets it change, affine applies a factor to position "
+        "and scale and a drift to the position, second_order_autoregressive continues position "
+        "and size from the last two steps.",
         choices=MOTION_MODELS,
         read_only=True,
     )

@@ -36,7 +36,8 @@ from pf_tracker_ros.parameters import declared
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 # The transition prior keeps at least 5 %, which bounds p / q for the Kalman proposal.
 LARGEST_SHARE = 0.95
-# Prior probability that the center is anywhere on the grid, whatever the motion model predicts.
+# Prior probability of a jump: the center is then uniform over the grid, whatever the motion model
+# predicts.
 _JUMP_PROBABILITY = 0.1
 
 
@@ -261,7 +262,7 @@ class ProposedCenters(NamedTuple):
 
 
 def propose_from_search(
-    prior_centers: NDArray[np.float64],
+    predicted_centers: NDArray[np.float64],
     prior: CenterPrior,
     grid_density: GridDensity,
     share: float,
@@ -274,16 +275,16 @@ def propose_from_search(
     Proposal: q(x) = share G(x) + (1 - share) N(x; mean, std^2), with the grid density G.
 
     Args:
-        prior_centers: (N, 2) centers drawn from the prior, pixels.
+        predicted_centers: (N, 2) centers drawn from the motion model's N, pixels.
         prior: The motion model's density of the centers.
         grid_density: The likelihood over the grid, as a density.
         share: Probability, above 0 up to `LARGEST_SHARE`, that a center is drawn from the grid.
         generator: Source of randomness.
     """
-    count = len(prior_centers)
+    count = len(predicted_centers)
     jump = _JUMP_PROBABILITY
     from_grid = generator.random(count) < share
-    centers = np.where(from_grid[:, None], grid_density.draw(count, generator), prior_centers)
+    centers = np.where(from_grid[:, None], grid_density.draw(count, generator), predicted_centers)
 
     log_motion = _log_density(centers, prior.mean, prior.std)
     log_grid, log_uniform = grid_density.log_densities(centers)

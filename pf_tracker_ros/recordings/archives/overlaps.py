@@ -51,9 +51,9 @@ def check_no_overlap(
 
 
 def _paths(path_or_url: PathOrUrl, store: Any) -> Iterator[PurePath]:
-    """The paths of a recording in `store`, or in the local file system if `store` is None.
+    """The paths of a recording, archive or output in `store`, in the local file system if None.
 
-    Empty if it is in neither.
+    Empty if it is elsewhere.
     """
     # URLs may be chained, as for a file in a ZIP archive in a store.
     urls = (
@@ -74,7 +74,7 @@ def _paths(path_or_url: PathOrUrl, store: Any) -> Iterator[PurePath]:
 
 
 def _variants(path: Path) -> set[Path]:
-    """The real path, and the path in its real parent folder, which differs for a link."""
+    """The path with all links resolved, and with only its parent's; they differ for a link."""
     return {Path(os.path.realpath(path)), Path(os.path.realpath(path.parent), path.name)}
 
 
@@ -92,7 +92,7 @@ def _sidecar_paths(path: PurePath) -> Iterator[PurePath]:
 
 
 def _may_be_same(store: Any, other: Any) -> bool:
-    """Whether two fsspec file systems may be the same store, and not those of two accounts."""
+    """Whether two fsspec file systems may be the same store: one type, no option differs."""
     options, others = store.storage_options, other.storage_options
     return type(store) is type(other) and all(
         options[key] == others[key] for key in options.keys() & others.keys()
