@@ -203,9 +203,9 @@ _DARKEST, _BRIGHTEST = 12.0, 200.0
 _MIN_RELIABLE_SHARE = 0.1
 # Smaller changes of the log gain are ignored; they do not change color bins.
 _MIN_CHANGE = 0.04
-# Largest share of the change between images, and of the contrast in each, that one gain may leave
-# unexplained. More is a change of the scene or of the camera's view.
-_MAX_UNEXPLAINED = 0.5
+# What one gain may leave unexplained, as a share of the change between the images and of the contrast
+# in each. More is a change of the scene or of the camera's view.
+_MAX_UNEXPLAINED, _MAX_UNEXPLAINED_CONTRAST = 0.5, 2.0
 # Time constant in seconds of the gain's return to 1: slower than the templates.
 _TIME_CONSTANT_OF_GAIN = 10.0
 # Larger factors from one image to the next are a jump, not a cloud.
@@ -287,6 +287,9 @@ def _change(before: Thumbnail, now: Thumbnail) -> float:
     unexplained = np.median(np.abs(log_ratio - change))
     # Of a uniform image, such as a covered lens, every factor explains everything.
     contrast = np.median(np.abs(logs - np.median(logs, axis=1, keepdims=True)), axis=1).min()
-    if unexplained > _MAX_UNEXPLAINED * min(float(np.median(np.abs(log_ratio))), contrast):
+    allowed = min(
+        _MAX_UNEXPLAINED * np.median(np.abs(log_ratio)), _MAX_UNEXPLAINED_CONTRAST * contrast
+    )
+    if unexplained > allowed:
         return 1.0
     return math.exp(change)
