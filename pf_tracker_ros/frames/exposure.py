@@ -203,8 +203,8 @@ _DARKEST, _BRIGHTEST = 12.0, 200.0
 _MIN_RELIABLE_SHARE = 0.1
 # Smaller changes of the log gain are ignored; they do not change color bins.
 _MIN_CHANGE = 0.04
-# What one gain may leave unexplained, as a share of the change between the images and of the contrast
-# in each. More is a change of the scene or of the camera's view.
+# What one gain may leave unexplained, as a share of the change between the images and of the
+# contrast in each. More is a change of the scene or of the camera's view.
 _MAX_UNEXPLAINED, _MAX_UNEXPLAINED_CONTRAST = 0.5, 2.0
 # Time constant in seconds of the gain's return to 1: slower than the templates.
 _TIME_CONSTANT_OF_GAIN = 10.0
