@@ -334,7 +334,8 @@ class TrackerNode(ManagedNode):
             return _Processed(session.drop(arrival).frame)
         frame = Frame(self._decoder.decode(message), stamp)
         outcome = session.process(frame, arrival)
-        self._manager.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
+        if outcome.frame != "frozen":
+            self._manager.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
         result = self._frame_result(frame.image)
         for error in (
             *outcome.refused,
@@ -406,6 +407,12 @@ class TrackerNode(ManagedNode):
         if outcome == "paused":
             return PAUSED
         topic = self._image_subscription.topic
+        if outcome == "frozen":
+            return (
+                f"frozen: the images on {topic} have not changed for more than "
+                f"{self._values['frozen_after']:g} s; restart the camera or its driver, or set "
+                "'frozen_after' to 0 for images without noise"
+            )
         if outcome == "duplicate":
             return (
                 f"duplicate stamp {format_stamp(stamp)} s on {topic}; the publisher must stamp "

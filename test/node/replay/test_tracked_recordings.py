@@ -9,6 +9,7 @@ import pytest
 from pf_tracker_ros.footage import write_footage
 from pf_tracker_ros.footage.opening import open_footage
 from pf_tracker_ros.recordings.__main__ import main
+from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.tracking.estimate import DESCRIPTIONS
 
 DEADLINE = 240.0
@@ -31,7 +32,10 @@ def lockstep(graph, replay):
 
     def run(*, tracker=None, pictures=True, **parameters):
         client = graph.client(particles=pictures, overlay=pictures)
-        graph.tracker(client, image_reliability="reliable", **KEPT, **(tracker or {}))
+        values = {"image_reliability": "reliable", "frozen_after": DEFAULT_FROZEN_AFTER, **KEPT}
+        graph.tracker(client, **values, **(tracker or {}))
+        # Next to the replay it would be a second camera.
+        client.destroy_publisher(client.images)
         node = replay(lockstep=True, **parameters)
         client.wait_for(lambda: not node.context.ok(), "end of the replay", DEADLINE)
         return client
