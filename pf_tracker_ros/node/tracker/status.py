@@ -52,7 +52,7 @@ class SkippedStreak:
 
     @property
     def is_fault(self) -> bool:
-        """Whether it deserves a warning. Frozen images have already lasted when they are noticed."""
+        """Whether to warn. Frozen images have lasted when they are noticed."""
         return self.is_lasting or self.outcome == "frozen"
 
     @property
