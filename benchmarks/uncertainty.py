@@ -331,7 +331,7 @@ def plot(path: Path, frames: Frames, title: str) -> None:
     middle = (np.arange(RANGES) + 0.5) / RANGES
     figure = Figure(figsize=(5.0, 5.5), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    above.plot([0, 1], [0, 1], color="0.7", linestyle="--", label="as told")
+    above.plot([0, 1], [0, 1], color="0.7", linestyle="--", label="calibrated")
     above.plot(middle, [_mean(right) for right in ranges], marker="o", label="measured")
     above.set(ylabel=f"share with overlap above {RIGHT_ABOVE}", ylim=(0, 1.02), title=title)
     above.legend()

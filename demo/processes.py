@@ -1,4 +1,4 @@
-"""The package's executables as processes, each with a log."""
+"""Runs the package's executables as processes, each with a log file."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ _STOP_TIMEOUT = 10.0
 
 
 class NodeProcess:
-    """A running executable; a context manager that ends it."""
+    """A running executable; as a context manager, it ends the process."""
 
     def __init__(self, executable: str, log: Path, **parameters: object) -> None:
         """Start an executable of this environment.
 
         Args:
             executable: `tracker` or `replay`.
-            log: Where its output goes.
+            log: File for its output.
             **parameters: ROS parameters.
 
         Raises:
-            DemoError: There is no such executable.
+            DemoError: The executable is not installed.
         """
-        # Not the resolved path: in a virtual environment that leads to the system's Python.
+        # Not the resolved path: that is the system's Python in a virtual environment.
         path = Path(sys.executable).parent / executable
         if not path.exists():
             raise DemoError(f"there is no {path}; `make setup` installs it")
@@ -59,14 +59,15 @@ class NodeProcess:
 
     @property
     def exit_code(self) -> int | None:
-        """None while it runs."""
+        """Exit code of the process; None while it runs."""
         return self._process.poll()
 
     def check(self) -> None:
-        """Make sure that it runs or has ended well, and has nothing to complain of.
+        """Check that the process has not failed and has logged no error.
 
         Raises:
-            DemoError: It has failed, or its log holds an error: a node stays up after one.
+            DemoError: The exit code is not 0, or the log contains an error. A node keeps running
+                after an error.
         """
         if self.exit_code:
             raise self.failure(f"`{self.name}` ended with exit code {self.exit_code}")
@@ -74,5 +75,5 @@ class NodeProcess:
             raise self.failure(f"`{self.name}` reported an error")
 
     def failure(self, reason: str) -> DemoError:
-        """An error with the end of this process' log."""
+        """An error with the end of the log of this process."""
         return DemoError(reason, self._log.read_text(errors="replace"))

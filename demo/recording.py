@@ -1,4 +1,4 @@
-"""Records what the tracker publishes, message by message."""
+"""Records the messages that the tracker publishes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BOXES = "/pf_tracker/boxes"
 STATUS = "/pf_tracker/status"
 PARTICLES = "/pf_tracker/particles"
 OVERLAY = "/pf_tracker/overlay"
-# The overlay comes last: once the tracker knows that somebody listens to it, it knows of the rest.
+# The overlay is the last subscription: once the tracker has discovered it, it knows the others.
 _TOPICS_OF_ALL = {
     STATUS: (DiagnosticArray, "diagnostic_msgs/msg/DiagnosticArray"),
     PARTICLES: (PointCloud2, "sensor_msgs/msg/PointCloud2"),
@@ -44,18 +44,18 @@ _PROBE_INTERVAL = 0.5
 
 
 class Recorder:
-    """A node that listens to the tracker; a context manager.
+    """A node that records the tracker's outputs; a context manager.
 
-    The status of a frame is passed on as `RECORDED_STATUS` once all that the tracker publishes for
-    the frame has been recorded: a replay in lockstep with that topic loses nothing here either.
+    When all messages of a frame are recorded, its status is published again on `RECORDED_STATUS`. A
+    replay in lockstep with that topic loses no message.
 
     Attributes:
-        topics: Topic to its type and to the name of that.
-        messages: Topic to stamp to serialized message.
+        topics: Topic to its message type and the name of the type.
+        messages: Topic to stamp (nanoseconds) to serialized message.
     """
 
     def __init__(self, *, several: bool = False) -> None:
-        """Start listening in the ROS domain of this process, to one target or to several."""
+        """Subscribe to the outputs for one or for several targets, in this process' ROS domain."""
         self.topics = _TOPICS_OF_SEVERAL if several else _TOPICS_OF_ONE
         self.messages: dict[str, dict[int, bytes]] = {topic: {} for topic in self.topics}
         self._context = Context()
@@ -84,7 +84,7 @@ class Recorder:
         self._context.try_shutdown()
 
     def read(self, topic: str) -> dict[int, Any]:
-        """The messages of a topic by stamp."""
+        """The messages of a topic, by stamp in nanoseconds."""
         message_type, _ = self.topics[topic]
         return {
             stamp: deserialize_message(message, message_type)
@@ -92,7 +92,15 @@ class Recorder:
         }
 
     def wait_until(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """Record until a condition holds, and tell whether it came to hold in time."""
+        """Record until a condition is true.
+
+        Args:
+            condition: The condition, checked after each message.
+            timeout: Maximum time to wait, seconds.
+
+        Returns:
+            Whether it became true in time.
+        """
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() > deadline:
@@ -101,18 +109,19 @@ class Recorder:
         return True
 
     def meet_tracker(self, timeout: float, check: Callable[[], None]) -> bool:
-        """Wait until all that the tracker publishes arrives here.
+        """Wait until all outputs of the tracker arrive here.
 
-        DDS makes the two acquainted topic by topic, and what is published before is lost. So small
-        images are shown to the tracker, which has no target yet, until one comes back. Each has a
-        stamp of its own, long before those of the recording: what comes twice is passed over.
+        DDS discovers each topic separately, and messages from before the discovery are lost. So
+        small probe images are published, while the tracker has no target, until the overlay of one
+        arrives. Each probe has its own stamp, before those of the recording, because the tracker
+        skips duplicates.
 
         Args:
-            timeout: Longest wait in seconds.
-            check: Called now and then; raises to give up.
+            timeout: Maximum time to wait, seconds.
+            check: Called before each probe; may raise to stop waiting.
 
         Returns:
-            Whether it does.
+            Whether the outputs arrive.
         """
         deadline = time.monotonic() + timeout
         stamps = itertools.count(1)
@@ -130,7 +139,7 @@ class Recorder:
     def _keep(self, topic: str) -> Callable[[bytes], None]:
         def keep(message: bytes) -> None:
             stamp = self._stamp(topic, message)
-            # The first message of a stamp is the answer; a frame that comes twice changes nothing.
+            # Only the first message of a stamp counts: a repeated frame is a skipped duplicate.
             self.messages[topic].setdefault(stamp, message)
             if self._is_complete(stamp):
                 self._recorded.publish(self.messages[STATUS][stamp])
@@ -138,7 +147,7 @@ class Recorder:
         return keep
 
     def _stamp(self, topic: str, message: bytes) -> int:
-        """Of a message; one with markers has that of its first."""
+        """Stamp of a serialized message, nanoseconds; for markers, that of the first one."""
         if topic != BOXES:
             return header_stamp(message)
         return stamp_of(deserialize_message(message, MarkerArray).markers[0].header)
@@ -155,17 +164,17 @@ class Recorder:
 
 
 def status_values(message: DiagnosticArray) -> dict[str, str]:
-    """The values of the tracker's own status by key."""
+    """Key to value of the node's status, the first one in the message."""
     return {pair.key: pair.value for pair in message.status[0].values}
 
 
 def target_values(message: DiagnosticArray) -> list[dict[str, str]]:
-    """The values of each of several targets by key."""
+    """Key to value of the status of each target."""
     return [{pair.key: pair.value for pair in status.values} for status in message.status[1:]]
 
 
 def _probe(stamp: int) -> Image:
-    """A small image, its stamp in nanoseconds below 10^9."""
+    """A small image with a stamp in nanoseconds, below 10^9."""
     side = 16
     image = Image(height=side, width=side, encoding="mono8", step=side)
     image.header.stamp.nanosec = stamp

@@ -1,4 +1,4 @@
-"""What the demo leaves behind for a clip: result.mcap, result.json, overlay.mp4, contact sheet."""
+"""Writes the results of a clip: result.mcap, result.json, overlay.mp4 and contact_sheet.png."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from pf_tracker_ros.messages import box_of_polygon
 
 Picture = NDArray[np.uint8]
 
-# Small footage is enlarged to be seen on a screen.
+# Height to which small footage is enlarged, pixels.
 _SCREEN_HEIGHT = 432
 _SHEET_WIDTH = 1920
 _SHEET_TILES = 12
@@ -31,7 +31,15 @@ _CAPTION_HEIGHT = 26
 
 @dataclass(frozen=True)
 class TargetResult:
-    """One of several targets in one frame; as in `FrameResult`, and its id and label."""
+    """One of several targets in one frame.
+
+    Attributes:
+        id: Id of the track.
+        label: Label of the track.
+        box: As in `FrameResult`.
+        state: As in `FrameResult`.
+        confidence: 0 to 1.
+    """
 
     id: int
     label: str
@@ -42,15 +50,15 @@ class TargetResult:
 
 @dataclass(frozen=True)
 class FrameResult:
-    """The tracker's answer for one frame.
+    """The tracker's result for one frame.
 
     Attributes:
-        stamp: Nanoseconds.
-        box: (x, y, width, height) in pixels, None while the target is lost, and with several.
+        stamp: Stamp of the frame, nanoseconds.
+        box: (x, y, width, height), pixels; None while the target is lost, and for several targets.
         state: As in `~/status`.
-        confidence: 0 to 1; of several targets the mean, 0 without any.
+        confidence: 0 to 1; the mean of several targets, 0 without targets.
         milliseconds: Processing time.
-        targets: Of several; None where there is one.
+        targets: The targets, if there can be several; otherwise None.
     """
 
     stamp: int
@@ -62,7 +70,7 @@ class FrameResult:
 
 
 def collect(recorder: Recorder, stamps: list[int]) -> list[FrameResult]:
-    """The tracker's answers in the order of the frames.
+    """The tracker's results in the order of the frames.
 
     Raises:
         DemoError: A frame has no status, or no target was tracked in it.
@@ -129,13 +137,13 @@ def _statuses(recorder: Recorder, stamps: list[int]) -> dict[int, Any]:
 
 
 def _outline(points: Any) -> tuple[float, float, float, float]:
-    """(x, y, width, height) of corners from the top left on, clockwise."""
+    """(x, y, width, height) of a rectangle, given clockwise from the top left corner."""
     first, opposite = points[0], points[2]
     return first.x, first.y, opposite.x - first.x, opposite.y - first.y
 
 
 def write_bag(recorder: Recorder, stamps: list[int], path: Path) -> None:
-    """Write all that the tracker published for these frames into an MCAP file."""
+    """Write the recorded messages of these frames to an MCAP file."""
     with BagWriter(path) as writer:
         for topic, (_, message_type) in recorder.topics.items():
             writer.add_topic(topic, message_type)
@@ -146,7 +154,7 @@ def write_bag(recorder: Recorder, stamps: list[int], path: Path) -> None:
 
 
 def write_json(clip: str, results: list[FrameResult], path: Path) -> None:
-    """Write one entry a frame: stamp in seconds, box, state and confidence."""
+    """Write an entry for each frame: stamp in seconds, box, state and confidence."""
     frames = []
     for result in results:
         frame = {"stamp": result.stamp / 1e9, **_entry(result)}
@@ -167,10 +175,10 @@ def _entry(result: FrameResult | TargetResult) -> dict[str, Any]:
 
 
 def read_overlays(recorder: Recorder, stamps: list[int]) -> list[Picture]:
-    """The overlay of each frame, enlarged to be seen on a screen.
+    """The overlay of each frame, small ones enlarged.
 
     Raises:
-        DemoError: A frame has none.
+        DemoError: A frame has no overlay.
     """
     messages = recorder.read(OVERLAY)
     missing = [index for index, stamp in enumerate(stamps) if stamp not in messages]
@@ -187,10 +195,10 @@ def read_overlays(recorder: Recorder, stamps: list[int]) -> list[Picture]:
 
 
 def write_video(overlays: list[Picture], frame_rate: float, path: Path) -> None:
-    """Write pictures as a video.
+    """Write the overlays as a video.
 
     Raises:
-        DemoError: OpenCV cannot write it.
+        DemoError: OpenCV cannot write the file.
     """
     height, width = overlays[0].shape[:2]
     codec = cv2.VideoWriter_fourcc(*"mp4v")
@@ -203,10 +211,10 @@ def write_video(overlays: list[Picture], frame_rate: float, path: Path) -> None:
 
 
 def write_contact_sheet(overlays: list[Picture], first_frame: int, path: Path) -> None:
-    """Write an even choice of pictures, the first and the last among them, onto one sheet.
+    """Write equally spaced overlays, with the first and the last one, to one image.
 
     Raises:
-        DemoError: OpenCV cannot write it.
+        DemoError: OpenCV cannot write the file.
     """
     height, width = overlays[0].shape[:2]
     columns = 3 if width / height > _WIDE else 4
@@ -232,7 +240,7 @@ def _captioned(picture: Picture, caption: str, width: int) -> Picture:
 
 
 def summary_table() -> Table:
-    """An empty table, a row for each clip."""
+    """The summary table, without rows."""
     table = Table(title="Tracked through the ROS node")
     table.add_column("clip")
     for heading in ("frames", "tracking", "confidence", "ms a frame"):
@@ -242,7 +250,11 @@ def summary_table() -> Table:
 
 
 def add_row(table: Table, clip: str, results: list[FrameResult], folder: Any) -> None:
-    """Add a clip's figures: share of frames with state tracking, means and median."""
+    """Add the row of a clip.
+
+    It has the share of frames with the state tracking, the mean confidence and the median
+    processing time.
+    """
     tracked = sum(result.state == "tracking" for result in results)
     table.add_row(
         clip,

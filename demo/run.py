@@ -1,9 +1,12 @@
-"""Track recorded footage through the real node, from a bag, and leave the results to look at.
+"""Track recorded clips with the ROS node, and write the results.
 
-For each clip: video -> MCAP bag -> `replay` -> DDS -> `tracker` -> DDS -> recorder ->
-demo/<clip>/result.mcap, result.json, overlay.mp4 and contact_sheet.png. Replay and tracker are the
-executables that a user runs, in lockstep, so that each run gives the same boxes; where the
-tracker's own detector starts several targets, they may begin a frame sooner or later.
+For each clip:
+
+1. Write the frames of the video to an MCAP bag.
+2. Run the executables `replay` and `tracker` in lockstep, so each run gives the same boxes. If the
+   built-in detector starts the targets, they may start a frame earlier or later.
+3. Record the outputs of the tracker.
+4. Write result.mcap, result.json, overlay.mp4 and contact_sheet.png to demo/<clip>/.
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ CACHE = FOLDER / "cache"
 LOGS = "log"
 _MEETING_TIMEOUT = 30.0
 _REPLAY_TIMEOUT = 120.0
-# Longer than the 3 s after which DDS sends again what was lost on the way.
+# Longer than the 3 s after which DDS sends lost messages again.
 _ANSWER_TIMEOUT = 5.0
 
 
@@ -51,10 +54,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the demo.
 
     Args:
-        arguments: Command line without the program's name; None takes the process'.
+        arguments: Command line without the program name; None for that of the process.
 
     Returns:
-        The exit code: 1 if a step failed.
+        The exit code, 1 if a step failed.
     """
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument(
@@ -83,10 +86,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class StepFailed(Exception):  # noqa: N818
-    """A step of the demo that failed, and why."""
+    """A step of the demo failed."""
 
     def __init__(self, step: str, error: Exception) -> None:
-        """Keep the name of the step and the error."""
+        """Store the name of the step and the error."""
         super().__init__(str(error))
         self.step = step
         self.error = error
@@ -95,7 +98,7 @@ class StepFailed(Exception):  # noqa: N818
 
 @contextmanager
 def step(console: Console, name: str) -> Iterator[None]:
-    """Show a step while it runs, and name it when it fails."""
+    """Show a step while it runs; raises `StepFailed` with its name if it fails."""
     began = time.monotonic()
     try:
         with console.status(name):
@@ -110,12 +113,12 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> list[Fr
 
     Args:
         console: Shows the steps.
-        clip: What to track.
-        wheel: Where the footage is.
-        folder: Where the results go; emptied first.
+        clip: The clip.
+        wheel: Path of the wheel with its video.
+        folder: Folder for the results; emptied first.
 
     Returns:
-        The tracker's answer for each frame.
+        The tracker's result for each frame.
 
     Raises:
         StepFailed: A step failed.
@@ -135,7 +138,7 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> list[Fr
 
 @contextmanager
 def ros_domain(folder: Path) -> Iterator[None]:
-    """A ROS domain that nobody else on this machine uses, kept on the loopback."""
+    """Use a free ROS domain on the loopback interface, and log to the folder of the clip."""
     with unused_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -145,10 +148,10 @@ def ros_domain(folder: Path) -> Iterator[None]:
 
 
 def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
-    """Run the tracker and the replay publisher until every frame has been answered.
+    """Run the tracker and the replay publisher until every frame is recorded.
 
     Raises:
-        DemoError: A process failed or does not answer.
+        DemoError: A process failed or timed out.
     """
     tracker = NodeProcess(
         "tracker",
@@ -167,7 +170,7 @@ def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
             lockstep=True,
             lockstep_status=RECORDED_STATUS,
             lockstep_timeout=_ANSWER_TIMEOUT,
-            # A detector needs the time that it has with a camera.
+            # At real-time rate, so the detector runs as often as with a camera.
             **({"target_box": list(clip.box)} if clip.box else {"lockstep_rate": 1.0}),
         )
         with replay:
@@ -184,10 +187,10 @@ def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
 def write_results(
     clip: Clip, recorder: Recorder, stamps: list[int], footage: Footage, folder: Path
 ) -> list[FrameResult]:
-    """Write what was recorded and return the tracker's answer for each frame.
+    """Write the recorded messages, and return the tracker's result for each frame.
 
     Raises:
-        DemoError: Something was not recorded or cannot be written.
+        DemoError: A message was not recorded, or a file cannot be written.
     """
     results = collect(recorder, stamps)
     write_bag(recorder, stamps, folder / "result.mcap")

@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
-"""Turns a pan axis, or a robot, toward the target: a node between `pf_tracker` and what it moves.
+"""Turns a pan axis, or a robot, toward the target of the node `pf_tracker`.
 
-It steers by the boxes of frames that show the target, more carefully the less is known of its
-place. It stands still at once when the target is hidden or lost, and after half a second without a
-frame that shows it, whether frames are skipped or nothing comes at all. Start it in the namespace
-of the tracker:
+1. While the state is `tracking`, the angular velocity is proportional to the offset of the box from
+   the center of the image.
+2. It is divided by 1 + std / 0.05, where std is the standard deviation of the box center as a share
+   of the image width.
+3. It is 0 when the target is occluded or lost, and after half a second without a tracked frame.
+
+Start it in the namespace of the tracker:
 
     python3 gimbal.py --ros-args -r camera_info:=/camera/camera_info -r cmd_vel:=/gimbal/cmd_vel
 """
@@ -24,17 +27,17 @@ from rclpy.node import Node
 from rclpy.utilities import try_shutdown
 from sensor_msgs.msg import CameraInfo
 
-# Radians a second for a target at the edge of the image.
+# Angular velocity for a target at the edge of the image, radians per second.
 FASTEST_TURN = 1.0
-# Standard deviation of the target's place, as a share of the image's width, that halves the turn.
+# Standard deviation of the box center that halves the velocity, as a share of the image width.
 DOUBTFUL_SPREAD = 0.05
-# Seconds without a frame that shows the target, after which to stand still.
+# Seconds without a tracked frame after which to stop.
 PATIENCE = 0.5
 WATCHDOG_PERIOD = 0.05
 
 
 class Gimbal(Node):
-    """Publishes the turn on `cmd_vel`, angular velocity about z, counterclockwise."""
+    """Publishes the angular velocity about z on `cmd_vel`, counterclockwise positive."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("gimbal", **options)
@@ -44,10 +47,10 @@ class Gimbal(Node):
         self._steered_at = -PATIENCE
         self._turns = self.create_publisher(Twist, "cmd_vel", 10)
         self.create_subscription(CameraInfo, "camera_info", self._on_camera, 10)
-        # Not latched: what the tracker said before this node came is no reason to turn.
+        # Volatile: a status from before the start of this node must not turn the axis.
         self.create_subscription(DiagnosticArray, "pf_tracker/status", self._on_status, 10)
         self.create_subscription(PolygonStamped, "pf_tracker/box", self._on_box, 10)
-        # By the wall's clock: the one of the camera may stand still.
+        # The steady clock runs on when the simulated time stops.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(WATCHDOG_PERIOD, self._watch, clock=steady)
 
@@ -68,7 +71,7 @@ class Gimbal(Node):
             self._stop()
 
     def _steer(self) -> None:
-        """Turn toward the target, once both the box and the status of a frame are here."""
+        """Turn toward the target, once both box and status of a frame have arrived."""
         (box_stamp, x), (status_stamp, spread) = self._center, self._spread
         if box_stamp != status_stamp or not self._width:
             return
@@ -95,7 +98,7 @@ def _stamp(message: DiagnosticArray | PolygonStamped) -> int:
 
 
 def main() -> None:
-    """Run until it is told to stop."""
+    """Run until the node is interrupted or ROS shuts down."""
     rclpy.init()
     try:
         rclpy.spin(Gimbal())

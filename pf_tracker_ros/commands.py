@@ -1,6 +1,6 @@
 """Entry points of the executables. Each parses its command line before the slow imports.
 
-A signal during the imports of `tracker`, `replay` or `console` ends them as a later one does.
+SIGINT and SIGTERM end `tracker`, `replay` and `console` cleanly even during the imports.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def tracker() -> None:
         _TRACKER_EXAMPLES,
     )
     parser.read(sys.argv[1:])
-    _require("tracker", "pf_tracker_ros.node")
+    _import_or_exit("tracker", "pf_tracker_ros.node")
     from pf_tracker_ros.node.tracker.tracker_node import main
 
     main()
@@ -66,7 +66,7 @@ def replay() -> int:
         _REPLAY_EXAMPLES,
     )
     source = parser.read_source("")
-    _require("replay", "pf_tracker_ros.node")
+    _import_or_exit("replay", "pf_tracker_ros.node")
     from pf_tracker_ros.node.replay.replay_node import main
 
     return main(source=source)
@@ -81,7 +81,7 @@ def console() -> int:
         _CONSOLE_EXAMPLES,
     )
     source = parser.read_source("recording to play from the page: ")
-    _require("console", "pf_tracker_ros.node")
+    _import_or_exit("console", "pf_tracker_ros.node")
     if find_spec("aiohttp") is None:
         print(
             "console: error: the Python package aiohttp is missing; install this package's extra "
@@ -107,14 +107,14 @@ def track() -> int:
 def _run(command: str, module: str) -> int:
     """Run a command that needs no ROS."""
     try:
-        return int(_require(command, module).main())
+        return int(_import_or_exit(command, module).main())
     except KeyboardInterrupt:
         # Interrupted during the imports; the commands handle later interrupts themselves.
         print(f"{command}: interrupted", file=sys.stderr)
         return 130
 
 
-def _require(command: str, module: str) -> ModuleType:
+def _import_or_exit(command: str, module: str) -> ModuleType:
     """Import a command's module, or end the program with the name of the missing package."""
     try:
         require_opencv()

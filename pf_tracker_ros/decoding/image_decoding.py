@@ -91,7 +91,7 @@ class Encoding:
             float32. With `chroma_rows` it receives whole rows, (rows, step).
         chroma_rows: Rows of color per row of the image, stored after the image's rows.
         multiple_of: (width, height) that the image's sides must be multiples of.
-        smallest_side: Minimum of width and height.
+        min_side: Minimum of width and height.
     """
 
     sample_type: str
@@ -99,7 +99,7 @@ class Encoding:
     to_image: Callable[[Pixels], Pixels]
     chroma_rows: float = 0.0
     multiple_of: tuple[int, int] = (1, 1)
-    smallest_side: int = 1
+    min_side: int = 1
 
 
 def _unchanged(pixels: Pixels) -> Pixels:
@@ -131,14 +131,14 @@ _YUYV = Encoding("u1", 2, _converted(cv2.COLOR_YUV2BGR_YUYV), multiple_of=(2, 1)
 def _bayer(pattern: str) -> dict[str, Encoding]:
     """The encodings of a Bayer pattern.
 
-    16 bits become gray, as the tracker determines the range in use of gray images only.
+    16-bit patterns become gray, because gain control exists for gray images only.
     """
     color = getattr(cv2, f"COLOR_Bayer{pattern}2BGR")
     gray = getattr(cv2, f"COLOR_Bayer{pattern}2GRAY")
     name = f"bayer_{pattern.lower()}"
     return {
-        f"{name}8": Encoding("u1", 1, _converted(color), smallest_side=3),
-        f"{name}16": Encoding("u2", 1, _converted(gray), smallest_side=3),
+        f"{name}8": Encoding("u1", 1, _converted(color), min_side=3),
+        f"{name}16": Encoding("u2", 1, _converted(gray), min_side=3),
     }
 
 
@@ -172,8 +172,8 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
 def decode_raw(message: RawImage) -> Pixels:
     """The image of a message.
 
-    The sizes are checked against the data before anything is allocated; then at most three times
-    the size of the data. Data after the last row is ignored.
+    The sizes are checked against the data before memory is allocated. At most three times the size
+    of the data is allocated. Data after the last row is ignored.
 
     Args:
         message: An image in one of `ENCODINGS`.
@@ -194,7 +194,7 @@ def decode_raw(message: RawImage) -> Pixels:
     order = ">" if message.is_bigendian else "<"
     sample_type = np.dtype(order + encoding.sample_type)
     pixel_size = sample_type.itemsize * encoding.channels
-    rows = _checked_rows(message, encoding, pixel_size)
+    rows = _checked_row_count(message, encoding, pixel_size)
 
     shape: tuple[int, ...] = (rows, message.step if encoding.chroma_rows else message.width)
     strides: tuple[int, ...] = (message.step, pixel_size)
@@ -225,11 +225,11 @@ def quote(text: str) -> str:
     return f"'{printable}'"
 
 
-def _checked_rows(message: RawImage, encoding: Encoding, pixel_size: int) -> int:
-    """The number of rows in the data, including those of color."""
+def _checked_row_count(message: RawImage, encoding: Encoding, pixel_size: int) -> int:
+    """The number of rows in the data, with the chroma rows."""
     check_sides(message.width, message.height)
     for field, divisor in zip(("width", "height"), encoding.multiple_of, strict=True):
-        value, minimum = getattr(message, field), encoding.smallest_side
+        value, minimum = getattr(message, field), encoding.min_side
         if value % divisor or value < minimum:
             allowed = f"multiples of {divisor}" if divisor > 1 else f"at least {minimum}"
             raise ImageError(

@@ -30,9 +30,10 @@ def evaluate_each(
         sequences: The sequences, as from `read_sequences`.
         make_tracker: Called once for each sequence and seed; must be picklable for `jobs` > 1.
         seeds: Seeds, one run each.
-        jobs: Number of processes. They share caches and memory bandwidth, so times are comparable
-            only with one.
-        on_progress: Called after each frame, or after each sequence for `jobs` > 1.
+        jobs: Number of processes. They share caches and memory bandwidth: compare times only
+            between runs with one.
+        on_progress: Called after each frame, or for `jobs` > 1 after each sequence that did not
+            fail.
 
     Yields:
         Index and result of a sequence, in order of completion.

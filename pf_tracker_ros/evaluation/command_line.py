@@ -19,9 +19,12 @@ from pf_tracker_ros.tracking.presets import PRESETS
 _PRESET = "default"
 _DESCRIPTION = """\
 Evaluate a preset of the tracker on sequences with ground truth: one pass from the first true box,
-no restarts. Prints the success AUC (mean over the overlap thresholds 0, .05, .. 1 of the share of
-frames with an overlap above it; 20/21 is perfect), the share of frames with a center error of at
-most 20 px, and the median CPU time of one update, averaged over the seeds.
+no restarts. Prints three scores, averaged over the seeds:
+
+- the success AUC. For each overlap threshold 0, 0.05, ... 1, take the share of frames above it. The
+  success AUC is the mean of these shares, at most 20/21.
+- the share of frames with a center error of at most 20 px.
+- the median CPU time of one update.
 """
 
 _EXIT_CODES = """\
@@ -135,8 +138,10 @@ def merge_parameter_file(options: argparse.Namespace) -> TrackerSettings:
                 "both set the preset; remove one of them"
             )
         # Only the names are used.
-        typed = parse_parameters(options.parameter)
-        options.from_file = tuple(name for name in settings.parameters if name not in typed)
+        from_command_line = parse_parameters(options.parameter)
+        options.from_file = tuple(
+            name for name in settings.parameters if name not in from_command_line
+        )
         options.parameter = [
             *(
                 f"{name}={_as_typed(options.params_file, name, settings.parameters[name])}"

@@ -19,10 +19,10 @@ class EvaluationError(ValueError):
 
 @dataclass(frozen=True)
 class Scores:
-    """The figures of one sequence, or their means over sequences.
+    """The scores of one sequence, or their means over sequences.
 
     Attributes:
-        success_auc: Area under the success curve, 0 to 20/21; see `metrics.success_auc`.
+        success_auc: Area under the success curve; 20/21 is perfect, see `metrics.success_auc`.
         precision_20px: Share of frames with a center error of at most 20 px, 0 to 1.
         cpu_ms_median: Median CPU time of an `update`, in milliseconds.
         frames: Number of frames, including the first.
@@ -64,20 +64,23 @@ class FrameDetails:
     cue_weights: Mapping[str, NDArray[np.float64]]
 
     @classmethod
-    def of(cls, each: Sequence[Any]) -> FrameDetails:
+    def of(cls, frames: Sequence[Any]) -> FrameDetails:
         """Collect the details from an object for each frame."""
-        names = dict.fromkeys(name for one in each for name in one.cue_weights)
+        names = dict.fromkeys(name for frame in frames for name in frame.cue_weights)
         return cls(
-            tuple(one.state for one in each),
-            np.array([one.confidence for one in each]),
-            np.array([one.effective_sample_size for one in each]),
-            {name: np.array([one.cue_weights.get(name, np.nan) for one in each]) for name in names},
+            tuple(frame.state for frame in frames),
+            np.array([frame.confidence for frame in frames]),
+            np.array([frame.effective_sample_size for frame in frames]),
+            {
+                name: np.array([frame.cue_weights.get(name, np.nan) for frame in frames])
+                for name in names
+            },
         )
 
 
 @dataclass(frozen=True)
 class SequenceResult:
-    """One pass over one sequence, once for each seed.
+    """Results of one sequence: one pass for each seed.
 
     Frames without target (`metrics.has_target`) are tracked but not scored.
 

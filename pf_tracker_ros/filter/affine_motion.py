@@ -1,4 +1,4 @@
-"""Affine motion: the offset from the first box shrinks, stays or grows, and drifts.
+"""Affine motion: each step multiplies the offset from the first box by a factor and shifts it.
 
 1. x_k - x_0 = a (x_{k-1} - x_0) + b + u, where x_0 is the first box and u is Gaussian noise with
    independent axes. Counting from x_0 instead of the image's corner only changes b.
@@ -53,7 +53,7 @@ class AffineMotionParameters:
     )
     drift: tuple[float, ...] = declared(
         (0.0, 0.0),
-        "Steady motion to the right and downwards (b, over one step).",
+        "Constant velocity to the right and downwards; b is this times the length of a step.",
         unit="box sizes per second",
         minimum=-100.0,
         maximum=100.0,
@@ -127,9 +127,9 @@ class AffineMotion:
         parameters = self._parameters
         steps = model_steps(interval)
         factor = parameters.factor**steps
-        one = 1.0 - parameters.factor
-        repeated = (1.0 - factor) / one if abs(one) > 1e-9 else steps
-        shift = repeated * MODEL_STEP * self._box_size * np.array([*parameters.drift, 0.0])
+        decay = 1.0 - parameters.factor
+        summed_steps = (1.0 - factor) / decay if abs(decay) > 1e-9 else steps
+        shift = summed_steps * MODEL_STEP * self._box_size * np.array([*parameters.drift, 0.0])
         return factor, shift + (1.0 - factor) * self._first
 
     def predict(

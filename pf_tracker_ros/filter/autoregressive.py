@@ -2,10 +2,13 @@
 
 1. X_k - X_0 = A1 (X_{k-1} - X_0) + A2 (X_{k-2} - X_0) + v_k, where X_0 is the first box.
 2. One step of the pair (X_k, X_{k-1}) is the matrix M = [[A1, A2], [1, 0]]. An interval of t steps
-   takes its power M^t: exactly the equation for t = 1, and two half steps make one step.
-3. The roots of z^2 = A1 z + A2 decide the fate of an offset from X_0: above 1 it grows without
-   bound, at 1 it stays, below 1 it decays.
-4. The noise v is a random walk in box sizes; its variance grows in proportion to the interval.
+   is the matrix power M^t. For t = 1 this is the equation above. Two half steps equal one step
+   unless a root is negative.
+3. The roots of z^2 = A1 z + A2 determine how an offset from X_0 develops. With a root of modulus
+   above 1 it grows without bound, with all below 1 it decays. At 1 it stays, or grows steadily if
+   both roots are 1.
+4. The noise v is a random walk, of the center in box sizes and of each side relative to that side;
+   its variance grows in proportion to the interval.
 
 Source: Zhang et al. 2015, section 3.1 and equation (7).
 """

@@ -62,9 +62,8 @@ class ConstantVelocity:
     def __init__(self, box: Box, parameters: ConstantVelocityParameters) -> None:
         x, y, width, height = box
         self._center = np.array([x + width / 2, y + height / 2])
-        self._sides = (width, height)
-        self._size = np.array(self._sides)
-        self._box_size = np.sqrt(self._size.prod(keepdims=True))
+        self._size = (width, height)
+        self._box_size = np.sqrt(np.array([width * height]))
         self._position_noise = parameters.position_noise
         self._noise = np.repeat([parameters.position_noise, parameters.velocity_noise], 2)
 
@@ -108,7 +107,7 @@ class ConstantVelocity:
         """See `MotionModel.boxes`."""
         boxes = np.empty((len(states), 4))
         # By column: three times as fast as by rows of two numbers.
-        width, height = self._sides
+        width, height = self._size
         np.subtract(states[:, 0], width / 2, out=boxes[:, 0])
         np.subtract(states[:, 1], height / 2, out=boxes[:, 1])
         boxes[:, 2] = width

@@ -1,4 +1,4 @@
-"""A Kalman filter beside the particle filter, which predicts where the next particles are needed.
+"""A Kalman filter whose prediction is a proposal for the particles of the next frame.
 
 The Kalman filter's belief may have columns that a particle lacks, such as a velocity. In a frame
 
@@ -29,9 +29,9 @@ class LinearStep(NamedTuple):
     """x_k = A x_{k-1} + B u + w, with independent axes of w.
 
     Attributes:
-        matrix: A, (B, B).
-        control: B u, (B,).
-        std: Standard deviations of w, (B,).
+        matrix: A, (K, K).
+        control: B u, (K,).
+        std: Standard deviations of w, (K,).
     """
 
     matrix: NDArray[np.float64]
@@ -42,7 +42,7 @@ class LinearStep(NamedTuple):
 class LinearizableMotion(Protocol):
     """A motion model with a linear step for a Kalman filter.
 
-    The belief has B columns. The first D are those of a particle's state, and the particles'
+    The belief has K columns. The first D are those of a particle's state, and the particles'
     estimate measures the first `measured_columns`.
     """
 
@@ -53,7 +53,7 @@ class LinearizableMotion(Protocol):
         """The Kalman filter's state transition over an interval in seconds."""
 
     def transition(self, interval: float, belief: NDArray[np.float64] | None = None) -> Transition:
-        """The particles' transition prior over an interval, given the belief's (B,) mean."""
+        """The particles' transition prior over an interval, given the belief's (K,) mean."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class KalmanFilter:
     """The Kalman filter of a target; every operation returns a new one.
 
     Attributes:
-        belief: Density of the B columns of the motion's linear step.
+        belief: Density of the K columns of the motion's linear step.
         motion: Motion model of the belief and of the particles.
     """
 
@@ -95,5 +95,5 @@ class KalmanFilter:
         """The belief after a measurement: the particles' (D,) mean and (D, D) covariance."""
         count = self.motion.measured_columns
         observation = np.eye(count, len(self.belief.mean))
-        error = covariance[:count, :count] + np.diag(np.full(count, SMALLEST_STD**2))
-        return replace(self, belief=self.belief.correct(mean[:count], observation, error))
+        noise = covariance[:count, :count] + np.diag(np.full(count, SMALLEST_STD**2))
+        return replace(self, belief=self.belief.correct(mean[:count], observation, noise))

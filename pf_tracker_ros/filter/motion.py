@@ -33,9 +33,10 @@ from pf_tracker_ros.registry import Registry
 SMALLEST_SIDE = 6.0
 # Seconds in one step of a discrete equation of motion.
 MODEL_STEP = 0.04
-# Limit of the steps in one prediction, so that a divergent model does not overflow.
+# Maximum number of steps in one prediction: a divergent model would overflow with more.
 _MAX_STEPS = 200.0
-# Longest interval of one prediction in seconds; more could overflow.
+# Longest interval of a prediction with any model, seconds. Discrete equations of motion stop
+# earlier, after `_MAX_STEPS`.
 LONGEST_PREDICTION = 60.0
 
 
@@ -58,7 +59,10 @@ def limit_centers(states: NDArray[np.float64], image_size: tuple[int, int]) -> N
 def limit_sizes(
     sizes: NDArray[np.float64], first_size: ArrayLike, image_size: tuple[int, int]
 ) -> NDArray[np.float64]:
-    """(N, 2) sizes limited: at least `SMALLEST_SIDE` or the first size, at most the image size."""
+    """(N, 2) sizes, limited.
+
+    A side is at least the smaller of `SMALLEST_SIDE` and the first side, at most that of the image.
+    """
     smallest = np.minimum(SMALLEST_SIDE, first_size)
     return np.minimum(np.maximum(sizes, smallest), np.maximum(image_size, smallest))
 
@@ -116,9 +120,9 @@ MOTION_MODELS = Registry[MotionModel](
 )
 
 
-def models_with(capability: str) -> tuple[str, ...]:
-    """Names of the models with a method called `capability`."""
-    return tuple(name for name, model in MOTION_MODELS.items() if hasattr(model, capability))
+def models_with(method: str) -> tuple[str, ...]:
+    """Names of the models with a method called `method`."""
+    return tuple(name for name, model in MOTION_MODELS.items() if hasattr(model, method))
 
 
 @dataclass(frozen=True)
@@ -128,9 +132,9 @@ class MotionParameters:
     model: str = declared(
         "constant_velocity",
         "Motion model: constant_velocity keeps the box size of the first frame, "
-        "constant_velocity_and_size lets it change, affine applies a factor and a drift to "
-        "position and scale, second_order_autoregressive continues position and size from the "
-        "last two steps.",
+        "constant_velocity_and_size lets it change, affine applies a factor to position "
+        "and scale and a drift to the position, second_order_autoregressive continues position "
+        "and size from the last two steps.",
         choices=MOTION_MODELS,
         read_only=True,
     )

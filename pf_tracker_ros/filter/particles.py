@@ -5,8 +5,8 @@
 3. A measurement multiplies each weight by its likelihood p(z_k | x_i), then the weights are
    normalized (`reweight`).
 4. The weighted mean is the estimate with the least mean square error (`mean`).
-5. 1 / sum of w_i^2 is the effective sample size: how many particles of equal weight would estimate
-   as well. When it is small, the particles are resampled (`resample`).
+5. 1 / sum of w_i^2 is the effective sample size, the number of equally weighted particles of the
+   same accuracy. When it is small, the particles are resampled (`resample`).
 
 `GeneratorState` makes the random draws repeatable: it is the state of a generator as a value.
 
@@ -66,13 +66,13 @@ def _read_only(values: ArrayLike) -> NDArray[np.float64]:
 
 
 def _frozen(array: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The array itself, made read-only; the caller owns it alone."""
+    """Makes the array read-only and returns it; there must be no other reference to it."""
     array.setflags(write=False)
     return array
 
 
 def _normalized(log_weights: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) log weights, normalized in place and read-only; the caller owns them alone."""
+    """(N,) log weights, normalized in place and read-only; see `_frozen`."""
     largest = float(log_weights.max())
     if math.isnan(largest):
         log_weights[np.isnan(log_weights)] = -np.inf

@@ -6,10 +6,14 @@ puts more particles where the target is (importance sampling):
 1. Draw x_k from q(x_k | x_{k-1}).
 2. Multiply its weight by p(x_k | x_{k-1}) / q(x_k | x_{k-1}).
 3. The weighted particles then represent the same posterior, if q > 0 wherever p > 0.
-4. Here q is a mixture, q = share g + (1 - share) p, so the ratio is at most 1 / (1 - share).
 
-g is a Kalman filter's prediction (`propose_from_prediction`) or the cues' likelihood on a grid of
-positions (`propose_from_search`, where the prior also includes jumps).
+Both proposals here are mixtures; `share` is the mixture weight.
+
+- `propose_from_prediction`: q = share g + (1 - share) p, with a Kalman filter's prediction g. The
+  ratio p / q is at most 1 / (1 - share).
+- `propose_from_search`: q = share G + (1 - share) N, with the cues' likelihood G on a grid of
+  positions and the motion model's Gaussian N. The prior p is N mixed with jumps to anywhere on the
+  grid. It is no component of q, so p / q has no such bound.
 
 Sources: Zhang Bo, section 3.3; Doucet, Godsill, Andrieu 2000, "On sequential Monte Carlo sampling
 methods for Bayesian filtering", section II; Okuma et al. 2004, "A boosted particle filter:
@@ -30,9 +34,10 @@ from pf_tracker_ros.filter.gaussian import Gaussian
 from pf_tracker_ros.parameters import declared
 
 _LOG_TWO_PI = math.log(2.0 * math.pi)
-# The transition prior keeps the rest, which limits the ratio p / q.
+# The transition prior keeps at least 5 %, which bounds p / q for the Kalman proposal.
 LARGEST_SHARE = 0.95
-# Prior probability that the center is anywhere on the grid, whatever the motion model predicts.
+# Prior probability of a jump: the center is then uniform over the grid, whatever the motion model
+# predicts.
 _JUMP_PROBABILITY = 0.1
 
 
@@ -45,8 +50,8 @@ class Transition(Protocol):
     def std(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviations of the noise, broadcastable to (N, D), of (N, D) states.
 
-        A column has noise in all states or in none. A column without noise, such as the last
-        position, follows f under every proposal.
+        A column has noise for all particles or for none. A column without noise, such as the
+        position one step ago, is always f(x).
         """
 
 
@@ -184,7 +189,10 @@ class SearchGrid:
         return np.column_stack([np.tile(x, self.count), np.repeat(y, self.count)])
 
     def cells_of(self, points: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-        """(N,) cell indices of (N, 2) points, 0 outside the grid, and (N,) whether inside."""
+        """(N,) indices of the cells that contain (N, 2) points, and (N,) which points are inside.
+
+        The index of a point outside of the grid is 0.
+        """
         offsets = (points - self.center) / self.spacing + self.count / 2
         column, row = np.floor(offsets.T).astype(np.intp)
         inside = (column >= 0) & (column < self.count) & (row >= 0) & (row < self.count)
@@ -216,9 +224,9 @@ class GridDensity:
     def log_densities(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(N,) log densities, per px^2, at (N, 2) points: this one and the grid's uniform one.
+        """(N,) log densities at (N, 2) points, per px^2, of this and of the uniform density.
 
-        Outside of the grid both are minus infinity.
+        The uniform density covers the grid. Outside of the grid both are minus infinity.
         """
         cells, inside = self.grid.cells_of(points)
         with np.errstate(divide="ignore"):
@@ -254,7 +262,7 @@ class ProposedCenters(NamedTuple):
 
 
 def propose_from_search(
-    prior_centers: NDArray[np.float64],
+    predicted_centers: NDArray[np.float64],
     prior: CenterPrior,
     grid_density: GridDensity,
     share: float,
@@ -267,16 +275,16 @@ def propose_from_search(
     Proposal: q(x) = share G(x) + (1 - share) N(x; mean, std^2), with the grid density G.
 
     Args:
-        prior_centers: (N, 2) centers drawn from the prior, pixels.
+        predicted_centers: (N, 2) centers drawn from the motion model's N, pixels.
         prior: The motion model's density of the centers.
         grid_density: The likelihood over the grid, as a density.
         share: Probability, above 0 up to `LARGEST_SHARE`, that a center is drawn from the grid.
         generator: Source of randomness.
     """
-    count = len(prior_centers)
+    count = len(predicted_centers)
     jump = _JUMP_PROBABILITY
     from_grid = generator.random(count) < share
-    centers = np.where(from_grid[:, None], grid_density.draw(count, generator), prior_centers)
+    centers = np.where(from_grid[:, None], grid_density.draw(count, generator), predicted_centers)
 
     log_motion = _log_density(centers, prior.mean, prior.std)
     log_grid, log_uniform = grid_density.log_densities(centers)

@@ -3,7 +3,7 @@
 After some frames, most of the weight lies on few particles (degeneracy). Resampling then draws the
 particles anew, in proportion to their weights:
 
-1. Compute the effective sample size. If it is at least a share of N, stop.
+1. Compute the effective sample size. If it is at least `threshold * N`, stop.
 2. Choose `count` positions in [0, 1). The schemes differ here.
 3. Look each position up in the cumulative weights; this gives the index of a particle.
 4. Copy these particles and make their weights equal.
@@ -51,7 +51,7 @@ RESAMPLERS = Registry[Resampler]("resampling scheme", group="pf_tracker_ros.resa
 _LARGEST_POSITION = np.nextafter(1.0, 0.0)
 
 
-def _invert(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.intp]:
+def _inverse_cdf(weights: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.intp]:
     """Indices at which the cumulative weights pass the sorted `positions` in [0, 1)."""
     cumulative = np.cumsum(weights)
     # Rounding must not put a position beyond the last sum, nor select a particle of weight 0.
@@ -70,7 +70,7 @@ class MultinomialResampler:
         self, weights: NDArray[np.float64], count: int, generator: np.random.Generator
     ) -> NDArray[np.intp]:
         """See `Resampler.indices`."""
-        return _invert(weights, np.sort(generator.random(count)))
+        return _inverse_cdf(weights, np.sort(generator.random(count)))
 
 
 @RESAMPLERS.register("stratified")
@@ -81,7 +81,7 @@ class StratifiedResampler:
         self, weights: NDArray[np.float64], count: int, generator: np.random.Generator
     ) -> NDArray[np.intp]:
         """See `Resampler.indices`."""
-        return _invert(weights, (np.arange(count) + generator.random(count)) / count)
+        return _inverse_cdf(weights, (np.arange(count) + generator.random(count)) / count)
 
 
 @RESAMPLERS.register("systematic")
@@ -95,7 +95,7 @@ class SystematicResampler:
         self, weights: NDArray[np.float64], count: int, generator: np.random.Generator
     ) -> NDArray[np.intp]:
         """See `Resampler.indices`."""
-        return _invert(weights, (np.arange(count) + generator.random()) / count)
+        return _inverse_cdf(weights, (np.arange(count) + generator.random()) / count)
 
 
 @RESAMPLERS.register("residual")
@@ -115,7 +115,7 @@ class ResidualResampler:
             return certain[:count]
         residual = np.maximum(expected - copies, 0.0)
         positions = np.sort(generator.random(rest))
-        return np.concatenate([certain, _invert(residual / residual.sum(), positions)])
+        return np.concatenate([certain, _inverse_cdf(residual / residual.sum(), positions)])
 
 
 @dataclass(frozen=True)

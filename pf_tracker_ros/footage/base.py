@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 
+# Stamp of the first frame of footage without stamps, nanoseconds; see `frame_stamp`.
 FIRST_STAMP = NANOSECONDS
+# Frames per second of footage without stamps and without a rate.
 DEFAULT_FRAME_RATE = 25.0
 
 
@@ -20,7 +22,9 @@ class FootageError(ValueError):
 
 
 class Footage(Protocol):
-    """A source of frames.
+    """A source of frames: a video, a folder of images, a sequence folder or a bag.
+
+    It only reads. The command `track` adds access by index and sidecar files in its recordings.
 
     Attributes:
         name: Short name for messages and tables.
@@ -52,7 +56,7 @@ class Footage(Protocol):
 
 
 def frame_stamp(index: int, interval: float) -> int:
-    """Stamp of a frame in nanoseconds.
+    """Stamp of a frame in nanoseconds, for footage without stamps.
 
     The first frame is at 1 s, because a stamp of 0 means "no stamp" in ROS.
 

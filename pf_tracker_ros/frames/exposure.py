@@ -203,8 +203,8 @@ _DARKEST, _BRIGHTEST = 12.0, 200.0
 _MIN_RELIABLE_SHARE = 0.1
 # Smaller changes of the log gain are ignored; they do not change color bins.
 _MIN_CHANGE = 0.04
-# Largest share of the change between images that one gain may leave unexplained. More is a change
-# of the scene or of the camera's view.
+# Largest share of the change between images, and of the contrast in each, that one gain may leave
+# unexplained. More is a change of the scene or of the camera's view.
 _MAX_UNEXPLAINED = 0.5
 # Time constant in seconds of the gain's return to 1: slower than the templates.
 _TIME_CONSTANT_OF_GAIN = 10.0
@@ -237,18 +237,19 @@ class Illumination:
         """Whether the brightness changed abruptly with this image."""
         return abs(math.log(self.change)) > math.log(_JUMP)
 
-    def update(self, image: NDArray[np.generic], interval: float) -> Illumination:
+    def update(self, image: NDArray[np.generic], learning: float) -> Illumination:
         """The illumination of this image.
 
         Args:
             image: (H, W, 3) or (H, W), of the last image's size.
-            interval: Seconds since the last image.
+            learning: Seconds in which templates learned the illumination since the last image; the
+                gain returns to 1 over them.
         """
         if image.dtype != np.uint8:
             return self
         thumbnail = _thumbnail(image)
         change = 1.0 if self.thumbnail is None else _change(self.thumbnail, thumbnail)
-        gain = change * self.gain ** math.exp(-interval / _TIME_CONSTANT_OF_GAIN)
+        gain = change * self.gain ** math.exp(-learning / _TIME_CONSTANT_OF_GAIN)
         return Illumination(1.0 if abs(math.log(gain)) < _MIN_CHANGE else gain, thumbnail, change)
 
 
@@ -278,11 +279,14 @@ def _change(before: Thumbnail, now: Thumbnail) -> float:
     is_reliable = (darkest > _DARKEST) & (brightest < _BRIGHTEST)
     if np.count_nonzero(is_reliable) < _MIN_RELIABLE_SHARE * is_reliable.size:
         return 1.0
-    log_ratio = np.log(now[is_reliable] / before[is_reliable])
+    logs = np.log([before[is_reliable], now[is_reliable]])
+    log_ratio = logs[1] - logs[0]
     change = float(np.median(log_ratio))
     if abs(change) < _MIN_CHANGE:
         return 1.0
     unexplained = np.median(np.abs(log_ratio - change))
-    if unexplained > _MAX_UNEXPLAINED * np.median(np.abs(log_ratio)):
+    # Of a uniform image, such as a covered lens, every factor explains everything.
+    contrast = np.median(np.abs(logs - np.median(logs, axis=1, keepdims=True)), axis=1).min()
+    if unexplained > _MAX_UNEXPLAINED * min(float(np.median(np.abs(log_ratio))), contrast):
         return 1.0
     return math.exp(change)

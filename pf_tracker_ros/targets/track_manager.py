@@ -251,7 +251,10 @@ class TrackManager:
             self.reset()
         with default_numpy_errors():
             reported = self._track_ids.reported(self._track_set.tracks)
-            self._prepare(self._front_end, frame, interval, self._track_set.boxes)
+            before = self._track_set
+            self._prepare(
+                self._front_end, frame, interval, before.boxes, is_tracked=before.is_tracked
+            )
             current = [one for one in detections if _is_current(one.stamp, frame.stamp, interval)]
             late = [one for one in detections if one not in current]
             entries, rejected = insert_late(self.frames, late, frame.stamp, self._describe)
@@ -289,10 +292,22 @@ class TrackManager:
         )
 
     def _prepare(
-        self, front_end: ImageFrontEnd, frame: Frame, interval: float, boxes: Sequence[Box]
+        self,
+        front_end: ImageFrontEnd,
+        frame: Frame,
+        interval: float,
+        boxes: Sequence[Box],
+        *,
+        is_tracked: bool = False,
     ) -> None:
-        target_filter, follow_light = self._target_filter, self._parameters.follow_light
-        front_end.prepare(frame, interval, boxes, target_filter.needs_foreground, follow_light)
+        front_end.prepare(
+            frame,
+            interval,
+            boxes,
+            self._target_filter.needs_foreground,
+            self._parameters.follow_light,
+            is_tracked=is_tracked,
+        )
 
     def _describe(
         self, detections: Detections, frame: Frame
@@ -465,7 +480,8 @@ class TrackManager:
         for entry in entries[1:]:
             front_end.commit(frame)
             frame = entry.frame
-            self._prepare(front_end, frame, entry.interval, track_set.boxes)
+            is_tracked = track_set.is_tracked
+            self._prepare(front_end, frame, entry.interval, track_set.boxes, is_tracked=is_tracked)
             revised.append(HistoryEntry(frame, entry.interval, track_set, entry.detections))
             track_set = pipeline.advance(track_set, frame, entry.interval, entry.detections)
             last_seen = last_seen_after(frame, track_set, last_seen)

@@ -253,6 +253,11 @@ class TrackSet:
         """Of the active tracks, pixels."""
         return [track.filter_state.estimate.box for track in self.tracks]
 
+    @property
+    def is_tracked(self) -> bool:
+        """Whether any target is in state tracking, so that its templates may learn."""
+        return any(track.filter_state.status.state == "tracking" for track in self.tracks)
+
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> TrackSet:
         """The track set after the camera has moved, see `Track.compensate_camera_motion`."""
         return replace(

@@ -31,10 +31,10 @@ from pf_tracker_ros.filter import ParticleSet
 # Constant, and slopes over the features of `box_features`, for x, y, log width and log height.
 COEFFICIENTS = np.array(
     [
-        [-1.267, -0.260, 0.327, -0.161, -0.004],
-        [-2.060, -0.182, -0.293, 0.368, 0.057],
-        [-1.045, -0.184, 0.225, -0.112, -0.147],
-        [-2.038, -0.195, -0.423, 0.285, -0.342],
+        [-1.264, -0.260, 0.334, -0.167, -0.006],
+        [-2.043, -0.183, -0.302, 0.380, 0.059],
+        [-1.036, -0.184, 0.231, -0.116, -0.150],
+        [-2.057, -0.198, -0.437, 0.292, -0.342],
     ]
 )
 # Correlation of the errors of log width and log height.

@@ -80,6 +80,8 @@ class ImageFrontEnd:
         boxes: Sequence[Box],
         needs_foreground: bool,
         follow_light: bool,
+        *,
+        is_tracked: bool = False,
     ) -> None:
         """Prepare the next frame, which `commit` makes the last one.
 
@@ -91,11 +93,13 @@ class ImageFrontEnd:
             boxes: Boxes of the targets, pixels.
             needs_foreground: Whether a cue reads the foreground.
             follow_light: See `TrackerParameters`.
+            is_tracked: Whether a target is tracked; without one nothing learns the illumination.
         """
         self._next_gain = self._gain.update(frame.image, interval)
         self._next_illumination = UNCHANGED_ILLUMINATION
         if follow_light:
-            self._next_illumination = self._illumination.update(frame.image, interval)
+            learning = interval if is_tracked else 0.0
+            self._next_illumination = self._illumination.update(frame.image, learning)
         frame.expose(self._next_gain.span, self._next_illumination)
         if self._ego_motion:
             frame.camera_motion = self._ego_motion.update(frame)

@@ -23,6 +23,12 @@ def gray(seed, low, high):
     return scene(seed, low, high)[..., :1].repeat(3, axis=2)
 
 
+def dark_noise():
+    """What a sensor sees behind a cap."""
+    noise = np.random.default_rng(5).normal(14.0, 4.0, (*SIZE, 3))
+    return noise.clip(0, 255).astype(np.uint8)
+
+
 def lit(image, gain):
     return cv2.convertScaleAbs(image, alpha=gain)
 
@@ -96,6 +102,8 @@ def test_the_changes_of_several_images_add_up():
         pytest.param(scene(), np.roll(scene(), (3, 9), (0, 1)), id="the camera's view"),
         pytest.param(scene(), np.zeros((*SIZE, 3), np.uint8), id="a shutter"),
         pytest.param(scene(), np.full((*SIZE, 3), 255, np.uint8), id="a flash"),
+        pytest.param(scene(), dark_noise(), id="a covered lens"),
+        pytest.param(dark_noise(), scene(), id="an uncovered lens"),
     ],
 )
 def test_other_changes_do_not_change_the_gain(before, after):
@@ -116,6 +124,13 @@ def test_the_gain_decays_to_1():
         0.5 ** np.exp(-1), rel=0.02
     )
     assert gain_after([lit(image, 0.5)], illumination, 40.0) == 1.0
+
+
+def test_the_gain_stays_while_nothing_learns_the_illumination():
+    image = scene()
+    illumination = Illumination().update(image, INTERVAL).update(lit(image, 0.5), INTERVAL)
+    dimmed = [lit(image, 0.5)] * 300
+    assert gain_after(dimmed, illumination, 0.0) == pytest.approx(illumination.gain, rel=1e-6)
 
 
 @settings(max_examples=40)

@@ -1,4 +1,4 @@
-"""The imports of the package go one way: no file needs itself, and no layer one below it."""
+"""Imports of the package have no cycles, and no layer imports one below it in the list."""
 
 import ast
 from graphlib import CycleError, TopologicalSorter
@@ -8,7 +8,7 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
-# Each may import what stands above it or beside it; docs/architecture.md tells what is in them.
+# Each layer may import itself and those above it; docs/architecture.md lists their contents.
 LAYERS = (
     {"parameters", "registry"},
     {"boxes", "stamps", "plurals", "messages"},
@@ -43,7 +43,7 @@ PLACES = {name: place for place, names in enumerate(LAYERS) for name in names}
 
 
 def modules(folder):
-    """Name to path of every module of the package in a folder."""
+    """Name to path of every module of the package in a repository folder."""
     return {
         ".".join(path.relative_to(folder).with_suffix("").parts).removesuffix(".__init__"): path
         for path in (folder / PACKAGE).rglob("*.py")
@@ -51,7 +51,7 @@ def modules(folder):
 
 
 def imported(statement, known):
-    """The modules of the package that a statement imports."""
+    """Names of the package's modules that a statement imports."""
     if isinstance(statement, ast.Import):
         names = [alias.name for alias in statement.names]
     elif isinstance(statement, ast.ImportFrom) and not statement.level:
@@ -63,7 +63,7 @@ def imported(statement, known):
 
 
 def executed(body):
-    """The statements that are executed when a module is imported."""
+    """Statements that run when the module is imported: none in functions or for type checkers."""
     for statement in body:
         if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
@@ -77,8 +77,8 @@ def executed(body):
             yield from executed(handler.body)
 
 
-def circle(folder):
-    """Modules each of which needs the next one when it is imported; empty where there are none."""
+def import_cycle(folder):
+    """Modules of an import cycle, each of which imports the next; empty without a cycle."""
     known = modules(folder)
     needed = {
         name: {
@@ -96,8 +96,11 @@ def circle(folder):
     return []
 
 
-def arrows_down(folder):
-    """Imports, wherever they stand, of what is in a layer below; the package itself is in none."""
+def downward_imports(folder):
+    """All imports of modules in a lower layer, also those in functions.
+
+    The package's own `__init__` is in no layer.
+    """
     known = modules(folder)
     for name, path in known.items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -111,17 +114,17 @@ def test_every_module_is_in_a_layer():
     assert {name.split(".")[1] for name in modules(REPOSITORY) if "." in name} == PLACES.keys()
 
 
-def test_no_file_needs_itself():
-    assert circle(REPOSITORY) == []
+def test_there_is_no_import_cycle():
+    assert import_cycle(REPOSITORY) == []
 
 
 def test_no_layer_imports_one_below_it():
-    assert list(arrows_down(REPOSITORY)) == []
+    assert list(downward_imports(REPOSITORY)) == []
 
 
 @pytest.fixture
 def package(tmp_path):
-    """A function that writes modules, by their names, and returns the folder of the package."""
+    """A function that writes modules, given by name and text, and returns the repository folder."""
 
     def write(**texts):
         for name, text in texts.items():
@@ -133,7 +136,7 @@ def package(tmp_path):
     return write
 
 
-def test_what_is_looked_for_is_found(package):
+def test_cycles_and_downward_imports_are_found(package):
     folder = package(
         __init__="",
         boxes="try:\n    from pf_tracker_ros.stamps import x\nexcept ImportError:\n    x = 1\n",
@@ -141,11 +144,13 @@ def test_what_is_looked_for_is_found(package):
         plurals="from pf_tracker_ros import boxes\n",
         registry="def later():\n    from pf_tracker_ros.boxes import x\n",
     )
-    assert {*circle(folder)} == {f"{PACKAGE}.{name}" for name in ("boxes", "stamps", "plurals")}
-    assert list(arrows_down(folder)) == [f"{PACKAGE}.registry imports {PACKAGE}.boxes"]
+    assert {*import_cycle(folder)} == {
+        f"{PACKAGE}.{name}" for name in ("boxes", "stamps", "plurals")
+    }
+    assert list(downward_imports(folder)) == [f"{PACKAGE}.registry imports {PACKAGE}.boxes"]
 
 
-def test_what_is_imported_later_or_for_types_alone_makes_no_circle(package):
+def test_later_and_type_only_imports_make_no_cycle(package):
     checked = "if TYPE_CHECKING:\n    from pf_tracker_ros.boxes import x\n"
     folder = package(
         __init__="",
@@ -153,4 +158,4 @@ def test_what_is_imported_later_or_for_types_alone_makes_no_circle(package):
         stamps="def later():\n    from pf_tracker_ros.boxes import x\n",
         plurals=checked,
     )
-    assert circle(folder) == []
+    assert import_cycle(folder) == []

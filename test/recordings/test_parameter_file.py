@@ -63,7 +63,9 @@ def test_a_file_for_another_node_is_used_with_a_warning(
         assert code == 0
         found.append((rows(tmp_path / path.stem), errors))
     assert found[0] == (found[1][0], "")
-    assert f"{other} is for the node /front_tracker, and is used for the tracker here" in found[1][1]
+    assert (
+        f"{other} is for the node /front_tracker, and is used for the tracker here" in found[1][1]
+    )
 
 
 def test_two_presets_are_refused(track, moving_square_sequence, own, tmp_path):

@@ -191,3 +191,16 @@ def test_a_target_that_reappears_at_a_distractor_is_found_once_clear_of_it(seed)
             tracker.start(image, box(x, 40))
     assert estimate.state == "tracking"
     assert overlap_with(estimate, x, 40) > 0.6
+
+
+@pytest.mark.parametrize("seconds", [4, 16])
+def test_after_a_covered_lens_the_target_is_found_within_a_second(seconds):
+    """Sensor noise is no change of illumination, and nothing is learned from it."""
+    tracker = tracker_of_moving_target()
+    noise = np.random.default_rng(0)
+    for _ in range(25 * seconds):
+        dark = noise.normal(13.0, 4.0, GROUND.shape).clip(0, 255).astype(np.uint8)
+        assert tracker.update(dark, INTERVAL).state != "tracking"
+    estimates = [tracker.update(shown(98, 40), INTERVAL) for _ in range(25)]
+    assert estimates[-1].state == "tracking"
+    assert overlap_with(estimates[-1], 98, 40) > 0.8

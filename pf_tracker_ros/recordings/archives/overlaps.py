@@ -18,7 +18,7 @@ from pf_tracker_ros.recordings.sidecar_files import SIDECAR_SUFFIXES, sidecar_fi
 def check_no_overlap(
     recordings: Mapping[str, PathOrUrl], archive: PathOrUrl, output: PathOrUrl
 ) -> None:
-    """Check that no results would replace, contain or lie in a recording or its sidecar files.
+    """Check that the results overlap no recording and no sidecar file.
 
     Args:
         recordings: As `find_recordings` returns them.
@@ -39,39 +39,42 @@ def check_no_overlap(
     for path in _paths(archive, store):
         parents.update(dict.fromkeys((path, *path.parents), archive))
     for name, source in recordings.items():
-        target = output / name if isinstance(output, Path) else f"{output}/{name}"
-        for path in _paths(target, store):
+        results = output / name if isinstance(output, Path) else f"{output}/{name}"
+        for path in _paths(results, store):
             hit = next((inputs[each] for each in (path, *path.parents) if each in inputs), None)
             hit = hit or parents.get(path)
             if hit is not None:
                 raise RecordingError(
-                    f"the output {target} for {source} overlaps the input {hit}; give an output "
+                    f"the output {results} for {source} overlaps the input {hit}; give an output "
                     "apart from the recordings"
                 )
 
 
 def _paths(path_or_url: PathOrUrl, store: Any) -> Iterator[PurePath]:
-    """The paths of an entry in a store, or in the file system for None; none if it is elsewhere."""
+    """The paths of a recording, archive or output in `store`, in the local file system if None.
+
+    Empty if it is elsewhere.
+    """
     # URLs may be chained, as for a file in a ZIP archive in a store.
-    links = (
-        [parse_path_or_url(link) for link in str(path_or_url).split("::")]
+    urls = (
+        [parse_path_or_url(url) for url in str(path_or_url).split("::")]
         if is_url(path_or_url)
         else [Path(path_or_url)]
     )
-    for link in links:
-        if isinstance(link, Path):
+    for url in urls:
+        if isinstance(url, Path):
             if store is None:
-                yield from _variants(link)
+                yield from _variants(url)
         elif store is not None:
-            # If it cannot be opened, the error is reported when it is tracked.
+            # A source that cannot be opened is reported later, when it is tracked.
             with contextlib.suppress(RecordingError):
-                other, path = open_store(link)
+                other, path = open_store(url)
                 if _may_be_same(store, other):
                     yield PurePosixPath(posixpath.normpath(f"/{path.lstrip('/')}"))
 
 
 def _variants(path: Path) -> set[Path]:
-    """The real path, and the path in its real parent folder, which differs for a link."""
+    """The path with all links resolved, and with only its parent's; they differ for a link."""
     return {Path(os.path.realpath(path)), Path(os.path.realpath(path.parent), path.name)}
 
 
@@ -81,14 +84,15 @@ def _sidecar_paths(path: PurePath) -> Iterator[PurePath]:
         if isinstance(path, Path):
             yield from _variants(sidecar_file(path, suffix))
         else:
-            # Whether it is a folder, which keeps its whole name, is unknown here: both names.
+            # In a store it is unknown whether this is a folder, whose sidecar keeps the whole name,
+            # or a file: check both names.
             yield from (
                 path.with_name(f"{each}{suffix}") for each in (path.name, path.stem) if each
             )
 
 
 def _may_be_same(store: Any, other: Any) -> bool:
-    """Whether two fsspec file systems may be the same store, and not those of two accounts."""
+    """Whether two fsspec file systems may be the same store: one type, no option differs."""
     options, others = store.storage_options, other.storage_options
     return type(store) is type(other) and all(
         options[key] == others[key] for key in options.keys() & others.keys()
