@@ -7,6 +7,7 @@ from typing import Any
 
 from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
+from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.tracking.parameters import TargetCountParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 
@@ -119,6 +120,14 @@ class NodeParameters(TargetCountParameters):
         1.0,
         "A frame older than the last one by at most this is late and dropped; an older one is a "
         "jump back in time.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    frozen_after: float = declared(
+        DEFAULT_FROZEN_AFTER,
+        "Images that are equal to the bit for longer than this, by their stamps, are skipped as "
+        "frozen; 0 for never, as for generated scenes without noise.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,

@@ -43,7 +43,7 @@ _LINE_WIDTH = 2.0
 # Class of a target without a label.
 _UNLABELED = "target"
 
-SKIPPED = ("refused", *DROPPED_ARRIVALS, "paused")
+SKIPPED = ("refused", *DROPPED_ARRIVALS, "frozen", "paused")
 """Outcomes of skipped frames; "paused" is the node's alone."""
 
 StatusValues = dict[str, str | float | int]

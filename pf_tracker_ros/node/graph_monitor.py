@@ -1,4 +1,4 @@
-"""Monitors the ROS graph for incompatible endpoints and a second node of the same name.
+"""Monitors the ROS graph for incompatible endpoints, a second node of the same name, and others.
 
 rclpy's event of incompatible QoS names neither the other node nor its end, with Fast DDS reports no
 other types, and costs time with each message. Polling the graph has none of these faults.
@@ -6,7 +6,7 @@ other types, and costs time with each message. Polling the graph has none of the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 
 from rclpy.clock import Clock
@@ -23,7 +23,7 @@ from pf_tracker_ros.node.qos import OVERRIDE_PREFIX, ErrorCallback
 _PERIOD = 0.5
 # Consecutive polls before a report: an endpoint may be replaced, its node's name is discovered
 # later, and a crashed node stays in the graph for 20 s.
-_POLLS, _POLLS_UNNAMED, _POLLS_NODE = 2, 8, 60
+_POLLS, _POLLS_UNNAMED, POLLS_NODE = 2, 8, 60
 _UNNAMED = "a node"
 # Every node publishes it; rclpy reports its mismatches.
 _EVENTS = "/parameter_events"
@@ -42,12 +42,18 @@ class GraphMonitor:
         report: Called with a sentence for each fault, again if it returns.
         remedy: Returns the remedy for a topic and a policy, where it is not a QoS override; empty
             otherwise.
+        further: Returns further faults, each with the consecutive polls before its report.
     """
 
     def __init__(
-        self, node: Node, report: ErrorCallback, remedy: Callable[[str, str], str] = lambda *_: ""
+        self,
+        node: Node,
+        report: ErrorCallback,
+        remedy: Callable[[str, str], str] = lambda *_: "",
+        further: Callable[[], Iterable[tuple[str, int]]] = tuple,
     ) -> None:
         self._node = node
+        self._further = further
         self._report = report
         self._remedy = remedy
         # Consecutive polls with each fault.
@@ -69,13 +75,14 @@ class GraphMonitor:
         names = node.get_node_names_and_namespaces()
         # An ended node may stay among the names for long, but has no publishers.
         if names.count((node.get_name(), node.get_namespace())) > 1 and (
-            [_name_of(one) for one in node.get_publishers_info_by_topic(_EVENTS)].count(me) > 1
+            [node_name_of(one) for one in node.get_publishers_info_by_topic(_EVENTS)].count(me) > 1
         ):
             yield (
                 f"another node is named {me}, and the topics of both are mixed: end it, or rename "
                 "this one (-r __node:=another_name)",
-                _POLLS_NODE,
+                POLLS_NODE,
             )
+        yield from self._further()
         endpoints: list[Publisher | Subscription] = [*node.publishers, *node.subscriptions]
         for topic, publishes in dict.fromkeys(
             (one.topic_name, isinstance(one, Publisher))
@@ -84,10 +91,10 @@ class GraphMonitor:
         ):
             sides = node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic
             own, others = (side(topic) for side in (sides if publishes else sides[::-1]))
-            for mine in [one for one in own if _name_of(one) == me][:1]:
+            for mine in [one for one in own if node_name_of(one) == me][:1]:
                 for other in others:
                     if fault := self._mismatch(topic, mine, other, publishes=publishes):
-                        yield fault, _POLLS_UNNAMED if _name_of(other) == _UNNAMED else _POLLS
+                        yield fault, _POLLS_UNNAMED if node_name_of(other) == _UNNAMED else _POLLS
 
     def _has_unmatched(self, endpoint: Publisher | Subscription) -> bool:
         """Whether the topic has more endpoints on the other side than are matched."""
@@ -103,7 +110,7 @@ class GraphMonitor:
     ) -> str:
         """Why two endpoints cannot match, with the remedy; empty if they can."""
         where = f"{topic} does not reach" if publishes else f"nothing arrives on {topic} from"
-        me, them = _name_of(mine), f"{where} {_name_of(other)}"
+        me, them = node_name_of(mine), f"{where} {node_name_of(other)}"
         if mine.topic_type != other.topic_type:
             they, we = ("expects", "publishes") if publishes else ("publishes", "expects")
             remedy = "remap one of the two"
@@ -142,7 +149,8 @@ def _differing_policy(offered: QoSProfile, requested: QoSProfile) -> str:
     return ""
 
 
-def _name_of(endpoint: TopicEndpointInfo) -> str:
+def node_name_of(endpoint: TopicEndpointInfo) -> str:
+    """Full name of an endpoint's node, or "a node" before it is discovered."""
     if "UNKNOWN" in endpoint.node_name:
         return _UNNAMED
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"

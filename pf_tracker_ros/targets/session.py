@@ -2,7 +2,8 @@
 
 For each frame:
 
-1. Its stamp decides whether it is the next one, a duplicate, late, or the first after a jump.
+1. Its stamp decides whether it is the next one, a duplicate, late, or the first after a jump. If
+   its image has not changed for too long, it is frozen.
 2. If the image size has changed, targets are scaled. Images of another camera reset the tracker.
 3. The track manager advances by this frame, with the detections that are due.
 4. Manual targets that were drawn on this frame or an earlier one start.
@@ -22,6 +23,7 @@ from pf_tracker_ros.parameters import build
 from pf_tracker_ros.targets.association import require_scipy
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer
+from pf_tracker_ros.targets.frozen_images import FrozenImages
 from pf_tracker_ros.targets.requests import (
     DetectionQueue,
     ImageFormatGuard,
@@ -36,7 +38,7 @@ from pf_tracker_ros.tracking.input_checks import check_box, check_image
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
-FrameOutcome = Literal["started", "tracked", "duplicate", "late", "waiting"]
+FrameOutcome = Literal["started", "tracked", "duplicate", "late", "frozen", "waiting"]
 Arrival = Literal["next", "jump", "again", "duplicate", "late"]
 DROPPED_ARRIVALS = ("duplicate", "late")
 """Arrivals of frames that are dropped without their image."""
@@ -52,7 +54,7 @@ class Outcome:
 
     Attributes:
         frame: "started" if a manual target has started, else "tracked", or "waiting" without
-            targets; "duplicate" or "late" if the frame was dropped.
+            targets; "duplicate", "late" or "frozen" if the frame was dropped.
         targets: The reported targets, sorted by id; of the last frame if this one was dropped.
         selected: Id of the selected target, see `Session.select`; 0 for none.
         started: Ids of the manual targets that have started.
@@ -93,6 +95,8 @@ class Session:
     Attributes:
         time_policy: What to do when time jumps back; "restart" restarts the manual targets only.
             May be replaced at any time.
+        frozen_after: Seconds of images that are equal to the bit after which the next ones are
+            dropped as frozen, 0 for never. May be changed at any time.
         detector_runs: Number of detector results received.
 
     Args:
@@ -105,12 +109,14 @@ class Session:
 
     def __init__(self, parameters: Mapping[str, Any], seed: int) -> None:
         self.time_policy = TimePolicy()
+        self.frozen_after = 0.0
         self.detector_runs = 0
         self._manager = TrackManager(build(TrackerParameters, parameters), seed)
         self._checked: tuple[Mapping[str, Any], int, TrackManager] | None = None
         self._clock = FrameClock()
         self._detection_queue = DetectionQueue()
         self._format_guard = ImageFormatGuard()
+        self._frozen_images = FrozenImages()
         self._selected = 0
         self._requested: list[ManualTarget] = []
         # Those that have started, by id.
@@ -324,9 +330,21 @@ class Session:
         if arrival == "again":
             # The frame is in the buffer already, so that a target can start on it.
             return self._outcome("duplicate", self._start_requested(frame))
+        if self._is_frozen(frame, jumped=arrival == "jump"):
+            self.skip(frame.stamp)
+            return Outcome("frozen", self.targets, self.selected)
         if arrival == "jump":
             return self._jump_back(frame)
         return self._process_next(frame, self._clock.since_last(frame.stamp))
+
+    def _is_frozen(self, frame: Frame, *, jumped: bool) -> bool:
+        """Whether the images stand still, and no manual target starts on this one."""
+        if jumped or not self.frozen_after:
+            self._frozen_images.forget()
+        if not self.frozen_after:
+            return False
+        is_frozen = self._frozen_images.seconds_unchanged(frame) > self.frozen_after
+        return is_frozen and not any(is_due(one.stamp, frame.stamp) for one in self._requested)
 
     def _jump_back(self, frame: Frame) -> Outcome:
         """Process the first frame after a jump; requests and detections of before are discarded."""

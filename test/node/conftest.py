@@ -315,8 +315,10 @@ class Graph:
     def tracker(self, client=None, namespace="", cli_args=None, **parameters):
         """Start a tracker in a thread, and wait until it and the client are connected.
 
-        Parameters are start-up overrides, double underscores standing for dots.
+        Parameters are start-up overrides, double underscores standing for dots. Many tests repeat
+        an image without noise, so images may stand still unless `frozen_after` is given.
         """
+        parameters = {"frozen_after": 0.0, **parameters}
         node = TrackerNode(
             context=self.context(),
             namespace=namespace,

@@ -95,7 +95,8 @@ class ReplayOutputs:
         """
         target: PolygonStamped | bytes | None = item.ground_truth
         if box := self._parameters.target_box:
-            header = make_header(item.stamp, self._parameters.frame_id)
+            # The images of a bag have a frame_id of their own.
+            header = make_header(item.stamp, "")
             target = box_message(new_message, header, as_box(box))
         if target is None or self._targets is None:
             return False

@@ -87,6 +87,11 @@ class ImageSubscription:
     def topic(self) -> str:  # noqa: D102
         return self._subscription.topic_name if self._subscription else ""
 
+    @property
+    def message_type(self) -> str:
+        """Type of the images, as `sensor_msgs/msg/Image`."""
+        return f"sensor_msgs/msg/{_TYPES[self._transport].__name__}"
+
     def open(self, transport: str, reliability: str) -> None:
         """Subscribe, in place of an earlier subscription.
 

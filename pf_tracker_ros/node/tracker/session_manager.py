@@ -97,6 +97,7 @@ class SessionManager:
             self.session = Session(_tracker_values(values), values["seed"])
         threshold = round(values["time_jump_threshold"] * NANOSECONDS)
         self.session.time_policy = TimePolicy(values["time_jump"], threshold)
+        self.session.frozen_after = values["frozen_after"]
         self.session.frame_buffer.limit(
             values["frame_buffer_length"], values["frame_buffer_megabytes"]
         )

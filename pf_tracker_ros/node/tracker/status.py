@@ -34,12 +34,14 @@ class SkippedStreak:
     Attributes:
         count: Number of frames.
         seconds: From the first to the last arrival, in whole milliseconds.
+        outcome: Outcome of the last one, of `pf_tracker_ros.topics.SKIPPED`.
         cause: Why the last one was skipped, and the remedy.
         last_stamp: Stamp of the last processed frame, nanoseconds; 0 without one.
     """
 
     count: int
     seconds: float
+    outcome: str
     cause: str
     last_stamp: int
 
@@ -47,6 +49,11 @@ class SkippedStreak:
     def is_lasting(self) -> bool:
         """Whether the streak is long enough for a warning."""
         return self.seconds >= REPORT_AFTER
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether to warn. Frozen images have lasted when they are noticed."""
+        return self.is_lasting or self.outcome == "frozen"
 
     @property
     def description(self) -> str:
@@ -101,8 +108,8 @@ class SkippedFrames:
             self._streak_start = now
         count = self.last.count + 1 if self.last else 1
         seconds = round(now - self._streak_start, 3)
-        self.last = SkippedStreak(count, seconds, cause, self._last_stamp)
-        if self.last.is_lasting and not self._is_logged and outcome != "paused":
+        self.last = SkippedStreak(count, seconds, outcome, cause, self._last_stamp)
+        if self.last.is_fault and not self._is_logged and outcome != "paused":
             self._is_logged = True
             if outcome != "refused":
                 self._logger.warning(self.last.description)
@@ -222,7 +229,7 @@ class NodeStatus:
         if self.configuration_error or self.outcome == "refused":
             return ERROR
         level = SEVERITIES[self.last_state]
-        if self.skipped and self.skipped.is_lasting:
+        if self.skipped and self.skipped.is_fault:
             level = max(level, WARN)
         return level
 

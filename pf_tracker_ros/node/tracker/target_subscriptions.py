@@ -11,7 +11,7 @@ from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
-from std_msgs.msg import UInt32
+from std_msgs.msg import Header, UInt32
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.messages import DETECTIONS_TYPE, box_of_polygon
@@ -72,6 +72,7 @@ class TargetSubscriptions:
         node: The subscribing node.
         session: Returns the session; raises ValueError without one.
         click_size: Returns the side of the square around a click, pixels.
+        check_frame_id: Raises ValueError if the frame_id of a request is not that of the images.
         report: Called with a sentence for each refused message; for detections, repetitions are
             left out.
     """
@@ -81,11 +82,13 @@ class TargetSubscriptions:
         node: Node,
         session: Callable[[], Session],
         click_size: Callable[[], float],
+        check_frame_id: Callable[[str], None],
         report: ErrorCallback,
     ) -> None:
         self._node = node
         self._session = session
         self._click_size = click_size
+        self._check_frame_id = check_frame_id
         self._report = report
         self._throttle = Throttle()
         # Pending messages are taken in this order: stopping makes room for a new target.
@@ -135,11 +138,14 @@ class TargetSubscriptions:
         )
 
     def _on_target(self, message: PolygonStamped) -> None:
-        self._session().request(box_of_polygon(message), stamp_of(message.header))
+        self._request(box_of_polygon(message), message.header)
 
     def _on_click(self, message: PointStamped) -> None:
-        box = box_of_click(message, self._click_size())
-        self._session().request(box, stamp_of(message.header))
+        self._request(box_of_click(message, self._click_size()), message.header)
+
+    def _request(self, box: Box, header: Header) -> None:
+        self._check_frame_id(header.frame_id)
+        self._session().request(box, stamp_of(header))
 
     def _on_select(self, message: UInt32) -> None:
         self._session().select(message.data)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
@@ -26,6 +26,7 @@ from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
+from pf_tracker_ros.node.tracker.image_sources import ImageSources
 from pf_tracker_ros.node.tracker.image_subscription import RELIABILITY_REMEDY, ImageSubscription
 from pf_tracker_ros.node.tracker.publishers import FramePublishers
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
@@ -123,7 +124,10 @@ class TrackerNode(ManagedNode):
             self, self._health, lambda: self._values["image_timeout"], self._reporter.report
         )
         self._errors_in_health = 0
-        self._graph = GraphMonitor(self, self._reporter.report, self._remedy)
+        self._sources = ImageSources(self)
+        self._graph = GraphMonitor(
+            self, self._reporter.report, self._remedy, self._source_conflicts
+        )
         if self._values["autostart"]:
             self.start()
         else:
@@ -154,7 +158,11 @@ class TrackerNode(ManagedNode):
         """Subscribe to target requests, detections and images."""
         # Before the images: the executor serves subscriptions in the order of their creation.
         self._target_subscriptions = TargetSubscriptions(
-            self, self._session, lambda: self._values["click_size"], self._reporter.report
+            self,
+            self._session,
+            lambda: self._values["click_size"],
+            self._sources.check_frame_id,
+            self._reporter.report,
         )
         self._subscribe()
         self._diagnostics.restart()
@@ -280,6 +288,7 @@ class TrackerNode(ManagedNode):
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         start = time.perf_counter()
+        self._sources.see(message.header.frame_id)
         if self._target_subscriptions:
             self._target_subscriptions.take_pending()
         processed = self._report_errors_of(partial(self._process, message))
@@ -334,7 +343,8 @@ class TrackerNode(ManagedNode):
             return _Processed(session.drop(arrival).frame)
         frame = Frame(self._decoder.decode(message), stamp)
         outcome = session.process(frame, arrival)
-        self._manager.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
+        if outcome.frame != "frozen":
+            self._manager.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
         result = self._frame_result(frame.image)
         for error in (
             *outcome.refused,
@@ -399,6 +409,10 @@ class TrackerNode(ManagedNode):
         by_parameter = is_image and not is_overridden(self, topic, "subscription", policy)
         return RELIABILITY_REMEDY if by_parameter else ""
 
+    def _source_conflicts(self) -> Iterator[tuple[str, int]]:
+        images = self._image_subscription
+        return self._sources.conflicts(images.topic, images.message_type)
+
     def _skip_cause(self, outcome: str, stamp: int) -> str:
         """Why a frame is skipped, and the remedy."""
         if outcome == "refused":
@@ -406,6 +420,12 @@ class TrackerNode(ManagedNode):
         if outcome == "paused":
             return PAUSED
         topic = self._image_subscription.topic
+        if outcome == "frozen":
+            return (
+                f"frozen: the images on {topic} have not changed for more than "
+                f"{self._values['frozen_after']:g} s; restart the camera or its driver, or set "
+                "'frozen_after' to 0 for images without noise"
+            )
         if outcome == "duplicate":
             return (
                 f"duplicate stamp {format_stamp(stamp)} s on {topic}; the publisher must stamp "

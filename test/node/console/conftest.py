@@ -10,6 +10,7 @@ from rclpy.parameter import Parameter
 pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
 from pf_tracker_ros.node.console.console_node import ConsoleNode
+from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 
 PAGE_DEADLINE = 60_000.0
 POLL = 20.0
@@ -38,8 +39,8 @@ def start_console(graph):
 
 @pytest.fixture
 def tracker(graph, client):
-    """A tracker in a thread, started before the console, so that discovery is shorter."""
-    return graph.tracker(client)
+    """A tracker in a thread, with its defaults; before the console, to shorten the discovery."""
+    return graph.tracker(client, frozen_after=DEFAULT_FROZEN_AFTER)
 
 
 @pytest.fixture

@@ -7,6 +7,8 @@ import cv2
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
+from pf_tracker_ros.targets.built_in_detectors import DetectorThread
+from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.targets.track_manager import TrackManager
 
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
@@ -180,3 +182,85 @@ def test_a_preset_change_while_the_target_is_lost_keeps_it_lost(graph, client, i
     assert (status.values["frame"], status.values["state"]) == ("tracked", "lost")
     assert not client.boxes
     assert client.show(images[2], client.at(9)).values["state"] == "tracking"
+
+
+FROZEN = "frozen: the images on /image have not changed for more than 0.5 s; restart the camera"
+
+
+def freeze(client, image, numbers):
+    return [client.show(image, client.at(number)) for number in numbers]
+
+
+def test_frozen_images_are_skipped_until_one_differs(graph, client, images, box, capfd):
+    graph.tracker(client, target_box=box, frozen_after=0.5, **QUICK)
+    client.show_all(images[:3])
+    statuses = freeze(client, images[2], range(3, 20))
+    assert [s.values["frame"] for s in statuses] == ["tracked"] * 12 + ["frozen"] * 5
+    for count, status in enumerate(statuses[12:], 1):
+        assert (status.level, status.values["state"]) == ("WARN", "skipped")
+        assert (status.values["skipped_frames"], status.values["last_state"]) == (
+            str(count),
+            "tracking",
+        )
+        assert FROZEN in status.message
+        assert not [name for name in ESTIMATE_KEYS if name in status.values]
+        assert status.targets == ()
+    client.health.clear()
+    health = client.wait_for(lambda: client.health, "diagnostics")[0]
+    assert (health.level, health.values["state"]) == ("WARN", "skipped")
+    assert FROZEN in health.message
+    assert (health.values["dropped_frozen"], health.values["dropped_duplicate"]) == ("5", "0")
+    log = capfd.readouterr().err
+    assert log.count("have not changed") == log.count(FROZEN) == 1
+    assert "frames are processed again" not in log
+    again = client.show(images[3], client.at(20))
+    assert (again.level, again.values["frame"], again.values["state"]) == (
+        "OK",
+        "tracked",
+        "tracking",
+    )
+    assert [target.values["id"] for target in again.targets] == ["1"]
+    client.box_at(client.at(20))
+    assert len(client.boxes) == 16
+    log = capfd.readouterr().err
+    assert log.count("frames are processed again, after 5 skipped") == 1
+    assert "have not changed" not in log
+
+
+def test_frozen_images_are_reported_without_a_target(graph, client, images):
+    graph.tracker(client, frozen_after=DEFAULT_FROZEN_AFTER, **QUICK)
+    frames = [s.values["frame"] for s in freeze(client, images[0], range(15))]
+    assert frames == ["waiting"] * 13 + ["frozen"] * 2
+    # The limit is told within 0.6 s.
+    assert client.at(13) - client.at(0) <= 600_000_000
+
+
+def test_frozen_after_can_change_at_run_time(graph, client, images):
+    graph.tracker(client, frozen_after=0.1, **QUICK)
+    assert freeze(client, images[0], range(5))[-1].values["frame"] == "frozen"
+    assert client.set_parameters(frozen_after=0.0).successful
+    assert client.show(images[0], client.at(5)).values["frame"] == "waiting"
+
+
+def test_a_recording_that_stands_still_is_not_frozen(graph, client, images):
+    """The replay sends an image again with its own stamp."""
+    graph.tracker(client, frozen_after=0.001, **QUICK)
+    client.show(images[0], client.at(0))
+    for _ in range(5):
+        before = len(client.statuses)
+        client.images.publish(client.message(images[0], client.at(0)))
+        client.wait_for(lambda n=before: len(client.statuses) > n, "status")
+    frames = [s.values["frame"] for s in client.statuses]
+    assert frames == ["waiting"] + ["duplicate"] * 5
+
+
+def test_the_built_in_detector_sees_no_frozen_images(graph, client, images, monkeypatch):
+    offered, offer = [], DetectorThread.offer
+    monkeypatch.setattr(
+        DetectorThread,
+        "offer",
+        lambda self, image, stamp: offered.append(stamp) or offer(self, image, stamp),
+    )
+    graph.tracker(client, frozen_after=0.1, max_targets=4, built_in_detector="motion")
+    freeze(client, images[0], range(6))
+    assert offered == [client.at(number) for number in range(3)]
