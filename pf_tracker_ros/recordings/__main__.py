@@ -50,13 +50,11 @@ from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, save_targets
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.signals import handled_signals
-from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 
 _SIGNALS = {signal.SIGINT: errors.INTERRUPTED, signal.SIGTERM: errors.TERMINATED}
 _SKIP_REASONS = {
     "duplicate": "its stamp equals that of the previous frame",
     "late": "its stamp is earlier than that of the previous frame",
-    "frozen": f"its image has not changed for more than {DEFAULT_FROZEN_AFTER:g} s",
 }
 
 

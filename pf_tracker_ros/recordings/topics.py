@@ -75,8 +75,6 @@ class TopicBag:
         level = SEVERITIES[self._last_state]
         if problems:
             level = max(level, ERROR if tracked.problem else WARN)
-        elif tracked.outcome == "frozen":
-            level = max(level, WARN)
         text = "; ".join(problems) or description(tracked.targets, tracked.selected)
         values: StatusValues = {"frame": tracked.outcome, "state": tracked.state}
         if tracked.state == "skipped":

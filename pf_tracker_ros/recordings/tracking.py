@@ -24,7 +24,6 @@ from pf_tracker_ros.recordings.detections.source import DetectionSource
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.target import Target
-from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.targets.multi_tracker import DEFAULT_MAX_TARGETS
 from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
@@ -43,7 +42,7 @@ class TrackedFrame(FrameResult):
 
     Attributes:
         frame: The frame.
-        outcome: "started", "tracked", "waiting", "duplicate", "late", "frozen" or "refused".
+        outcome: "started", "tracked", "waiting", "duplicate", "late" or "refused".
         problem: Why the frame was refused, or empty.
         seconds: Processing time.
         warnings: A sentence for each rejected detection, and for each target that ended because of
@@ -158,7 +157,6 @@ class _Tracking:
         seed: int,
     ) -> None:
         self._session = Session(values, seed)
-        self._session.frozen_after = DEFAULT_FROZEN_AFTER
         if detection_source is not None:
             self._session.frame_buffer.limit(*_FRAME_BUFFER_LIMITS)
         self._max_targets: int = values["max_targets"]

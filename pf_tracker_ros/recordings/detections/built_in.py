@@ -10,8 +10,7 @@ from pf_tracker_ros.recordings.detections.source import DetectionSource, Detecto
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS, DetectorThread
-from pf_tracker_ros.targets.session import Outcome
-from pf_tracker_ros.topics import SKIPPED
+from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome
 
 _FINDS = {
     "people": "people at least 100 px high",
@@ -70,7 +69,7 @@ class BuiltInDetector(DetectionSource):
                 yield DetectorOutput(result.detections, result.stamp)
 
     def on_frame(self, frame: RecordedFrame, outcome: Outcome) -> None:  # noqa: D102
-        if frame.image is None or outcome.frame in SKIPPED:
+        if frame.image is None or outcome.frame in DROPPED_ARRIVALS:
             return
         if self._thread.offer(frame.image, frame.stamp):
             self._frame_count, self._last_frame = self._frame_count + 1, frame.index

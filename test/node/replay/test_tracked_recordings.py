@@ -9,7 +9,6 @@ import pytest
 from pf_tracker_ros.footage import write_footage
 from pf_tracker_ros.footage.opening import open_footage
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.tracking.estimate import DESCRIPTIONS
 
 DEADLINE = 240.0
@@ -32,7 +31,7 @@ def lockstep(graph, replay):
 
     def run(*, tracker=None, pictures=True, **parameters):
         client = graph.client(particles=pictures, overlay=pictures)
-        values = {"image_reliability": "reliable", "frozen_after": DEFAULT_FROZEN_AFTER, **KEPT}
+        values = {"image_reliability": "reliable", **KEPT}
         graph.tracker(client, **values, **(tracker or {}))
         # Next to the replay it would be a second camera.
         client.destroy_publisher(client.images)
@@ -134,31 +133,6 @@ def test_boxes_equal_those_of_a_replay_in_lockstep(lockstep, tmp_path, source, p
     assert_same(output, client, 20)
     # Guards against comparing a tracker that never moves.
     assert len({row["x"] for row in rows(output)}) > 10
-
-
-def test_frozen_images_of_a_bag_are_skipped_as_by_the_node(
-    lockstep, tmp_path, moving_square, make_stamped, write_bag
-):
-    numbers = [*range(6), *[6] * 16, *range(7, 12)]
-    messages = []
-    for index, number in enumerate(numbers):
-        stamp = 1_700_000_000_000_000_000 + index * 40_000_000
-        image = moving_square.images[number]
-        message = make_stamped(
-            "sensor_msgs/msg/Image", stamp, height=image.shape[0], width=image.shape[1],
-            encoding="bgr8", is_bigendian=0, step=3 * image.shape[1], data=image.ravel(),
-        )  # fmt: skip
-        messages.append(("/eye", "sensor_msgs/msg/Image", stamp, message))
-    bag = write_bag(tmp_path / "bag", messages)
-    output = tmp_path / "tracked"
-    assert main([str(bag), "--output", str(output), "--box", "20,30,24,24"]) == 0
-    states = [row["state"] for row in rows(output)]
-    assert states == ["tracking"] * 19 + ["skipped"] * 3 + ["tracking"] * 5
-    # The bag's images have another frame_id than the replay's parameter.
-    client = lockstep(source=bag, target_box=[20.0, 30.0, 24.0, 24.0])
-    assert_same(output, client, len(numbers))
-    frames = [status.values["frame"] for status in client.statuses]
-    assert frames == ["started", *["tracked"] * 18, *["frozen"] * 3, *["tracked"] * 5]
 
 
 def test_compressed_and_broken_images_of_a_bag_are_treated_as_by_the_node(
