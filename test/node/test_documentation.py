@@ -40,7 +40,9 @@ def test_documented_parameters_exist():
         assert f"`{name}`" in NODE
 
 
-@pytest.mark.parametrize("document", ["README.md", "docs/node.md", "docs/security.md"])
+@pytest.mark.parametrize(
+    "document", ["README.md", "docs/node.md", "docs/recipes.md", "docs/security.md"]
+)
 def test_links_lead_to_files_and_headings(document):
     path = REPOSITORY / document
     for target in re.findall(r"\]\(([^)#:]*)(?:#[\w-]+)?\)", path.read_text()):

@@ -1,4 +1,6 @@
-"""Every command of README.md and docs/node.md, as written and in order, with the real `ros2`.
+"""Every command of README.md, docs/node.md and docs/recipes.md, as written and in order.
+
+With the real `ros2`.
 
 Each command has its step here; one that cannot be run everywhere has the reason.
 """
@@ -139,6 +141,9 @@ NODE = [
     ),
     Ends(f"export FASTRTPS_DEFAULT_PROFILES_FILE={SHARE}/config/fastdds_large_images.xml"),
     Ends("ros2 topic echo --once --full-length /diagnostics", "last_error"),
+]
+
+RECIPES = [
     GoesOn(
         f"{LAUNCH} tracker.launch.py namespace:=left image:=/left/image_raw",
         node="/left/pf_tracker",
@@ -171,7 +176,7 @@ NODE = [
         ends=(f"{LAUNCH} tracker", "ros2 bag"),
     ),
 ]
-DOCUMENTS = {"README.md": README, "docs/node.md": NODE}
+DOCUMENTS = {"README.md": README, "docs/node.md": NODE, "docs/recipes.md": RECIPES}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
