@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 
 class Parser(argparse.ArgumentParser):
-    """Argument parser with one-line errors and unwrapped help texts.
+    """Argument parser with one-line errors and unwrapped description and epilog.
 
     Args:
         prog: Name of the program.

@@ -34,7 +34,7 @@ Coordinate = TypeVar("Coordinate", float, NDArray[np.float64])
 _BOXES_AT_ONCE = 256
 _COLORS_PER_PAGE = 255
 # Arrays of box numbers are cached for multiples of this.
-_NUMBERED_AT_ONCE = 64
+_CACHED_ROWS_STEP = 64
 # A bin with less than this share of one pixel is removed from the template.
 _MIN_PIXEL_SHARE = 0.01
 
@@ -60,11 +60,11 @@ class ColorTemplate:
     Attributes:
         histogram: (levels^3,) share of each bin of `Region.color_bins`, or (levels^3 + 1,) with the
             background's share last. The sum is the share of the box inside the image.
-        smallest_share: Share of one pixel of the box.
+        pixel_share: Share of one pixel of the box.
     """
 
     histogram: NDArray[np.float32]
-    smallest_share: float
+    pixel_share: float
 
     @cached_property
     def pages(self) -> tuple[tuple[NDArray[np.uint8], NDArray[np.float32]], ...]:
@@ -158,7 +158,7 @@ class ColorHistogram(Cue):
         """See `Cue.blend`; source: Li et al. 2007, equation (9)."""
         old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
         blended = old * template.histogram + new * observation.histogram
-        smallest = observation.smallest_share
+        smallest = observation.pixel_share
         _, kept = cv2.threshold(blended, _MIN_PIXEL_SHARE * smallest, 0.0, cv2.THRESH_TOZERO)
         return ColorTemplate(kept.ravel(), smallest)
 
@@ -182,7 +182,7 @@ class ForegroundColorHistogram(ColorHistogram):
     def match(self, observation: ColorTemplate, template: ColorTemplate) -> Match | None:
         """See `Cue.match`; the similarity is that of the foreground colors, None without any.
 
-        It is a share of that of a perfect match, so a box of background is not similar.
+        It is divided by that of a perfect match, so a box of background is not similar.
         """
         perfect = float(template.histogram[:-1].sum())
         if perfect == 0.0:
@@ -309,7 +309,7 @@ def _root_coefficient(
 def _box_numbers(count: int, pixels: int) -> NDArray[np.uint8]:
     """(count, pixels) array of row numbers."""
     # The number of boxes varies from frame to frame; spare rows let one cached array serve.
-    return _numbered_rows(-(-count // _NUMBERED_AT_ONCE) * _NUMBERED_AT_ONCE, pixels)[:count]
+    return _numbered_rows(-(-count // _CACHED_ROWS_STEP) * _CACHED_ROWS_STEP, pixels)[:count]
 
 
 @lru_cache(maxsize=4)

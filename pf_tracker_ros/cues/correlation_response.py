@@ -5,7 +5,7 @@
 2. The filter's response maps to these windows are computed once per frame.
 3. Each particle reads the maps at its center and interpolates to its size, so any number of
    particles costs almost the same.
-4. The log likelihood falls linearly with the response that is missing to the trained one.
+4. The log likelihood falls linearly as the response falls below that at training.
 5. Every few frames, the filter is trained with the window at the estimate.
 
 Sources: see `correlation_filter` and the features; Bolme, Beveridge, Draper, Lui 2010, "Visual
@@ -50,8 +50,8 @@ Value = TypeVar("Value", bound=np.generic)
 _CELLS_AT_ONCE = 2400
 # Samples of the response along each side of a cell.
 _REFINEMENT = 2
-# A window is colored from this mean difference on between a pixel's largest and smallest channel,
-# gray levels. Some cameras send gray images with three channels.
+# A window is colored if the mean difference of a pixel's largest and smallest channel is at least
+# this, gray levels. Some cameras send gray images with three channels.
 _MIN_COLOR_DIFFERENCE = 2.0
 
 
@@ -322,7 +322,7 @@ class CorrelationResponse(SearchableCue):
     def blend(
         self, template: CorrelationTemplate, observation: DeferredObservation
     ) -> CorrelationTemplate:
-        """See `Cue.blend`; the filter is trained every few frames, all of which count."""
+        """See `Cue.blend`; the filter is trained every few frames; every frame is counted."""
         counted = replace(
             template,
             frames=template.frames + 1,

@@ -23,7 +23,8 @@ def unique_pairs(
         y: (N,) second numbers, of any sign.
 
     Returns:
-        (K,) indices of the unique pairs, and (N,) the position in these of each pair's equal.
+        (K,) indices of the unique pairs, and (N,) for each pair, the position of its equal among
+            these.
     """
     (columns, width), (rows, height) = _ranks(x), _ranks(y)
     if width * height > _MAX_POSITIONS_PER_PAIR * len(x):

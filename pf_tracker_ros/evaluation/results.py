@@ -52,7 +52,7 @@ class FrameDetails:
     """A tracker's output for each frame besides the box.
 
     Attributes:
-        states: (frames,) track states, empty if unknown.
+        states: (frames,) track states, each an empty text if unknown.
         confidence: (frames,) 0 to 1, NaN if unknown.
         effective_sample_size: (frames,), NaN if unknown.
         cue_weights: Name of a cue to its (frames,) weight.

@@ -3,7 +3,7 @@
 The Kalman filter's belief may have columns that a particle lacks, such as a velocity. In a frame
 
 1. `predict` moves the belief: x_k = A x_{k-1} + B u + w;
-2. `propose` draws particles around the predicted mean (see `proposals`);
+2. `propose` draws a share of the particles around the predicted mean (see `proposals`);
 3. the particles are weighted by the image;
 4. `correct` takes their mean as the measurement z, their covariance as its noise.
 

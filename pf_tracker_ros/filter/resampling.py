@@ -9,8 +9,9 @@ particles anew, in proportion to their weights:
 4. Copy these particles and make their weights equal.
 
 All schemes but the elitist one are unbiased: particle i is drawn `count * weight_i` times on
-average. The systematic scheme has the least variance. All take O(N + count log N) time; multinomial
-and residual also sort random numbers. Residual first draws the whole part of `count * weight_i`.
+average. The systematic scheme varies the number of copies least. All take O(N + count log N)
+time; multinomial and residual also sort random numbers. Residual first draws the whole part of
+`count * weight_i`.
 
 Source: Douc, Cappe, Moulines 2005, "Comparison of resampling schemes for particle filtering".
 """
@@ -155,8 +156,8 @@ class ResamplingParameters:
 
     scheme: str = declared(
         "systematic",
-        "Resampling scheme: systematic has the least variance; multinomial_elitist always keeps "
-        "the particle of the largest weight, for few particles.",
+        "Resampling scheme: systematic varies the number of copies least; "
+        "multinomial_elitist always keeps the particle of the largest weight, for few particles.",
         choices=RESAMPLERS,
     )
     of_schemes: dict[str, Any] = parts("scheme", RESAMPLERS)
