@@ -198,13 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar="NAME=VALUE",
         help="another variant with changed parameters; may be repeated",
     )
-    parser.add_argument(
-        "--group",
-        action="append",
-        default=[],
-        metavar="REGEX",
-        help="sequences to leave out together, by a pattern of their names; may be repeated",
-    )
+    options_of.add_groups(parser)
     parser.add_argument(
         "--jobs",
         type=options_of.at_least(1),

@@ -147,13 +147,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and the coefficients."""
     parser = options_of.sequence_parser(__doc__)
     options_of.add_preset(parser)
-    parser.add_argument(
-        "--group",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="a group of sequences, a regular expression for the beginning of their names; repeat",
-    )
+    options_of.add_groups(parser)
     options = parser.parse_args(arguments)
     try:
         sequences = read_sequences(options.sequences)

@@ -358,13 +358,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and write the files."""
     parser = options_of.sequence_parser(__doc__)
     options_of.add_preset(parser)
-    parser.add_argument(
-        "--group",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="a group of sequences: a regular expression for the beginning of their names; several",
-    )
+    options_of.add_groups(parser)
     options = parser.parse_args(arguments)
     try:
         Tracker.from_preset(options.preset)
