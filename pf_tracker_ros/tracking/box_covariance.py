@@ -12,7 +12,7 @@ So the scale comes from the errors on annotated footage, and the variation from 
 4. Out of sight, there is no peak and no confidence, and a random walk of the motion model adds to
    the center.
 
-Errors of neighboring frames correlate: by 0.86 from one frame to the next, by 0.35 over fifteen.
+Errors of neighboring frames correlate: by 0.9 from one frame to the next, by 0.5 over fifteen.
 A filter that takes each frame as independent becomes overconfident.
 
 Source: Gaussian regression with a variance that depends on the features; maximum likelihood.
