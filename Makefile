@@ -7,7 +7,7 @@ BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 
 # What `make lock` pins: the extras of setup.py that `make setup` installs.
-LOCKED_EXTRAS := ros console evaluation recordings parquet ray test development
+LOCKED_EXTRAS := ros console evaluation recordings parquet ray test docs development
 
 # Not the whole folder: what `track` and others have written into it is no text of this project.
 SPELLED := $(addprefix ./,$(wildcard *.md *.py *.rst *.toml *.cfg *.xml Makefile benchmarks config demo docs \
@@ -29,7 +29,10 @@ ifdef AMENT_PREFIX_PATH
 unexport AMENT_PREFIX_PATH LD_LIBRARY_PATH PYTHONPATH RMW_IMPLEMENTATION
 endif
 
-.PHONY: help setup test lint demo console bench sequences-given generate lock clean
+# The built documentation.
+DOCS := build/docs
+
+.PHONY: help setup test lint demo console docs bench sequences-given generate lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -60,6 +63,10 @@ demo: $(INSTALLED)  ## track three recorded clips through the node; results go t
 console: $(INSTALLED)  ## open the tracker's web page on a recorded clip (CONSOLE_ARGS="--clip bikes --port 8700")
 	$(VENV)/bin/python demo/console.py $(CONSOLE_ARGS)
 
+docs: $(INSTALLED)  ## build the documentation; open build/docs/index.html
+	$(VENV)/bin/python -m sphinx -W --keep-going --quiet -b html docs $(DOCS)
+	@echo "the documentation: $(DOCS)/index.html"
+
 bench: sequences-given $(BENCH_INSTALLED)  ## all presets and other trackers on SEQUENCES="..." (in .venv-bench)
 	$(BENCH_VENV)/bin/python benchmarks/peers.py $(SEQUENCES) $(BENCH_ARGS)
 
@@ -78,6 +85,6 @@ lock: $(INSTALLED)  ## pin the newest versions that setup.py allows
 	mv $(VENV)/lock.txt requirements/development.txt
 
 clean:  ## remove .venv, .venv-bench and everything built
-	rm -rf $(VENV) $(BENCH_VENV) build install log dist *.egg-info demo/*/
+	rm -rf $(VENV) $(BENCH_VENV) build install log dist *.egg-info demo/*/ demo/index.html
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -69,6 +69,8 @@ EXTRAS = {
         # Controls an installed Chromium; the package contains no browser.
         "playwright>=1.49",
     ],
+    # `make docs`: the site; see CONTRIBUTING.md for why Sphinx.
+    "docs": ["sphinx>=8.1", "myst-parser>=4", "furo>=2024.8"],
     "development": [
         "pytest-xdist>=3.5",
         "colcon-common-extensions==0.3.0",
@@ -82,7 +84,7 @@ EXTRAS = {
 
 setup(
     name=PACKAGE,
-    version="0.1.0",
+    version="1.0.0",
     description="Visual object tracking in ROS 2 with a particle filter that fuses several cues",
     long_description=(ROOT / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",

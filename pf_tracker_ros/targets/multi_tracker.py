@@ -50,6 +50,25 @@ class MultiTracker:
     Raises:
         ParameterError: The parameters contradict each other.
         ValueError: The seed is no integer from 0.
+
+    Example:
+        A detector starts one target; the other one is drawn by hand:
+
+        >>> import numpy as np
+        >>> from pf_tracker_ros import Detections, MultiTracker
+        >>> image = np.random.default_rng(1).integers(0, 256, (30, 40, 3), np.uint8)
+        >>> image = image.repeat(8, axis=0).repeat(8, axis=1)
+        >>> tracker = MultiTracker.from_preset("default", seed=0, parameters={"max_targets": 8})
+        >>> tracker.start(image, (200, 120, 40, 48), label="bag")
+        1
+        >>> found = Detections([(40, 40, 48, 96)], [0.9], ["person"])
+        >>> for _ in range(3):
+        ...     targets = tracker.update(image, dt=0.2, detections=found)
+        >>> [(target.id, target.label, target.estimate.state) for target in targets]
+        [(1, 'bag', 'tracking'), (2, 'person', 'tracking')]
+        >>> tracker.stop(1)
+        >>> [target.id for target in tracker.targets]
+        [2]
     """
 
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:

@@ -18,6 +18,18 @@ class TrackedTarget:
         estimate: Its state is "occluded" also if another target is in front of it.
         age: Seconds since it started.
         unconfirmed_for: Seconds since its last detection, or since it started.
+
+    Example:
+        >>> import numpy as np
+        >>> from pf_tracker_ros import MultiTracker
+        >>> image = np.random.default_rng(1).integers(0, 256, (120, 160), np.uint8)
+        >>> tracker = MultiTracker.from_preset("default", seed=0)
+        >>> tracker.start(image, (60, 40, 40, 30), label="car")
+        1
+        >>> for _ in range(5):
+        ...     (target,) = tracker.update(image, dt=0.1)
+        >>> target.id, target.label, round(target.age, 1), round(target.unconfirmed_for, 1)
+        (1, 'car', 0.5, 0.5)
     """
 
     id: int

@@ -36,6 +36,24 @@ class Tracker:
     Raises:
         ParameterError: The parameters contradict each other, or `max_targets` is not 1.
         ValueError: The seed is no integer from 0.
+
+    Example:
+        A textured patch of 40 x 30 pixels that moves to the right over a gray image:
+
+        >>> import numpy as np
+        >>> from pf_tracker_ros import Tracker
+        >>> patch = np.random.default_rng(1).integers(0, 256, (6, 8, 3), np.uint8)
+        >>> patch = patch.repeat(5, axis=0).repeat(5, axis=1)
+        >>> def frame(x):
+        ...     image = np.full((120, 160, 3), 90, np.uint8)
+        ...     image[40:70, x : x + 40] = patch
+        ...     return image
+        >>> tracker = Tracker.from_preset("default", seed=0, parameters={"particles": 100})
+        >>> first = tracker.start(frame(20), (20, 40, 40, 30))
+        >>> for x in range(22, 62, 2):
+        ...     estimate = tracker.update(frame(x), dt=0.04)
+        >>> estimate.state, bool(abs(estimate.box[0] - 60) < 3)
+        ('tracking', True)
     """
 
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:

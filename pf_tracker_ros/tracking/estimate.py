@@ -74,6 +74,23 @@ class Estimate:
         effective_sample_size: 1 / sum of squared weights, from 1 to N.
         cue_weights: Name of a cue to its weight in this frame's likelihood; they sum to 1.
         background: State of the background model in this frame; None without one.
+
+    Example:
+        Standard deviations of the center, and of the lower edge, y + height / 2, in pixels:
+
+        >>> import numpy as np
+        >>> from pf_tracker_ros import Tracker
+        >>> image = np.random.default_rng(1).integers(0, 256, (120, 160), np.uint8)
+        >>> tracker = Tracker.from_preset("default", seed=0)
+        >>> estimate = tracker.start(image, (60, 40, 40, 30))
+        >>> estimate.box, estimate.state, estimate.confidence
+        ((60.0, 40.0, 40.0, 30.0), 'tracking', 1.0)
+        >>> estimate = tracker.update(image)
+        >>> center = np.sqrt(estimate.covariance.diagonal())
+        >>> lower_edge = np.array([0.0, 1.0, 0.0, 0.5])
+        >>> edge = np.sqrt(lower_edge @ estimate.box_covariance @ lower_edge)
+        >>> center.shape, bool(edge > 0)
+        ((2,), True)
     """
 
     box: tuple[float, float, float, float]
