@@ -38,11 +38,13 @@ napoleon_use_ivar = True
 
 html_theme = "furo"
 html_title = f"pf_tracker_ros {release}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sphinx = False
 
 _SOURCES = f"https://github.com/pf-tracker-ros/pf_tracker_ros/blob/{release}/"
-_HELP_WIDTH = "100"
+_HELP_WIDTH = "88"
 _HELP_TIMEOUT = 60.0
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+import yaml
 
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
@@ -17,7 +18,8 @@ from pf_tracker_ros.tracking.parameters import TrackerParameters
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md")])
 README = (ROOT / "README.md").read_text()
-EXAMPLES = re.findall(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+LIBRARY = (ROOT / "docs" / "library.md").read_text()
+EXAMPLES = re.findall(r"^```python\n(.*?)^```", README + LIBRARY, re.MULTILINE | re.DOTALL)
 PAPERS = (ROOT / "docs" / "papers.md").read_text()
 
 
@@ -78,7 +80,7 @@ def test_the_parameters_named_in_the_papers_are_there():
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)))
 def test_the_examples_of_the_library_run_as_they_are_written(number, moving_square, tmp_path):
-    assert len(EXAMPLES) == 2
+    assert len(EXAMPLES) == 3
     if "MultiTracker" in EXAMPLES[number]:
         pytest.importorskip("scipy", reason="needs the extra 'targets'")
     # In place of the demo's clip.
@@ -105,5 +107,27 @@ def test_the_examples_of_the_library_run_as_they_are_written(number, moving_squa
 def test_the_clip_of_the_examples_is_one_that_the_demo_leaves():
     clips = (ROOT / "demo" / "clips.py").read_text()
     assert 'CACHE = FOLDER / "cache"' in (ROOT / "demo" / "run.py").read_text()
-    for name in re.findall(r"demo/cache/(\w+\.mp4)", README):
+    for name in re.findall(r"demo/cache/(\w+\.mp4)", README + LIBRARY):
         assert f"/{name}" in clips
+
+
+def test_the_readme_fits_on_three_screens():
+    assert len(README.splitlines()) <= 120
+
+
+def code_blocks(document, language):
+    text = document.read_text()
+    return re.findall(rf"^ *```{language}\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_the_code_blocks_can_be_parsed(document):
+    for block in code_blocks(document, "python"):
+        ast.parse(block)
+    for block in code_blocks(document, "yaml"):
+        list(yaml.safe_load_all(block))
+    for block in code_blocks(document, "sh"):
+        checked = subprocess.run(
+            ["bash", "-n"], input=block, capture_output=True, text=True, check=False
+        )
+        assert checked.returncode == 0, checked.stderr

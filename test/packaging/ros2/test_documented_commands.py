@@ -1,4 +1,4 @@
-"""Every command of README.md, docs/node.md and docs/recipes.md, as written and in order.
+"""Every command of the first steps, how-to's and the node's page, as written and in order.
 
 With the real `ros2`.
 
@@ -18,7 +18,7 @@ REPOSITORY = Path(__file__).resolve().parents[3]
 
 def commands_of(document):
     """The commands in the shell blocks of a document, their continued lines joined."""
-    blocks = re.findall(r"^```sh\n(.*?)^```", document.read_text(), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^ *```sh\n(.*?)^ *```", document.read_text(), re.MULTILINE | re.DOTALL)
     text = "".join(blocks).replace("\\\n", " ")
     return [" ".join(line.split("#")[0].split()) for line in text.splitlines() if line.strip()]
 
@@ -77,16 +77,31 @@ SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
 
 SEVERAL = f"{LAUNCH} detector.launch.py image:=/camera/image_raw detections:=/yolo/detections"
 
-README = [
-    Elsewhere("make console", "test/node/console"),
-    Elsewhere("make demo", "test/demo"),
-    Elsewhere("make test", "this is it"),
+TRACK_CONSOLE = f"{LAUNCH} tracker.launch.py image:=/camera/image_raw console:=true"
+INSTALL = [
     Elsewhere(
         "git clone https://github.com/pf-tracker-ros/pf_tracker_ros src/pf_tracker_ros", INSTALLED
     ),
     Elsewhere("rosdep install --from-paths src --ignore-src", "installs packages on the machine"),
     Ends("colcon build --packages-select pf_tracker_ros", "1 package finished"),
     Ends("source install/setup.bash"),
+]
+
+README = [
+    Elsewhere("make console", "test/node/console"),
+    Elsewhere("make demo", "test/demo"),
+    Elsewhere("make test", "this is it"),
+    *INSTALL,
+    GoesOn(TRACK_CONSOLE, node="/console", prints="images on /camera/image_raw"),
+    Ends(
+        f"{RUN} track drive.mcap --box 62,31,53,70 --output tracked --video --report",
+        "tracked",
+    ),
+    GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
+]
+
+FIRST_STEPS = [
+    *INSTALL,
     Elsewhere("python3 -m venv ~/pf_tracker", INSTALLED),
     Elsewhere("~/pf_tracker/bin/pip install '.[ros,console,recordings,evaluation]'", INSTALLED),
     GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
@@ -108,16 +123,14 @@ README = [
         node="/pf_tracker",
         ends=(f"{LAUNCH} replay",),
     ),
-    Ends(
-        f"{RUN} track drive.mcap --box 62,31,53,70 --output tracked --video --report",
-        "tracked",
-    ),
+]
+
+BENCHMARKS = [
     Ends(
         f"{RUN} evaluate sequences --preset default --seeds 3 --output result.json "
         "--plot success.png",
         "moving_square",
     ),
-    GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
 ]
 
 NODE = [
@@ -143,40 +156,78 @@ NODE = [
     Ends("ros2 topic echo --once --full-length /diagnostics", "last_error"),
 ]
 
-RECIPES = [
+USB_CAMERA = [
+    Elsewhere("ros2 run usb_cam usb_cam_node_exe --ros-args -r __ns:=/camera", "needs a camera"),
+    GoesOn(TRACK_CONSOLE, node="/pf_tracker"),
+    Elsewhere("ros2 topic echo --once /pf_tracker/status", "needs a camera"),
     GoesOn(
         f"{LAUNCH} tracker.launch.py namespace:=left image:=/left/image_raw",
         node="/left/pf_tracker",
+        ends=(f"{LAUNCH} tracker",),
     ),
     GoesOn(
         f"{LAUNCH} tracker.launch.py namespace:=right image:=/right/image_raw preset:=zhang2015",
         node="/right/pf_tracker",
     ),
     Ends(f"ros2 topic pub --once /left/pf_tracker/target {POLYGON}", "publishing #1"),
-    Elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
-    Elsewhere("ros2 run usb_cam usb_cam_node_exe --ros-args -r __ns:=/camera", "needs a camera"),
-    GoesOn(
-        f"{LAUNCH} tracker.launch.py image:=/camera/image_raw",
-        prints="images on /camera/image_raw",
-        ends=(f"{RUN} tracker", f"{LAUNCH} tracker"),
+]
+
+DEPTH_CAMERA = [
+    Elsewhere(
+        "ros2 launch realsense2_camera rs_launch.py align_depth.enable:=true", "needs a camera"
     ),
+    GoesOn(
+        f"{LAUNCH} tracker.launch.py image:=/camera/camera/color/image_raw console:=true",
+        prints="images on /camera/camera/color/image_raw",
+    ),
+]
+
+THERMAL_CAMERA = [
+    GoesOn(
+        f"{LAUNCH} tracker.launch.py image:=/thermal/image_raw console:=true",
+        prints="images on /thermal/image_raw",
+    ),
+]
+
+YOLO = [
+    GoesOn(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
+]
+
+BAG = [
+    GoesOn(
+        "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
+        needs="bag",
+    ),
+    GoesOn(f"{LAUNCH} tracker.launch.py", node="/pf_tracker", ends=("ros2 bag",)),
+    GoesOn(f"{RUN} console rosbag2_2026_01_01", node="/console"),
+    GoesOn(
+        f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
+        'lockstep:=true target_box:="[62, 31, 53, 70]"',
+        prints=TARGET_TAKEN,
+        ends=(f"{LAUNCH} tracker", f"{RUN} console"),
+    ),
+]
+
+RECIPES = [
     Elsewhere(
         "python3 examples/gimbal.py --ros-args -r camera_info:=/camera/camera_info "
         "-r cmd_vel:=/gimbal/cmd_vel",
         "test_gimbal.py",
     ),
-    GoesOn(
-        "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
-        needs="bag",
-    ),
-    GoesOn(
-        f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
-        'lockstep:=true target_box:="[62, 31, 53, 70]"',
-        prints=TARGET_TAKEN,
-        ends=(f"{LAUNCH} tracker", "ros2 bag"),
-    ),
+    Elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
 ]
-DOCUMENTS = {"README.md": README, "docs/node.md": NODE, "docs/recipes.md": RECIPES}
+DOCUMENTS = {
+    "README.md": README,
+    "docs/first_steps.md": FIRST_STEPS,
+    "docs/node.md": NODE,
+    "docs/usb_camera.md": USB_CAMERA,
+    "docs/depth_camera.md": DEPTH_CAMERA,
+    "docs/thermal_camera.md": THERMAL_CAMERA,
+    "docs/yolo.md": YOLO,
+    "docs/bag.md": BAG,
+    "docs/recipes.md": RECIPES,
+    "docs/benchmarks.md": BENCHMARKS,
+}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)

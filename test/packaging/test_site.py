@@ -1,0 +1,140 @@
+"""The documentation is built without a warning, opens from disk alone, and is complete."""
+
+import ast
+import doctest
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import pf_tracker_ros
+
+pytest.importorskip("sphinx", reason="needs the extra 'docs'")
+pytest.importorskip("myst_parser", reason="needs the extra 'docs'")
+pytest.importorskip("furo", reason="needs the extra 'docs'")
+
+ROOT = Path(__file__).resolve().parents[2]
+# Modules whose public names are the library.
+LIBRARY = ["pf_tracker_ros"]
+PUBLIC = [
+    (module, name)
+    for module in LIBRARY
+    for name in import_module(module).__all__
+    if name != "__version__"
+]
+# Attributes of a tag that make a browser load something.
+LOADED = {
+    "audio": "src",
+    "embed": "src",
+    "iframe": "src",
+    "img": "src",
+    "link": "href",
+    "object": "data",
+    "script": "src",
+    "source": "src",
+    "video": "src",
+}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The built pages."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
+    done = subprocess.run(
+        [*command, ROOT / "docs", folder, "-d", folder.parent / "doctrees"],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    return folder
+
+
+class Resources(HTMLParser):
+    """The addresses that a page loads."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attrs):
+        address = dict(attrs).get(LOADED.get(tag))
+        if address:
+            self.found.append(address)
+
+
+def loaded_by(page):
+    parser = Resources()
+    parser.feed(page.read_text(encoding="utf-8"))
+    return parser.found
+
+
+def test_every_page_is_built(site):
+    pages = {path.stem for path in (ROOT / "docs").glob("*.md")}
+    assert pages <= {path.stem for path in site.glob("*.html")}
+
+
+def test_the_pages_load_only_files_beside_them(site):
+    loaded = {(page, one) for page in site.glob("*.html") for one in loaded_by(page)}
+    assert len(loaded) > 100
+    for page, address in loaded:
+        path = address.partition("?")[0].partition("#")[0]
+        if path and not path.startswith("data:"):
+            assert (page.parent / path).is_file(), f"{page.name} loads {address}"
+    for sheet in site.rglob("*.css"):
+        addresses = re.findall(r"(?:url\(|@import)\s*['\"]?([^'\")\s]+)", sheet.read_text())
+        assert [one for one in addresses if re.match(r"(https?:)?//", one)] == [], sheet.name
+
+
+def test_links_to_other_repositories_files_name_files_of_this_one(site):
+    blob = f"/pf_tracker_ros/blob/{pf_tracker_ros.__version__}/"
+    text = "".join(page.read_text() for page in site.glob("*.html"))
+    linked = set(re.findall(rf'href="https://github\.com/[^"]*{re.escape(blob)}([^"#]+)', text))
+    assert len(linked) > 20
+    assert [path for path in sorted(linked) if not (ROOT / path).exists()] == []
+
+
+@pytest.mark.parametrize(("module", "name"), PUBLIC)
+def test_a_public_name_is_in_the_reference(site, module, name):
+    assert f'id="{module}.{name}"' in (site / "library.html").read_text()
+
+
+def test_the_version_is_in_the_reference():
+    assert "`pf_tracker_ros.__version__`" in (ROOT / "docs" / "library.md").read_text()
+
+
+@pytest.mark.parametrize(("module", "name"), PUBLIC)
+def test_a_public_name_has_an_example_that_gives_what_it_shows(module, name):
+    if name in ("MultiTracker", "TrackedTarget"):
+        pytest.importorskip("scipy", reason="needs the extra 'targets'")
+    public = getattr(import_module(module), name)
+    (example,) = doctest.DocTestFinder(recurse=False).find(public, name, globs={})
+    assert example.examples
+    report = []
+    doctest.DocTestRunner(verbose=False).run(example, out=report.append)
+    assert report == []
+
+
+def test_every_executable_has_its_help_in_the_reference(site):
+    named = re.findall(r"\{command-help\} (\w+)", (ROOT / "docs" / "commands.md").read_text())
+    tree = ast.parse((ROOT / "setup.py").read_text())
+    scripts = [
+        re.match(r"(\w+) = ", ast.unparse(value).strip("f'\""))[1]
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Dict)
+        for key, values in zip(node.keys, node.values, strict=True)
+        if isinstance(key, ast.Constant) and key.value == "console_scripts"
+        for value in values.elts
+    ]
+    assert sorted(named) == sorted(scripts)
+    page = (site / "commands.html").read_text()
+    for name in named:
+        assert f"usage: {name} [-h]" in page
