@@ -23,6 +23,9 @@ copyright = f"{author}, Apache License 2.0"  # noqa: A001
 version = release = __version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+# What rosdoc2 adds to its copy: files of the repository, whose links lead from there.
+exclude_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "__*"]
+
 myst_heading_anchors = 4
 highlight_language = "none"
 # Docstrings have code in single backticks, as in Markdown.

@@ -36,7 +36,8 @@ ROSDEP_KEYS = {
     "cv2": "python3-opencv",
     "hypothesis": "python3-hypothesis",
     "jinja2": "python3-jinja2",
-    "markupsafe": "python3-markupsafe",
+    # It has no key of its own; Jinja2 depends on it.
+    "markupsafe": "python3-jinja2",
     "matplotlib": "python3-matplotlib",
     "numpy": "python3-numpy",
     "pytest": "python3-pytest",

@@ -78,7 +78,8 @@ def loaded_by(page):
 
 
 def test_every_page_is_built(site):
-    pages = {path.stem for path in (ROOT / "docs").glob("*.md")}
+    pages = {path.stem for path in (ROOT / "docs").iterdir() if path.suffix in (".md", ".rst")}
+    assert "index" in pages
     assert pages <= {path.stem for path in site.glob("*.html")}
 
 
