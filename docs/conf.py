@@ -19,7 +19,7 @@ from pf_tracker_ros import __version__
 
 project = "pf_tracker_ros"
 author = "pf_tracker_ros maintainers"
-copyright = f"{author}, Apache License 2.0"  # noqa: A001
+copyright = f"{author}, Apache License 2.0"
 version = release = __version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
 import time
@@ -156,25 +157,16 @@ def test_the_recorded_bag_holds_what_the_tracker_published(demo, clip):
 
 
 @clips
-@pytest.mark.usefixtures("demo_modules")
-def test_track_finds_in_the_recording_what_the_node_published(demo, clip, tmp_path):
-    import clips as demo_clips
-
+def test_track_finds_in_the_recording_what_the_node_published(demo, clip):
     folder = demo[0] / clip
-    (tracked,) = [each for each in demo_clips.CLIPS if each.name == clip]
-    box = ",".join(map(str, tracked.box))
-    changes = [f"--parameter={name}={value}" for name, value in tracked.parameters.items()]
-    command = [sys.executable, "-m", "pf_tracker_ros.recordings", folder / "input.mcap"]
-    command += ["--box", box, "--output", tmp_path / "out", "--bag", *changes]
-    subprocess.run(command, check=True, timeout=TIMEOUT)
     published, found = (
-        _messages_of(path) for path in (folder / "result.mcap", tmp_path / "out" / "topics.mcap")
+        _messages_of(path) for path in (folder / "result.mcap", folder / "tracked" / "topics.mcap")
     )
     for topic in ("box", "particles", "overlay"):
         assert len(published[f"/pf_tracker/{topic}"]) > FRAME_COUNTS[clip] / 2
         assert found[f"/pf_tracker/{topic}"] == published[f"/pf_tracker/{topic}"]
     frames = json.loads((folder / "result.json").read_text())["frames"]
-    with (tmp_path / "out" / "boxes.csv").open(newline="") as file:
+    with (folder / "tracked" / "boxes.csv").open(newline="") as file:
         told = [(row["state"], float(row["confidence"])) for row in csv.DictReader(file)]
     assert told == [(frame["state"], frame["confidence"]) for frame in frames]
 
@@ -192,15 +184,32 @@ def _messages_of(bag):
 
 
 @every_clip
-def test_video_and_contact_sheet_can_be_looked_at(demo, clip, count):
-    capture = cv2.VideoCapture(str(demo[0] / clip / "overlay.mp4"))
-    grabbed = 0
-    while capture.grab():
-        grabbed += 1
-    assert grabbed == count
+def test_videos_and_contact_sheet_can_be_looked_at(demo, clip, count):
+    # VP8 is what browsers play.
+    for name, codec in (("overlay.mp4", b"FMP4"), ("overlay.webm", b"VP80")):
+        capture = cv2.VideoCapture(str(demo[0] / clip / name))
+        assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == codec
+        grabbed = 0
+        while capture.grab():
+            grabbed += 1
+        assert grabbed == count
     sheet = cv2.imread(str(demo[0] / clip / "contact_sheet.png"))
     assert sheet is not None
     assert sheet.shape[1] == 1920
+
+
+def test_the_demo_ends_with_a_page_of_files_beside_it(demo):
+    page = demo[0] / "index.html"
+    assert demo[1].splitlines()[-1].endswith(page.resolve().as_uri())
+    text = page.read_text()
+    addresses = set(re.findall(r'(?:src|href)="([^"]*)"', text)) - {"data:,"}
+    assert {f"{clip}/overlay.webm" for clip in (*FRAME_COUNTS, STREET)} < addresses
+    assert {f"{clip}/tracked/report.html" for clip in (*FRAME_COUNTS, STREET)} < addresses
+    assert [one for one in sorted(addresses) if not (page.parent / one).is_file()] == []
+    # In styles as well, nothing of another host.
+    assert not re.search(r"https?://|@import", text)
+    assert "track " in text
+    assert "--detector people" in text
 
 
 @every_clip

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 
 catkin_package = pytest.importorskip("catkin_pkg.package")
@@ -102,6 +103,38 @@ def test_version_is_the_same_everywhere(manifest):
     released = [title.split()[0] for title in titles if title != "Forthcoming"]
     assert titles
     assert released[:1] in ([], [manifest.version])
+
+
+def test_the_citation_is_of_the_last_release(manifest):
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
+    assert citation["version"] == manifest.version
+    assert citation["license"] == manifest.licenses[0]
+    assert citation["repository-code"] == manifest.urls[0].url
+    changelog = (REPOSITORY / "CHANGELOG.rst").read_text()
+    assert f"\n{manifest.version} ({citation['date-released']})\n---" in changelog
+
+
+def test_the_documentation_of_ros_is_built_from_the_projects_own(manifest):
+    (export,) = [one for one in manifest.exports if one.tagname == "rosdoc2"]
+    header, settings = yaml.safe_load_all((REPOSITORY / export.content).read_text())
+    assert header == {"type": "rosdoc2 config", "version": 1}
+    (builder,) = settings["builders"]
+    folder = REPOSITORY / builder["sphinx"]["sphinx_sourcedir"]
+    # Of a page index.md, rosdoc2 makes no start page.
+    assert (folder / "conf.py").is_file()
+    assert (folder / "index.rst").is_file()
+
+
+def test_the_workflow_runs_the_checks_on_every_supported_python_and_colcon_in_jazzy():
+    path = REPOSITORY / ".github" / "workflows" / "ci.yaml"
+    jobs = yaml.safe_load(path.read_text())["jobs"]
+    checks, jazzy = jobs["checks"], jobs["jazzy"]
+    assert checks["strategy"]["matrix"]["python"] == ["3.10", "3.11", "3.12", "3.13"]
+    assert ".ci/run" in [step.get("run") for step in checks["steps"]]
+    assert "jazzy" in jazzy["container"]
+    commands = "".join(step.get("run", "") for step in jazzy["steps"])
+    for command in ("rosdep install", "colcon build", "colcon test ", "colcon test-result"):
+        assert command in commands
 
 
 def test_maintainer_and_license_are_the_same_in_setup_and_manifest(manifest):

@@ -1,0 +1,86 @@
+"""Writes the page that ends the demo: videos, figures, reports, bags and commands of all clips."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from clips import Clip
+from jinja2 import ChoiceLoader, Environment, FileSystemLoader, PackageLoader, StrictUndefined
+from processes import ros_arguments
+from report import Summary
+
+from pf_tracker_ros import __version__
+
+_FOLDER = Path(__file__).resolve().parent
+_REPOSITORY = _FOLDER.parent
+
+
+class ClipResult(NamedTuple):
+    """A tracked clip.
+
+    Attributes:
+        clip: The clip.
+        summary: Its figures.
+        track_arguments: Arguments of `track` that made its report.
+    """
+
+    clip: Clip
+    summary: Summary
+    track_arguments: Sequence[str]
+
+
+def write_page(results: Sequence[ClipResult], folder: Path) -> Path:
+    """Write index.html beside the folders of the clips; its links are relative.
+
+    Args:
+        results: The tracked clips.
+        folder: Folder of the folders of the clips.
+
+    Returns:
+        Path of the page.
+    """
+    environment = Environment(
+        # The styles are those of the reports.
+        loader=ChoiceLoader(
+            [FileSystemLoader(_FOLDER), PackageLoader("pf_tracker_ros.evaluation.reports", ".")]
+        ),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    path = folder / "index.html"
+    text = environment.get_template("index.html.jinja").render(
+        version=__version__,
+        clips=[(result.clip, result.summary, _commands(result, folder)) for result in results],
+    )
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def _commands(result: ClipResult, folder: Path) -> dict[str, str]:
+    """What a command makes, to the command, as typed in the folder of the repository."""
+    clip = result.clip
+    recording = _shown(folder / clip.name / "input.mcap")
+    replayed: dict[str, object] = {"lockstep": True}
+    if clip.box:
+        replayed["target_box"] = list(clip.box)
+    else:
+        replayed["lockstep_rate"] = 1.0
+    tracker = ["tracker", *ros_arguments({"image_reliability": "reliable", **clip.parameters})]
+    replay = ["replay", recording, *ros_arguments(replayed)]
+    track = ["track", *(_shown(Path(one)) if "/" in one else one for one in result.track_arguments)]
+    return {
+        "boxes on the topics of the node": f"{shlex.join(tracker)}\n{shlex.join(replay)}",
+        "report, boxes.csv and topics.mcap": shlex.join(track),
+        "the page of the console": f"make console CONSOLE_ARGS='--clip {clip.name}'",
+    }
+
+
+def _shown(path: Path) -> str:
+    """A path relative to the repository, if it is in there."""
+    return os.path.relpath(path, _REPOSITORY) if path.is_relative_to(_REPOSITORY) else str(path)
