@@ -1,9 +1,7 @@
-"""The documents agree with the node: topics, services, encodings, parameters, links."""
+"""The documents agree with the node: topics, services, encodings, parameters."""
 
 import re
 from pathlib import Path
-
-import pytest
 
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS
 from pf_tracker_ros.node_parameters import NodeParameters
@@ -38,17 +36,3 @@ def test_documented_parameters_exist():
     for name in ("time_jump", "frame_buffer_length", "autostart", "image_timeout", "click_size"):
         assert name in known
         assert f"`{name}`" in NODE
-
-
-@pytest.mark.parametrize(
-    "document", ["README.md", "docs/node.md", "docs/recipes.md", "docs/security.md"]
-)
-def test_links_lead_to_files_and_headings(document):
-    path = REPOSITORY / document
-    for target in re.findall(r"\]\(([^)#:]*)(?:#[\w-]+)?\)", path.read_text()):
-        assert not target or (path.parent / target).exists(), target
-    for target, heading in re.findall(r"\]\(([^)#:]*)#([\w-]+)\)", path.read_text()):
-        linked = (path.parent / target) if target else path
-        titles = re.findall(r"^#+ (.+)$", linked.read_text(), re.MULTILINE)
-        names = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
-        assert heading in names, heading

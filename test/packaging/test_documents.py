@@ -66,16 +66,27 @@ def test_the_classes_and_methods_named_in_the_papers_are_there(names):
     assert [name for name in sorted(named - names) if not hasattr(cv2, name)] == []
 
 
-def test_the_parameters_named_in_the_papers_are_there():
+def parameters_in(text):
+    """The parameters in backticks, such as `group.name` and `group.name: 0.5`, and all there are."""
     known = {*declarations(TrackerParameters), *declarations(NodeParameters)}
     groups = {name.partition(".")[0] for name in known if "." in name}
-    named = {
-        name
-        for name in re.findall(r"`([a-z_]+\.[a-z_]+)`", PAPERS)
-        if name.partition(".")[0] in groups
-    }
-    assert len(named) > 10
-    assert sorted(named - known) == []
+    named = re.findall(r"`([a-z_]+\.[a-z_]+)(?::?=[^`]*|: [^`]*)?`", text)
+    named = {name for name in named if name.partition(".")[0] in groups}
+    return {name for name in named if not name.endswith(".py")}, known
+
+
+@pytest.mark.parametrize(
+    "document", [one for one in DOCUMENTS if one.name != "benchmarks.md"], ids=lambda one: one.name
+)
+def test_the_parameters_that_a_document_names_are_there(document):
+    named, known = parameters_in(document.read_text())
+    # Declared as soon as another package brings features.
+    conditional = {"correlation_response.features", "coarse_correlation_response.features"}
+    assert sorted(named - known - conditional) == []
+
+
+def test_the_papers_name_parameters():
+    assert len(parameters_in(PAPERS)[0]) > 10
 
 
 @pytest.mark.parametrize("number", range(len(EXAMPLES)))

@@ -117,6 +117,12 @@ def test_all_extras_that_setup_installs_are_locked_for_every_python(clone):
         assert f"--extra {extra} " in commands
 
 
+def test_a_warning_of_the_documentation_is_an_error(clone):
+    commands = make(clone, "--dry-run", "docs").stdout
+    assert "-m sphinx -W --keep-going" in commands
+    assert commands.splitlines()[-1] == 'echo "the documentation: build/docs/index.html"'
+
+
 @pytest.mark.parametrize("sequences", [[], ["SEQUENCES= "]])
 def test_a_benchmark_without_sequences_is_an_error_that_says_how_to_name_them(clone, sequences):
     outcome = make(clone, "bench", *sequences)
