@@ -15,6 +15,7 @@ from report import Summary
 
 from pf_tracker_ros import __version__
 
+PAGE = "index.html"
 _FOLDER = Path(__file__).resolve().parent
 _REPOSITORY = _FOLDER.parent
 
@@ -53,8 +54,8 @@ def write_page(results: Sequence[ClipResult], folder: Path) -> Path:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    path = folder / "index.html"
-    text = environment.get_template("index.html.jinja").render(
+    path = folder / PAGE
+    text = environment.get_template(f"{PAGE}.jinja").render(
         version=__version__,
         clips=[(result.clip, result.summary, _commands(result, folder)) for result in results],
     )

