@@ -104,17 +104,24 @@ def _run(options: argparse.Namespace) -> int:
         try:
             with progress_bar(tuning.runs, "runs") as on_progress:
                 result = tuning.run(on_progress)
-        except (KeyboardInterrupt, _Termination):
-            if (error := outputs.write_best(tuning.best, tuning.trials)) is not None:
-                _complain(error)
-            raise
+        except (KeyboardInterrupt, _Termination) as stop:
+            is_termination = isinstance(stop, _Termination)
+            kept = outputs.write_best(tuning.best, tuning.trials)
+            print(
+                f"tune: {'terminated' if is_termination else 'interrupted'}; "
+                f"{kept or f'{output} has the best values so far'}",
+                file=sys.stderr,
+            )
+            return TERMINATED if is_termination else INTERRUPTED
     for each in tuning.errors:
         _complain(f"{each}; the figures are without this evaluation")
     errors = outputs.write_result(result)
     for error in errors:
         _complain(error)
     print(outputs.verdict(result))
-    for name, before, after in outputs.changed(result):
+    if changed := outputs.changed(result):
+        print("used:" if outputs.uses(result) else "best values found, not used:")
+    for name, before, after in changed:
         print(f"  {name}: {after:g} instead of {before:g}")
     print(f"{output} has the parameters, {outputs.page} the report")
     return INCOMPLETE if unopened or tuning.errors or errors else SUCCESS

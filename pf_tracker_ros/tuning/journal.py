@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import fcntl
 import logging
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,8 +28,6 @@ def open_journal(path: Path) -> Iterator[JournalStorage]:
         EvaluationError: Another process has it open, it is no journal, or cannot be written.
     """
     optuna.logging.set_verbosity(logging.ERROR)
-    # setup.py pins the version of experimental interfaces.
-    warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
     try:
         file = path.open("a+b")
     except OSError as error:

@@ -44,15 +44,16 @@ class Outputs:
         Returns:
             Error messages.
         """
-        values = self.accepted(result)
-        candidate = self.changes(result.values) if values == self._request.own else {}
+        is_used = self.uses(result)
+        values = result.values if is_used else self._request.own
+        candidate = {} if is_used else self._changes(result.values)
         page = fill(
             "tuning.html.jinja",
             title=f"Tuning of preset {self._request.preset}",
             facts=self._facts(result),
             verdict=self.verdict(result),
             changes=self.changed(result),
-            is_accepted=not candidate,
+            is_used=is_used,
             comparison=result.comparison,
             seen=result.seen,
         ).encode("utf-8", "replace")
@@ -74,19 +75,15 @@ class Outputs:
         )
         return self._write_parameters(best, told, {})
 
-    def accepted(self, result: TuningResult) -> Values:
-        """The values to use: those found if they are better, otherwise the preset's."""
-        return result.values if self._is_better(result) else self._request.own
-
-    def changes(self, values: Values) -> dict[str, float]:
-        """The values that differ from the preset."""
-        return {name: each for name, each in values.items() if each != self._request.own[name]}
+    def uses(self, result: TuningResult) -> bool:
+        """Whether the values found are better than the preset, and in the parameter file."""
+        return bool(self._changes(result.values)) and result.comparison.is_significant
 
     def changed(self, result: TuningResult) -> list[tuple[str, float, float]]:
         """Name, value of the preset and value found on all sequences, where they differ."""
         return [
             (name, self._request.own[name], value)
-            for name, value in self.changes(result.values).items()
+            for name, value in self._changes(result.values).items()
         ]
 
     def verdict(self, result: TuningResult) -> str:
@@ -96,14 +93,15 @@ class Outputs:
             f"on sequences left out, the success AUC changes from {compared.preset.mean():.3f} to "
             f"{compared.tuned.mean():.3f}: {gain_text(compared)}"
         )
-        if not self.changes(result.values):
+        if not self._changes(result.values):
             return f"Nothing better than the preset was found; {figures}."
-        if self._is_better(result):
+        if self.uses(result):
             return f"The tuned values are better than the preset: {figures}."
         return f"Nothing is better than the preset by more than chance: {figures}."
 
-    def _is_better(self, result: TuningResult) -> bool:
-        return bool(self.changes(result.values)) and result.comparison.is_significant
+    def _changes(self, values: Values) -> dict[str, float]:
+        """The values that differ from the preset."""
+        return {name: each for name, each in values.items() if each != self._request.own[name]}
 
     def _write_parameters(
         self, values: Values, told: str, candidate: Mapping[str, float]
@@ -119,7 +117,7 @@ class Outputs:
             lines.append("# The best values found, which are not used:")
             lines += [f"#   {name}: {yaml_text(value)}" for name, value in candidate.items()]
         lines += ["/**:", "  ros__parameters:", f"    preset: {yaml_text(self._request.preset)}"]
-        parameters: dict[str, Any] = {**self._request.fixed, **self.changes(values)}
+        parameters: dict[str, Any] = {**self._request.fixed, **self._changes(values)}
         lines += [f"    {name}: {yaml_text(value)}" for name, value in parameters.items()]
         return "\n".join(lines) + "\n"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -27,6 +28,8 @@ _FIRST_TRIALS, _DRAWN_SHARE = 10, 0.3
 # fewest that can show it.
 _HOPELESS_BELOW, _MIN_SEQUENCES = 0.1, 4
 _MAX_STAGES = 3
+# Standard errors due to the seeds that a parameter's return to the preset may lose.
+_MAX_LOSS = 2.0
 _AUCS, _ERROR = "aucs", "error"
 
 
@@ -53,8 +56,8 @@ class Search:
     """Searches the values with the largest mean gain over the preset on some sequences.
 
     A trial is evaluated in stages, a few sequences each, and ends early if it is hopeless. After
-    the last trial, each parameter of the best one returns to the preset's value if the loss is
-    within the standard error due to the seeds.
+    the last trial, the parameters of the best one return to the preset's values, one after the
+    other, if the loss is within the noise of the seeds.
 
     Args:
         storage: Of the study.
@@ -83,12 +86,16 @@ class Search:
             parameter: FloatDistribution(one.low, one.high, log=one.is_logarithmic)
             for parameter, one in request.space.items()
         }
+        with warnings.catch_warnings():
+            # setup.py limits the version, so that experimental interfaces do not change.
+            warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+            pruner = WilcoxonPruner(p_threshold=_HOPELESS_BELOW, n_startup_steps=_MIN_SEQUENCES)
         self._study = optuna.create_study(
             storage=storage,
             study_name=name,
             direction="maximize",
             load_if_exists=True,
-            pruner=WilcoxonPruner(p_threshold=_HOPELESS_BELOW, n_startup_steps=_MIN_SEQUENCES),
+            pruner=pruner,
         )
         fail_unfinished_trials(self._study)
         places = {name: index for index, name in enumerate(names)}
@@ -125,7 +132,7 @@ class Search:
             if not all(self._evaluations.knows(candidate, each) for each in self.members):
                 return values, candidate
             loss = self._table(best) - self._table(candidate)
-            if loss.mean() <= seed_error(loss):
+            if loss.mean() <= _MAX_LOSS * seed_error(loss):
                 values = candidate
         return values, None
 

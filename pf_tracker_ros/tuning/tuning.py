@@ -150,7 +150,7 @@ class Tuning:
         request, count = self._request, len(self._sequences)
         trials = request.trials + len(request.space)
         searched = count * min(request.folds, count) * trials
-        return (count + searched) * request.seeds + 3 * count * _COMPARED_SEEDS
+        return (count + searched) * request.seeds + 4 * count * _COMPARED_SEEDS
 
     def _evaluations(self, seeds: Sequence[int], on_progress: OnProgress) -> Evaluations:
         request = self._request
