@@ -19,7 +19,7 @@ from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.recordings.archives.executors import Executor
 from pf_tracker_ros.targets.tracker import Tracker
 
-Values: TypeAlias = Mapping[str, float]
+TunedValues: TypeAlias = Mapping[str, float]
 """Full name to value of the tuned parameters."""
 _Key: TypeAlias = tuple[tuple[tuple[str, float], ...], int]
 
@@ -64,7 +64,7 @@ class Evaluations:
         self._on_progress = on_progress
         self._known: dict[_Key, list[float] | str] = {}
 
-    def add(self, values: Values, sequence: int, aucs: list[float]) -> None:
+    def add(self, values: TunedValues, sequence: int, aucs: list[float]) -> None:
         """Add an evaluation of an earlier run."""
         self._known[_key(values, sequence)] = aucs
 
@@ -77,11 +77,11 @@ class Evaluations:
             if not isinstance(found, str)
         ]
 
-    def knows(self, values: Values, sequence: int) -> bool:
+    def knows(self, values: TunedValues, sequence: int) -> bool:
         """Whether this evaluation was carried out."""
         return _key(values, sequence) in self._known
 
-    def aucs(self, values: Values, sequence: int) -> list[float] | str:
+    def aucs(self, values: TunedValues, sequence: int) -> list[float] | str:
         """The success AUC for each seed, or the reason for a failure.
 
         Raises:
@@ -89,7 +89,7 @@ class Evaluations:
         """
         return self._known[_key(values, sequence)]
 
-    def table(self, values: Values, sequences: Sequence[int]) -> NDArray[np.float64]:
+    def table(self, values: TunedValues, sequences: Sequence[int]) -> NDArray[np.float64]:
         """(sequences, seeds) success AUCs; NaN for failures.
 
         Raises:
@@ -99,7 +99,7 @@ class Evaluations:
         rows = (self.aucs(values, sequence) for sequence in sequences)
         return np.array([failed if isinstance(row, str) else row for row in rows])
 
-    def carry_out(self, requests: Sequence[tuple[Values, int]]) -> None:
+    def carry_out(self, requests: Sequence[tuple[TunedValues, int]]) -> None:
         """Carry out the evaluations of values on sequences that are not known yet."""
         pending: dict[_Key, tuple[_Task, int]] = {}
         for values, sequence in requests:
@@ -141,5 +141,5 @@ def _evaluate(task: _Task) -> list[float] | str:
     return [float(auc) for auc in result.success_aucs]
 
 
-def _key(values: Values, sequence: int) -> _Key:
+def _key(values: TunedValues, sequence: int) -> _Key:
     return tuple(sorted(values.items())), sequence

@@ -12,7 +12,7 @@ from pf_tracker_ros.evaluation.reports.page import fill
 from pf_tracker_ros.parameter_files import yaml_text
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tuning.comparison import Comparison
-from pf_tracker_ros.tuning.evaluations import Values
+from pf_tracker_ros.tuning.evaluations import TunedValues
 from pf_tracker_ros.tuning.tuning import TuningRequest, TuningResult
 
 _LINE_LENGTH = 100
@@ -63,7 +63,7 @@ class Outputs:
         ]
         return [error for error in errors if error is not None]
 
-    def write_best(self, best: Values, trials: int) -> str | None:
+    def write_best(self, best: TunedValues, trials: int) -> str | None:
         """Write the best values of an interrupted run.
 
         Returns:
@@ -99,17 +99,19 @@ class Outputs:
             return f"The tuned values are better than the preset: {figures}."
         return f"Nothing is better than the preset by more than chance: {figures}."
 
-    def _changes(self, values: Values) -> dict[str, float]:
+    def _changes(self, values: TunedValues) -> dict[str, float]:
         """The values that differ from the preset."""
         return {name: each for name, each in values.items() if each != self._request.own[name]}
 
     def _write_parameters(
-        self, values: Values, told: str, candidate: Mapping[str, float]
+        self, values: TunedValues, told: str, candidate: Mapping[str, float]
     ) -> str | None:
         text = self._parameter_text(values, told, candidate)
         return self._parameter_file.write(lambda path: path.write_text(text, encoding="utf-8"))
 
-    def _parameter_text(self, values: Values, told: str, candidate: Mapping[str, float]) -> str:
+    def _parameter_text(
+        self, values: TunedValues, told: str, candidate: Mapping[str, float]
+    ) -> str:
         lines = textwrap.wrap(
             told, _LINE_LENGTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
         )

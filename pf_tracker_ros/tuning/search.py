@@ -17,7 +17,7 @@ from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, Trial, TrialState
 
 from pf_tracker_ros.tuning.comparison import seed_error
-from pf_tracker_ros.tuning.evaluations import Evaluations, Values
+from pf_tracker_ros.tuning.evaluations import Evaluations, TunedValues
 from pf_tracker_ros.tuning.journal import fail_unfinished_trials
 from pf_tracker_ros.tuning.search_space import SearchRange
 
@@ -46,13 +46,13 @@ class SearchRequest:
     """
 
     space: Mapping[str, SearchRange]
-    preset: Values
-    start: Values
+    preset: TunedValues
+    start: TunedValues
     trials: int
     seed: int
 
 
-class Search:
+class ValueSearch:
     """Searches the values with the largest mean gain over the preset on some sequences.
 
     A trial is evaluated in stages, a few sequences each, and ends early if it is hopeless. After
@@ -104,8 +104,8 @@ class Search:
                 evaluations.add(self._rounded(trial.params), places[sequence], aucs)
 
     @property
-    def best(self) -> Values:
-        """Values of the best trial so far; those of the preset before the first."""
+    def best(self) -> TunedValues:
+        """TunedValues of the best trial so far; those of the preset before the first."""
         complete = [trial for trial in self._trials() if trial.state == TrialState.COMPLETE]
         if not complete:
             return self._request.preset
@@ -117,7 +117,7 @@ class Search:
         """Number of finished trials."""
         return len(self._trials())
 
-    def simplified(self) -> tuple[Values, Values | None]:
+    def simplified(self) -> tuple[TunedValues, TunedValues | None]:
         """Return parameters of the best values to those of the preset, one after the other.
 
         Returns:
@@ -148,8 +148,8 @@ class Search:
         _, candidate = self.simplified()
         return None if candidate is None else self._ask(candidate, can_be_pruned=False)
 
-    def _first_trial(self, count: int, seed: int) -> Values | None:
-        """Values of the first trials; None for the sampler's."""
+    def _first_trial(self, count: int, seed: int) -> TunedValues | None:
+        """TunedValues of the first trials; None for the sampler's."""
         request = self._request
         if count == 0:
             return request.preset
@@ -169,7 +169,7 @@ class Search:
                 values[name] = one.rounded(one.low + (one.high - one.low) * place)
         return values
 
-    def _ask(self, values: Values | None, *, can_be_pruned: bool) -> SearchTrial:
+    def _ask(self, values: TunedValues | None, *, can_be_pruned: bool) -> SearchTrial:
         if values is not None:
             self._study.enqueue_trial(dict(values))
         trial = self._study.ask(self._distributions)
@@ -184,7 +184,7 @@ class Search:
         ]
         return finished[: self._request.trials]
 
-    def _rounded(self, parameters: Mapping[str, Any]) -> Values:
+    def _rounded(self, parameters: Mapping[str, Any]) -> TunedValues:
         """The values of a trial. Those of the preset and the start may have more digits."""
         request = self._request
         return {
@@ -194,10 +194,10 @@ class Search:
             for name, value in parameters.items()
         }
 
-    def _table(self, values: Values) -> NDArray[np.float64]:
+    def _table(self, values: TunedValues) -> NDArray[np.float64]:
         return self._evaluations.table(values, self.members)
 
-    def gains(self, values: Values, sequences: Sequence[int]) -> NDArray[np.float64]:
+    def gains(self, values: TunedValues, sequences: Sequence[int]) -> NDArray[np.float64]:
         """(sequences,) mean gain over the preset; NaN for a failed evaluation."""
         own = self._evaluations.table(self._request.preset, sequences)
         return (self._evaluations.table(values, sequences) - own).mean(axis=1)
@@ -209,7 +209,7 @@ class Search:
         for first in range(0, len(order), size):
             yield tuple(order[first : first + size])
 
-    def record(self, trial: Trial, values: Values) -> str | None:
+    def record(self, trial: Trial, values: TunedValues) -> str | None:
         """Write the evaluations so far into the journal.
 
         Returns:
@@ -248,7 +248,9 @@ class SearchTrial:
         can_be_pruned: Whether it ends early if it is hopeless.
     """
 
-    def __init__(self, search: Search, trial: Trial, values: Values, can_be_pruned: bool) -> None:
+    def __init__(
+        self, search: ValueSearch, trial: Trial, values: TunedValues, can_be_pruned: bool
+    ) -> None:
         self.values = values
         self.remaining = list(search.stages())
         self.error = ""

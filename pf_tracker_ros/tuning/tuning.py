@@ -19,8 +19,8 @@ from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.recordings.archives.executors import Executor
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tuning.comparison import Comparison
-from pf_tracker_ros.tuning.evaluations import Evaluations, Values
-from pf_tracker_ros.tuning.search import Search, SearchRequest
+from pf_tracker_ros.tuning.evaluations import Evaluations, TunedValues
+from pf_tracker_ros.tuning.search import SearchRequest, ValueSearch
 from pf_tracker_ros.tuning.search_space import SearchRange
 
 # Seeds of the comparison, other than those of the search.
@@ -52,8 +52,8 @@ class TuningRequest:
     seed: int
 
     @property
-    def own(self) -> Values:
-        """Values of the tuned parameters in the preset."""
+    def own(self) -> TunedValues:
+        """TunedValues of the tuned parameters in the preset."""
         values = preset_parameters(self.preset)
         return {name: values[name] for name in self.space}
 
@@ -65,7 +65,7 @@ class TuningRequest:
 
 @dataclass(frozen=True, eq=False)
 class TuningResult:
-    """Values found on all sequences, and their gain.
+    """TunedValues found on all sequences, and their gain.
 
     Attributes:
         values: Name to value of the tuned parameters.
@@ -73,7 +73,7 @@ class TuningResult:
         seen: The preset and `values` on the sequences that they were chosen on.
     """
 
-    values: Values
+    values: TunedValues
     comparison: Comparison
     seen: Comparison
 
@@ -88,7 +88,7 @@ class Tuning:
         executor: Runs the evaluations; None for this process.
 
     Attributes:
-        best: Values of the best trial on all sequences so far.
+        best: TunedValues of the best trial on all sequences so far.
         trials: Number of finished trials on all sequences.
         errors: Reasons for failed evaluations.
 
@@ -103,7 +103,7 @@ class Tuning:
         storage: BaseStorage,
         executor: Executor | None,
     ) -> None:
-        self.best: Values = request.own
+        self.best: TunedValues = request.own
         self.trials = 0
         self.errors: list[str] = []
         self._request = request
@@ -163,7 +163,7 @@ class Tuning:
             on_progress=on_progress,
         )
 
-    def _search(self, members: Sequence[int], evaluations: Evaluations) -> Search:
+    def _search(self, members: Sequence[int], evaluations: Evaluations) -> ValueSearch:
         """The search on some of the sequences; its study is named by the others."""
         request = self._request
         start = {name: request.given.get(name, own) for name, own in request.own.items()}
@@ -171,12 +171,12 @@ class Tuning:
         names = [each.name for each in self._sequences]
         without = [name for index, name in enumerate(names) if index not in members]
         name = f"without {', '.join(without)}" if without else "all"
-        return Search(
+        return ValueSearch(
             self._storage, name, searched, names, members=members, evaluations=evaluations
         )
 
     def _run_searches(
-        self, searches: Sequence[Search], evaluations: Evaluations, on_progress: OnProgress
+        self, searches: Sequence[ValueSearch], evaluations: Evaluations, on_progress: OnProgress
     ) -> None:
         """Run all searches side by side, a trial of each at a time.
 
@@ -201,7 +201,7 @@ class Tuning:
 
     def _compare(
         self,
-        found: Sequence[Values],
+        found: Sequence[TunedValues],
         usable: Sequence[int],
         folds: Sequence[Sequence[int]],
         on_progress: OnProgress,
