@@ -104,15 +104,14 @@ def _run(options: argparse.Namespace) -> int:
         try:
             with progress_bar(tuning.runs, "runs") as on_progress:
                 result = tuning.run(on_progress)
-        except (KeyboardInterrupt, _Termination) as stop:
-            is_termination = isinstance(stop, _Termination)
+        except (KeyboardInterrupt, _Termination, OSError) as stop:
             kept = outputs.write_best(tuning.best, tuning.trials)
+            reason, code = _stopped(stop)
             print(
-                f"tune: {'terminated' if is_termination else 'interrupted'}; "
-                f"{kept or f'{output} has the best values so far'}",
+                f"tune: {reason}; {kept or f'{output} has the best values so far'}",
                 file=sys.stderr,
             )
-            return TERMINATED if is_termination else INTERRUPTED
+            return code
     for each in tuning.errors:
         _complain(f"{each}; the figures are without this evaluation")
     errors = outputs.write_result(result)
@@ -125,6 +124,15 @@ def _run(options: argparse.Namespace) -> int:
         print(f"  {name}: {after:g} instead of {before:g}")
     print(f"{output} has the parameters, {outputs.page} the report")
     return INCOMPLETE if unopened or tuning.errors or errors else SUCCESS
+
+
+def _stopped(stop: BaseException) -> tuple[str, int]:
+    """The reason of an incomplete run, and its exit code."""
+    if isinstance(stop, KeyboardInterrupt):
+        return "interrupted", INTERRUPTED
+    if isinstance(stop, _Termination):
+        return "terminated", TERMINATED
+    return f"error: {stop}", INCOMPLETE
 
 
 @contextmanager
@@ -145,11 +153,12 @@ def _check_output(output: Path, journal: Path) -> None:
     """
     if output.suffix not in (".yaml", ".yml"):
         raise EvaluationError(f"--output {output}; allowed: a file name that ends in .yaml")
-    if output.is_file() and not journal.exists():
-        raise EvaluationError(
-            f"{output} exists, and no {journal.name} beside it shows that tune wrote it; remove "
-            "it, or choose another --output"
-        )
+    for path in (output, output.with_suffix(".html")):
+        if path.is_file() and not journal.exists():
+            raise EvaluationError(
+                f"{path} exists, and no {journal.name} beside it shows that tune wrote it; remove "
+                "it, or choose another --output"
+            )
 
 
 def _complain(message: Any) -> None:

@@ -105,7 +105,7 @@ class ValueSearch:
 
     @property
     def best(self) -> TunedValues:
-        """TunedValues of the best trial so far; those of the preset before the first."""
+        """Values of the best trial so far; those of the preset before the first."""
         complete = [trial for trial in self._trials() if trial.state == TrialState.COMPLETE]
         if not complete:
             return self._request.preset
@@ -149,7 +149,7 @@ class ValueSearch:
         return None if candidate is None else self._ask(candidate, can_be_pruned=False)
 
     def _first_trial(self, count: int, seed: int) -> TunedValues | None:
-        """TunedValues of the first trials; None for the sampler's."""
+        """Values of the first trials; None for the sampler's."""
         request = self._request
         if count == 0:
             return request.preset

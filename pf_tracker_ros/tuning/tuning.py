@@ -267,7 +267,7 @@ def _check_request(
         "ranges": {name: asdict(each) for name, each in request.space.items()},
         "seeds": request.seeds,
         "seed": request.seed,
-        "sequences": {each.name: _digest(each) for each in sequences},
+        "sequences": [(each.name, _digest(each)) for each in sequences],
     }
     asked = json.loads(json.dumps(asked))
     stored = study.user_attrs.get(_REQUEST)

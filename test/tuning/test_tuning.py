@@ -120,7 +120,7 @@ def test_nothing_is_claimed_where_the_preset_is_best(tune, seed):
     def best(name):
         return OWN_NOISE * np.exp(np.random.default_rng(zlib.crc32(name.encode())).normal(0, 0.3))
 
-    result, _ = tune(Formula(best, noise=0.02), seed=seed)
+    result, _ = tune(Formula(best, noise=0.02), seed=seed, trials=20)
     assert not result.comparison.is_significant
 
 
