@@ -1,7 +1,8 @@
-"""Evaluations of parameter values on sequences; each is carried out only once."""
+"""Evaluations of parameter values on sequences; each is carried out and stored only once."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from functools import partial
 from typing import Any, TypeAlias
 
 import numpy as np
+import optuna
 from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation.batch import evaluate_each
@@ -21,7 +23,6 @@ from pf_tracker_ros.targets.tracker import Tracker
 
 TunedValues: TypeAlias = Mapping[str, float]
 """Full name to value of the tuned parameters."""
-_Key: TypeAlias = tuple[tuple[tuple[str, float], ...], int]
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,7 @@ class Evaluations:
     """Success AUCs of parameter values on sequences.
 
     Args:
+        study: Stores each evaluation as an attribute, those of an earlier run included.
         executor: Runs the evaluations; None for this process.
         preset: The preset.
         fixed: Full name to value of the parameters that differ from it and are not tuned.
@@ -48,38 +50,27 @@ class Evaluations:
 
     def __init__(
         self,
+        study: optuna.Study,
         executor: Executor | None,
         preset: str,
         fixed: Mapping[str, Any],
-        sequences: Sequence[Footage],
         *,
+        sequences: Sequence[Footage],
         seeds: Sequence[int],
         on_progress: OnProgress,
     ) -> None:
+        self._study = study
         self._executor = executor
         self._preset = preset
         self._fixed = fixed
         self._sequences = sequences
         self._seeds = tuple(seeds)
         self._on_progress = on_progress
-        self._known: dict[_Key, list[float] | str] = {}
-
-    def add(self, values: TunedValues, sequence: int, aucs: list[float]) -> None:
-        """Add an evaluation of an earlier run."""
-        self._known[_key(values, sequence)] = aucs
-
-    @property
-    def known(self) -> list[tuple[dict[str, float], int, list[float]]]:
-        """Arguments of `add` for each evaluation that did not fail."""
-        return [
-            (dict(values), sequence, found)
-            for (values, sequence), found in self._known.items()
-            if not isinstance(found, str)
-        ]
+        self._known: dict[str, list[float] | str] = study.user_attrs
 
     def knows(self, values: TunedValues, sequence: int) -> bool:
         """Whether this evaluation was carried out."""
-        return _key(values, sequence) in self._known
+        return self._key(values, sequence) in self._known
 
     def aucs(self, values: TunedValues, sequence: int) -> list[float] | str:
         """The success AUC for each seed, or the reason for a failure.
@@ -87,7 +78,7 @@ class Evaluations:
         Raises:
             KeyError: The evaluation was not carried out.
         """
-        return self._known[_key(values, sequence)]
+        return self._known[self._key(values, sequence)]
 
     def table(self, values: TunedValues, sequences: Sequence[int]) -> NDArray[np.float64]:
         """(sequences, seeds) success AUCs; NaN for failures.
@@ -101,9 +92,9 @@ class Evaluations:
 
     def carry_out(self, requests: Sequence[tuple[TunedValues, int]]) -> None:
         """Carry out the evaluations of values on sequences that are not known yet."""
-        pending: dict[_Key, tuple[_Task, int]] = {}
+        pending: dict[str, tuple[_Task, int]] = {}
         for values, sequence in requests:
-            key = _key(values, sequence)
+            key = self._key(values, sequence)
             footage = self._sequences[sequence]
             if key in self._known:
                 self._on_progress(footage.name, len(self._seeds))
@@ -114,12 +105,18 @@ class Evaluations:
         with closing(self._results([task for task, _ in pending.values()])) as results:
             for number, result in results:
                 task, count = pending[keys[number]]
-                self._known[keys[number]] = (
-                    f"{task.footage.name}: a worker ended unexpectedly ({result.reason})"
-                    if isinstance(result, WorkerEnded)
-                    else result
-                )
+                if isinstance(result, WorkerEnded):
+                    reason = f"a worker ended unexpectedly ({result.reason})"
+                    self._known[keys[number]] = f"{task.footage.name}: {reason}"
+                else:
+                    self._known[keys[number]] = result
+                    if not isinstance(result, str):
+                        self._study.set_user_attr(keys[number], result)
                 self._on_progress(task.footage.name, count * len(self._seeds))
+
+    def _key(self, values: TunedValues, sequence: int) -> str:
+        named = [self._seeds, self._sequences[sequence].name, dict(values)]
+        return json.dumps(named, sort_keys=True)
 
     def _results(self, tasks: Sequence[_Task]) -> Any:
         if self._executor is None:
@@ -139,7 +136,3 @@ def _evaluate(task: _Task) -> list[float] | str:
     if isinstance(result, SequenceFailure):
         return str(result.error)
     return [float(auc) for auc in result.success_aucs]
-
-
-def _key(values: TunedValues, sequence: int) -> _Key:
-    return tuple(sorted(values.items())), sequence

@@ -30,7 +30,7 @@ _HOPELESS_BELOW, _MIN_SEQUENCES = 0.1, 4
 _MAX_STAGES = 3
 # Standard errors due to the seeds that a parameter's return to the preset may lose.
 _MAX_LOSS = 2.0
-_AUCS, _ERROR = "aucs", "error"
+_ERROR = "error"
 
 
 @dataclass(frozen=True)
@@ -63,9 +63,8 @@ class ValueSearch:
         storage: Of the study.
         name: Of the study, unique in the storage.
         request: Shared by all searches.
-        names: Names of all sequences.
         members: Indices of the sequences of this search.
-        evaluations: The evaluations; those of the study are added.
+        evaluations: The evaluations.
     """
 
     def __init__(
@@ -73,14 +72,11 @@ class ValueSearch:
         storage: BaseStorage,
         name: str,
         request: SearchRequest,
-        names: Sequence[str],
-        *,
         members: Sequence[int],
         evaluations: Evaluations,
     ) -> None:
         self.members = tuple(members)
         self._request = request
-        self._names = names
         self._evaluations = evaluations
         self._distributions: dict[str, BaseDistribution] = {
             parameter: FloatDistribution(one.low, one.high, log=one.is_logarithmic)
@@ -98,10 +94,6 @@ class ValueSearch:
             pruner=pruner,
         )
         fail_unfinished_trials(self._study)
-        places = {name: index for index, name in enumerate(names)}
-        for trial in self._study.get_trials(deepcopy=False):
-            for sequence, aucs in trial.user_attrs.get(_AUCS, {}).items():
-                evaluations.add(self._rounded(trial.params), places[sequence], aucs)
 
     @property
     def best(self) -> TunedValues:
@@ -209,22 +201,10 @@ class ValueSearch:
         for first in range(0, len(order), size):
             yield tuple(order[first : first + size])
 
-    def record(self, trial: Trial, values: TunedValues) -> str | None:
-        """Write the evaluations so far into the journal.
-
-        Returns:
-            The reason if one failed.
-        """
-        aucs, reason = {}, None
-        for each in self.members:
-            if self._evaluations.knows(values, each):
-                found = self._evaluations.aucs(values, each)
-                if isinstance(found, str):
-                    reason = found
-                else:
-                    aucs[self._names[each]] = found
-        trial.set_user_attr(_AUCS, aucs)
-        return reason
+    def failure(self, values: TunedValues, sequences: Sequence[int]) -> str:
+        """The reason if an evaluation failed, else empty."""
+        found = (self._evaluations.aucs(values, sequence) for sequence in sequences)
+        return next((one for one in found if isinstance(one, str)), "")
 
     def tell(self, trial: Trial, state: TrialState, gain: float | None, reason: str) -> None:
         """Finish a trial."""
@@ -264,7 +244,7 @@ class SearchTrial:
         A trial that is hopeless, or that failed, has no remaining stages.
         """
         stage = self.remaining.pop(0)
-        self.error = self._search.record(self._trial, self.values) or ""
+        self.error = self._search.failure(self.values, stage)
         if self.error:
             self.remaining.clear()
             self._search.tell(self._trial, TrialState.FAIL, None, self.error)

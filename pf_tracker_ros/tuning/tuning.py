@@ -25,7 +25,7 @@ from pf_tracker_ros.tuning.search_space import SearchRange
 
 # Seeds of the comparison, other than those of the search.
 _COMPARED_SEEDS = 5
-_RUN, _REQUEST, _COMPARED = "run", "request", "compared"
+_RUN, _REQUEST = "run", "request"
 
 
 @dataclass(frozen=True)
@@ -128,18 +128,13 @@ class Tuning:
         request = self._request
         evaluations = self._evaluations(range(request.seeds), on_progress)
         everything = range(len(self._sequences))
-        searches = [self._search(everything, evaluations)]
         evaluations.carry_out([(request.own, each) for each in everything])
         usable = [each for each in everything if not self._has_failed(evaluations, each)]
         if len(usable) < 2:
             raise EvaluationError("fewer than 2 sequences can be evaluated")
-        if len(usable) < len(self._sequences):
-            searches = [self._search(usable, evaluations)]
         folds = [fold.tolist() for fold in np.array_split(usable, min(request.folds, len(usable)))]
-        searches += [
-            self._search([each for each in usable if each not in fold], evaluations)
-            for fold in folds
-        ]
+        kept = [usable, *([each for each in usable if each not in fold] for fold in folds)]
+        searches = [self._search(members, evaluations) for members in kept]
         self._run_searches(searches, evaluations, on_progress)
         found = [search.simplified()[0] for search in searches]
         return self._compare(found, usable, folds, on_progress)
@@ -155,10 +150,11 @@ class Tuning:
     def _evaluations(self, seeds: Sequence[int], on_progress: OnProgress) -> Evaluations:
         request = self._request
         return Evaluations(
+            self._study,
             self._executor,
             request.preset,
             request.fixed,
-            self._sequences,
+            sequences=self._sequences,
             seeds=seeds,
             on_progress=on_progress,
         )
@@ -171,9 +167,7 @@ class Tuning:
         names = [each.name for each in self._sequences]
         without = [name for index, name in enumerate(names) if index not in members]
         name = f"without {', '.join(without)}" if without else "all"
-        return ValueSearch(
-            self._storage, name, searched, names, members=members, evaluations=evaluations
-        )
+        return ValueSearch(self._storage, name, searched, members, evaluations)
 
     def _run_searches(
         self, searches: Sequence[ValueSearch], evaluations: Evaluations, on_progress: OnProgress
@@ -210,13 +204,14 @@ class Tuning:
         request = self._request
         seeds = range(request.seeds, request.seeds + _COMPARED_SEEDS)
         evaluations = self._evaluations(seeds, on_progress)
-        for values, sequence, aucs in self._study.user_attrs.get(_COMPARED, ()):
-            evaluations.add(values, sequence, aucs)
-        for values, members in zip(found, [usable, *folds], strict=True):
-            evaluations.carry_out(
-                [(each, member) for each in (request.own, values) for member in members]
-            )
-            self._study.set_user_attr(_COMPARED, evaluations.known)
+        evaluations.carry_out(
+            [
+                (each, member)
+                for values, members in zip(found, [usable, *folds], strict=True)
+                for each in (request.own, values)
+                for member in members
+            ]
+        )
         own = evaluations.table(request.own, usable)
         tuned = evaluations.table(found[0], usable)
         left_out = np.concatenate(
