@@ -121,6 +121,8 @@ class ValueSearch:
             if values[name] == own:
                 continue
             candidate = {**values, name: own}
+            if self.failure(candidate, self.members):
+                continue
             if not all(self._evaluations.knows(candidate, each) for each in self.members):
                 return values, candidate
             loss = self._table(best) - self._table(candidate)
@@ -202,8 +204,9 @@ class ValueSearch:
             yield tuple(order[first : first + size])
 
     def failure(self, values: TunedValues, sequences: Sequence[int]) -> str:
-        """The reason if an evaluation failed, else empty."""
-        found = (self._evaluations.aucs(values, sequence) for sequence in sequences)
+        """The reason if an evaluation failed so far, else empty."""
+        known = (each for each in sequences if self._evaluations.knows(values, each))
+        found = (self._evaluations.aucs(values, each) for each in known)
         return next((one for one in found if isinstance(one, str)), "")
 
     def tell(self, trial: Trial, state: TrialState, gain: float | None, reason: str) -> None:

@@ -35,7 +35,7 @@ class SearchRange:
 
     def rounded(self, value: float) -> float:
         """The value with three digits, within the range."""
-        return min(max(float(f"{value:.{_DIGITS}g}"), self.low), self.high)
+        return min(max(_rounded(value), self.low), self.high)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,8 @@ class _Factor:
     def around(self, value: float) -> SearchRange | None:
         if value <= 0.0:
             return None
-        return SearchRange(value / self.factor, value * self.factor, is_logarithmic=True)
+        low, high = _rounded(value / self.factor), _rounded(value * self.factor)
+        return SearchRange(low, high, is_logarithmic=True)
 
 
 RANGES: Mapping[str, _Between | _Factor] = {
@@ -138,3 +139,7 @@ def _within(declared: Declaration, found: SearchRange, start: float) -> SearchRa
         # A start value of 0 has no logarithm.
         found.is_logarithmic and min(found.low, start) > 0.0,
     )
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError
-from pf_tracker_ros.tracking.presets import preset_parameters
+from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 from pf_tracker_ros.tuning.search_space import search_space
 
 optuna = pytest.importorskip("optuna")
 pytest.importorskip("scipy")
+comparison = pytest.importorskip("pf_tracker_ros.tuning.comparison")
 journal = pytest.importorskip("pf_tracker_ros.tuning.journal")
 tuning_run = pytest.importorskip("pf_tracker_ros.tuning.tuning")
 
@@ -125,11 +128,9 @@ def test_nothing_is_claimed_where_the_preset_is_best(tune, seed):
 
 
 def test_a_better_value_is_found_and_parameters_without_effect_stay(tune):
-    result, _ = tune(Formula(4 * OWN_NOISE))
-    assert result.comparison.is_significant
+    result, _ = tune(Formula(4 * OWN_NOISE, noise=0))
     assert result.comparison.gain == pytest.approx(0.1 * np.log(4), abs=0.05)
-    low, high = result.comparison.interval
-    assert low < result.comparison.gain < high
+    assert result.comparison.is_significant
     assert [name for name, value in result.values.items() if value != tune.own[name]] == [NOISE]
 
 
@@ -212,6 +213,40 @@ def test_an_evaluation_that_fails_ends_its_trial(tune):
     assert tuning.errors == ["sequence1: out of memory"]
 
 
+def test_a_parameter_whose_return_to_the_preset_fails_stays(tune):
+    """Only the start and the preset can be evaluated, and the start is better."""
+    start = {NOISE: 3 * OWN_NOISE, "motion.velocity_noise": 1.5}
+
+    class Failing(Formula):
+        def run(self, work, tasks):
+            for number, aucs in super().run(work, tasks):
+                changed = sum(tasks[number].parameters[name] != tune.own[name] for name in start)
+                yield number, "out of memory" if changed == 1 else aucs
+
+    result, tuning = tune(Failing(3 * OWN_NOISE), given=start, trials=2, sequences=6)
+    assert result.values == {**tune.own, **start}
+    assert tuning.errors == ["out of memory"]
+
+
+def test_the_ranges_contain_preset_and_start_within_what_is_declared():
+    for preset in PRESETS:
+        own = preset_parameters(preset)
+        space = search_space(preset, {NOISE: 40.0})
+        assert NOISE in space
+        assert space[NOISE].high == 40.0
+        for name, one in space.items():
+            declared = declarations(TrackerParameters)[name]
+            assert declared.minimum <= one.low <= own[name] <= one.high <= declared.maximum
+            assert one.low < one.high
+            assert one.rounded(one.low) == one.low
+
+
+def test_parameters_of_the_background_are_tuned_only_where_it_is_used():
+    assert "foreground.sharpness" in search_space("zhang_bo", {})
+    assert "foreground.sharpness" not in search_space("default", {})
+    assert "hog.weight" not in search_space("zhang2015", {})
+
+
 def test_a_sequence_that_fails_with_the_preset_is_left_aside(tune):
     class Failing(Formula):
         def run(self, work, tasks):
@@ -224,6 +259,19 @@ def test_a_sequence_that_fails_with_the_preset_is_left_aside(tune):
     assert tuning.errors == ["sequence1: no image"]
     with pytest.raises(EvaluationError, match="fewer than 2 sequences"):
         tune(Failing(OWN_NOISE), trials=3, sequences=2)
+
+
+def test_the_interval_of_a_comparison():
+    """Student's t with 3 degrees of freedom has its 0.975 quantile at 3.182."""
+    gains = np.array([[0.01, 0.03], [0.03, 0.05], [0.00, 0.04], [0.04, 0.08]])
+    compared = comparison.Comparison("abcd", np.full((4, 2), 0.5), 0.5 + gains)
+    assert compared.gain == pytest.approx(0.035)
+    error = np.std([0.02, 0.04, 0.02, 0.06], ddof=1) / 2
+    assert compared.interval == pytest.approx((0.035 - 3.182 * error, 0.035 + 3.182 * error), 1e-3)
+    # The variances of the seeds' means: 0.0001, 0.0001, 0.0004 and 0.0004.
+    assert compared.seed_error == pytest.approx(np.sqrt(0.0010) / 4)
+    assert compared.is_significant
+    assert not comparison.Comparison("ab", compared.preset[:2], compared.tuned[:2]).is_significant
 
 
 def test_progress_does_not_exceed_its_total(tune):
