@@ -16,6 +16,9 @@ from optuna.trial import TrialState
 
 from pf_tracker_ros.evaluation.results import EvaluationError
 
+# Of every journal.
+_BEGINNING = b'{"op_code":'
+
 
 @contextmanager
 def open_journal(path: Path) -> Iterator[JournalStorage]:
@@ -40,8 +43,8 @@ def open_journal(path: Path) -> Iterator[JournalStorage]:
             raise EvaluationError(
                 f"another run is writing {path}; wait for it, or choose another --output"
             ) from error
-        _remove_partial_line(file)
         try:
+            _remove_partial_line(file)
             storage = JournalStorage(JournalFileBackend(str(path), _NoLock(str(path))))
         # Optuna has no specific exception for this.
         except Exception as error:
@@ -61,9 +64,15 @@ def fail_unfinished_trials(study: optuna.Study) -> None:
 
 
 def _remove_partial_line(file: BinaryIO) -> None:
-    """Cut off an incomplete last line, as after a full disk."""
+    """Cut off an incomplete last line, as after a full disk.
+
+    Raises:
+        ValueError: The file is no journal.
+    """
     file.seek(0)
     text = file.read()
+    if text[: len(_BEGINNING)] != _BEGINNING[: len(text)]:
+        raise ValueError("another kind of file")
     if text and not text.endswith(b"\n"):
         file.truncate(text.rfind(b"\n") + 1)
 

@@ -128,7 +128,7 @@ def test_nothing_is_claimed_where_the_preset_is_best(tune, seed):
 
 
 def test_a_better_value_is_found_and_parameters_without_effect_stay(tune):
-    result, _ = tune(Formula(4 * OWN_NOISE, noise=0))
+    result, _ = tune(Formula(4 * OWN_NOISE, noise=0), trials=20)
     assert result.comparison.gain == pytest.approx(0.1 * np.log(4), abs=0.05)
     assert result.comparison.is_significant
     assert [name for name, value in result.values.items() if value != tune.own[name]] == [NOISE]
@@ -184,9 +184,11 @@ def test_a_journal_of_another_run_is_refused(tune, tmp_path):
             tune(Formula(OWN_NOISE), trials=1, seeds=3, sequences=7, storage=storage)
         with pytest.raises(EvaluationError, match="another run is writing"):
             journal.open_journal(tmp_path / "mine.journal").__enter__()
-    (tmp_path / "mine.journal").write_text("1,2,3,4\n1,2,3,4\n")
-    with pytest.raises(EvaluationError, match="no journal of tune"):
-        journal.open_journal(tmp_path / "mine.journal").__enter__()
+    for content in ("a diary of mine", '{"op_code":\n{"op_code":\n'):
+        (tmp_path / "mine.journal").write_text(content)
+        with pytest.raises(EvaluationError, match="no journal of tune"):
+            journal.open_journal(tmp_path / "mine.journal").__enter__()
+        assert (tmp_path / "mine.journal").read_text() == content
 
 
 def test_a_hopeless_trial_ends_early(tune):
