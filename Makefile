@@ -7,7 +7,7 @@ BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 
 # What `make lock` pins: the extras of setup.py that `make setup` installs.
-LOCKED_EXTRAS := ros console evaluation recordings parquet ray test docs development
+LOCKED_EXTRAS := ros console evaluation recordings parquet ray tune test docs development
 
 # Not the whole folder: what `track` and others have written into it is no text of this project.
 SPELLED := $(addprefix ./,$(wildcard *.md *.py *.rst *.toml *.cfg *.xml Makefile benchmarks config demo docs \

@@ -104,6 +104,11 @@ def track() -> int:
     return _run("track", "pf_tracker_ros.recordings.__main__")
 
 
+def tune() -> int:
+    """Run the command `tune`, and return its exit code."""
+    return _run("tune", "pf_tracker_ros.tuning.__main__")
+
+
 def _run(command: str, module: str) -> int:
     """Run a command that needs no ROS."""
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -74,6 +75,17 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
         },
         "".join(others),
     )
+
+
+def yaml_text(value: Any) -> str:
+    """A value as YAML that ROS reads back with the same type."""
+    if isinstance(value, tuple):
+        return "[" + ", ".join(yaml_text(element) for element in value) + "]"
+    if isinstance(value, float):
+        text = repr(value)
+        # Without a decimal point, YAML readers disagree on whether 1e-05 is a number.
+        return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    return json.dumps(value)
 
 
 def parameter_names_for(document: Any, node_name: str) -> Iterator[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.parameter_files import yaml_text
 from pf_tracker_ros.parameters import Declaration, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
@@ -56,9 +56,9 @@ def _preset_file(preset: str) -> str:
             break_on_hyphens=False,
         )
         if name == "preset":
-            lines.append(f"{_INDENT}{name}: {_yaml(preset)}")
+            lines.append(f"{_INDENT}{name}: {yaml_text(preset)}")
         else:
-            lines.append(f"{_INDENT}#{name}: {_yaml(values[name])}")
+            lines.append(f"{_INDENT}#{name}: {yaml_text(values[name])}")
     return "\n".join(lines) + "\n"
 
 
@@ -99,7 +99,7 @@ def _multi_target_differences() -> str:
     for preset in PRESETS:
         single, multi = preset_parameters(preset), preset_parameters(preset, 2)
         changed = [
-            f"`{name}: {_yaml(value)}`"
+            f"`{name}: {yaml_text(value)}`"
             for name, value in multi.items()
             if name != "max_targets" and single[name] != value
         ]
@@ -130,7 +130,7 @@ def _table(
         cells = [
             f"`{name}`",
             declaration.type_name,
-            *(f"`{_yaml(one[name])}`" for one in columns.values()),
+            *(f"`{yaml_text(one[name])}`" for one in columns.values()),
         ]
         at_run_time = read_only if declaration.read_only else "yes"
         rows.append(
@@ -147,17 +147,6 @@ def _allowed(declaration: Declaration, fixed: str) -> str:
     unit = f" [{declaration.unit}]" if declaration.unit else ""
     note = f"; {fixed}" if declaration.read_only else ""
     return f"Allowed: {declaration.type_name}, {declaration.allowed}{unit}{note}"
-
-
-def _yaml(value: Any) -> str:
-    """A value as YAML that ROS reads back with the same type."""
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_yaml(element) for element in value) + "]"
-    if isinstance(value, float):
-        text = repr(value)
-        # Without a decimal point, YAML readers disagree on whether 1e-05 is a number.
-        return text.replace("e", ".0e") if "e" in text and "." not in text else text
-    return json.dumps(value)
 
 
 def main(arguments: list[str] | None = None) -> None:

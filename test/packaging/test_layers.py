@@ -35,6 +35,7 @@ LAYERS = (
     {"evaluation"},
     {"pages"},
     {"recordings"},
+    {"tuning"},
     {"node"},
     {"testing"},
     {"commands", "launching"},

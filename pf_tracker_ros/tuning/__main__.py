@@ -1,0 +1,185 @@
+"""The command `tune`: values of a preset's parameters for one's own footage."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from pf_tracker_ros.evaluation.command_line import (
+    errors_name_parameter_file,
+    merge_parameter_file,
+    parse_parameters,
+)
+from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.evaluation.sequences import open_sequences
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.progress import progress_bar
+from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
+from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.signals import handled_signals
+from pf_tracker_ros.targets.tracker import Tracker
+from pf_tracker_ros.tuning.command_line import parser
+from pf_tracker_ros.tuning.search_space import search_space
+
+SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+
+# Memory that Ray reserves for an evaluation, bytes: enough for images of 8 megapixels.
+_TASK_MEMORY = 500 * 10**6
+_PACKAGES = ("optuna", "scipy", "rich", "jinja2", "yaml")
+
+
+class _Termination(BaseException):
+    """SIGTERM was received."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command.
+
+    Args:
+        arguments: Command line without program name; None for this process'.
+
+    Returns:
+        Exit code, see `tune --help`; for any but 0, standard error has the reason.
+    """
+    try:
+        with handled_signals({signal.SIGTERM: _terminate}):
+            return _run(parser().parse_args(arguments))
+    except RecordingError as error:
+        _complain(error)
+        return error.exit_code
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
+        _complain(error)
+        return REFUSED
+    except KeyboardInterrupt:
+        print("tune: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except _Termination:
+        print("tune: terminated", file=sys.stderr)
+        return TERMINATED
+
+
+def _run(options: argparse.Namespace) -> int:
+    # All checks come before the first frame.
+    _require_packages()
+    from pf_tracker_ros.tuning.journal import open_journal
+    from pf_tracker_ros.tuning.output import Outputs
+    from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
+
+    merge_parameter_file(options)
+    given = parse_parameters(options.parameter)
+    with errors_name_parameter_file(options):
+        values = Tracker.from_preset(options.preset, 0, given).parameters
+    given = {name: values[name] for name in given}
+    request = TuningRequest(
+        options.preset,
+        given,
+        search_space(options.preset, given, options.only),
+        options.trials,
+        options.seeds,
+        options.folds,
+        options.seed,
+    )
+    sequences, unopened = open_sequences(options.sequences)
+    for failure in unopened:
+        _complain(failure.error)
+    if len(sequences) < 2:
+        raise EvaluationError(
+            f"{len(sequences) or 'no'} sequence{'' if len(sequences) == 1 else 's'} to tune on; "
+            "allowed: at least 2, as whole sequences are left out to test the values"
+        )
+    output: Path = options.output
+    journal = output.with_suffix(".journal")
+    _check_output(output, journal)
+    outputs = Outputs(output, request)
+    with open_journal(journal) as storage, _executor(options) as executor:
+        tuning = Tuning(request, sequences, storage, executor)
+        try:
+            with progress_bar(tuning.runs, "runs") as on_progress:
+                result = tuning.run(on_progress)
+        except (KeyboardInterrupt, _Termination, OSError) as stop:
+            kept = outputs.write_best(tuning.best, tuning.trials)
+            reason, code = _stopped(stop)
+            print(
+                f"tune: {reason}; {kept or f'{output} has the best values so far'}",
+                file=sys.stderr,
+            )
+            return code
+    for each in tuning.errors:
+        _complain(f"{each}; the figures are without this evaluation")
+    errors = outputs.write_result(result)
+    for error in errors:
+        _complain(error)
+    print(outputs.verdict(result))
+    if changed := outputs.changed(result):
+        print("used:" if outputs.uses(result) else "best values found, not used:")
+    for name, before, after in changed:
+        print(f"  {name}: {after:g} instead of {before:g}")
+    print(f"{output} has the parameters, {outputs.page} the report")
+    return INCOMPLETE if unopened or tuning.errors or errors else SUCCESS
+
+
+def _stopped(stop: BaseException) -> tuple[str, int]:
+    """The reason of an incomplete run, and its exit code."""
+    if isinstance(stop, KeyboardInterrupt):
+        return "interrupted", INTERRUPTED
+    if isinstance(stop, _Termination):
+        return "terminated", TERMINATED
+    return f"error: {stop}", INCOMPLETE
+
+
+@contextmanager
+def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
+    """The executor of the options; None for this process."""
+    if options.ray is None and options.jobs in (None, 1):
+        yield None
+        return
+    with make_executor(options.ray, options.jobs, lambda task: _TASK_MEMORY) as executor:
+        yield executor
+
+
+def _check_output(output: Path, journal: Path) -> None:
+    """Refuse to replace a file that is not of an earlier run.
+
+    Raises:
+        EvaluationError: The output exists, but not its journal, or has the wrong suffix.
+    """
+    if output.suffix not in (".yaml", ".yml"):
+        raise EvaluationError(f"--output {output}; allowed: a file name that ends in .yaml")
+    for path in (output, output.with_suffix(".html")):
+        if path.is_file() and not journal.exists():
+            raise EvaluationError(
+                f"{path} exists, and no {journal.name} beside it shows that tune wrote it; remove "
+                "it, or choose another --output"
+            )
+
+
+def _complain(message: Any) -> None:
+    print(f"tune: error: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+def _require_packages() -> None:
+    for package in _PACKAGES:
+        try:
+            importlib.import_module(package)
+        except ImportError as error:
+            name = "pyyaml" if package == "yaml" else package
+            raise EvaluationError(
+                f"{name} is not installed: pip install {name} (or '.[tune]' in the source folder)"
+            ) from error
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """Raise an exception, so that everything is cleaned up as after Ctrl-C."""
+    raise _Termination
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,145 @@
+"""The outputs of `tune`: a ROS parameter file, a page, and a summary."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pf_tracker_ros.evaluation.output_files import OutputFile
+from pf_tracker_ros.evaluation.reports.page import fill
+from pf_tracker_ros.parameter_files import yaml_text
+from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.tuning.comparison import Comparison
+from pf_tracker_ros.tuning.evaluations import TunedValues
+from pf_tracker_ros.tuning.tuning import TuningRequest, TuningResult
+
+_LINE_LENGTH = 100
+
+
+class Outputs:
+    """The files of a run. The constructor checks that they can be written.
+
+    Args:
+        path: The parameter file; the page is beside it.
+        request: What is tuned.
+
+    Attributes:
+        page: Path of the page.
+
+    Raises:
+        EvaluationError: A file cannot be written.
+    """
+
+    def __init__(self, path: Path, request: TuningRequest) -> None:
+        self.page = path.with_suffix(".html")
+        self._request = request
+        self._parameter_file = OutputFile(path)
+        self._page_file = OutputFile(self.page)
+
+    def write_result(self, result: TuningResult) -> list[str]:
+        """Write both files; the parameter file has the preset's values unless others are better.
+
+        Returns:
+            Error messages.
+        """
+        is_used = self.uses(result)
+        values = result.values if is_used else self._request.own
+        candidate = {} if is_used else self._changes(result.values)
+        page = fill(
+            "tuning.html.jinja",
+            title=f"Tuning of preset {self._request.preset}",
+            facts=self._facts(result),
+            verdict=self.verdict(result),
+            changes=self.changed(result),
+            is_used=is_used,
+            comparison=result.comparison,
+            seen=result.seen,
+        ).encode("utf-8", "replace")
+        errors = [
+            self._write_parameters(values, self.verdict(result), candidate),
+            self._page_file.write(lambda path: path.write_bytes(page)),
+        ]
+        return [error for error in errors if error is not None]
+
+    def write_best(self, best: TunedValues, trials: int) -> str | None:
+        """Write the best values of an interrupted run.
+
+        Returns:
+            Error message; None on success.
+        """
+        told = (
+            f"Interrupted after {trials} of {counted(self._request.trials, 'trial')}: the best "
+            "values so far, not tested on sequences left out."
+        )
+        return self._write_parameters(best, told, {})
+
+    def uses(self, result: TuningResult) -> bool:
+        """Whether the values found are better than the preset, and in the parameter file."""
+        return bool(self._changes(result.values)) and result.comparison.is_significant
+
+    def changed(self, result: TuningResult) -> list[tuple[str, float, float]]:
+        """Name, value of the preset and value found on all sequences, where they differ."""
+        return [
+            (name, self._request.own[name], value)
+            for name, value in self._changes(result.values).items()
+        ]
+
+    def verdict(self, result: TuningResult) -> str:
+        """What tuning brought, in one or two sentences."""
+        compared = result.comparison
+        figures = (
+            f"on sequences left out, the success AUC changes from {compared.preset.mean():.3f} to "
+            f"{compared.tuned.mean():.3f}: {gain_text(compared)}"
+        )
+        if not self._changes(result.values):
+            return f"Nothing better than the preset was found; {figures}."
+        if self.uses(result):
+            return f"The tuned values are better than the preset: {figures}."
+        return f"Nothing is better than the preset by more than chance: {figures}."
+
+    def _changes(self, values: TunedValues) -> dict[str, float]:
+        """The values that differ from the preset."""
+        return {name: each for name, each in values.items() if each != self._request.own[name]}
+
+    def _write_parameters(
+        self, values: TunedValues, told: str, candidate: Mapping[str, float]
+    ) -> str | None:
+        text = self._parameter_text(values, told, candidate)
+        return self._parameter_file.write(lambda path: path.write_text(text, encoding="utf-8"))
+
+    def _parameter_text(
+        self, values: TunedValues, told: str, candidate: Mapping[str, float]
+    ) -> str:
+        lines = textwrap.wrap(
+            told, _LINE_LENGTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
+        )
+        if candidate:
+            lines.append("# The best values found, which are not used:")
+            lines += [f"#   {name}: {yaml_text(value)}" for name, value in candidate.items()]
+        lines += ["/**:", "  ros__parameters:", f"    preset: {yaml_text(self._request.preset)}"]
+        parameters: dict[str, Any] = {**self._request.fixed, **self._changes(values)}
+        lines += [f"    {name}: {yaml_text(value)}" for name, value in parameters.items()]
+        return "\n".join(lines) + "\n"
+
+    def _facts(self, result: TuningResult) -> dict[str, str]:
+        request = self._request
+        given = ", ".join(f"{name}={value}" for name, value in request.given.items())
+        searches = 1 + min(request.folds, len(result.comparison.names))
+        return {
+            "preset": request.preset,
+            "given parameters": given or "none",
+            "search": f"{counted(request.trials, 'trial')} of {counted(request.seeds, 'seed')}, "
+            f"in {searches} searches",
+            "tuned parameters": ", ".join(request.space),
+        }
+
+
+def gain_text(compared: Comparison) -> str:
+    """The gain with its interval."""
+    low, high = compared.interval
+    return (
+        f"{compared.gain:+.3f} (95 % interval {low:+.3f} to {high:+.3f}; standard error of the "
+        f"seeds {compared.seed_error:.3f})"
+    )
