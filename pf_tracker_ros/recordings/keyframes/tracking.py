@@ -196,10 +196,11 @@ class _TargetPasses:
             except (ValueError, cv2.error) as error:
                 self.skip(frame, str(error))
                 return str(error)
-            self._open[frame.index] = frame.stamp, _reduced(estimate)
+            current = frame.stamp, _reduced(estimate)
+            self._open[frame.index] = current
             if frame.index > self._last_keyframe:
                 self._settle_forward()
-                self._open = {frame.index: self._open[frame.index]}
+                self._open = {frame.index: current}
                 self.known_until = frame.index + 1
             return ""
         if self._absent is not None:
