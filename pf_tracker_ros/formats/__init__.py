@@ -68,8 +68,10 @@ def read_tracks(path: str | Path) -> tuple[BoxTrack, ...]:
         return coco.read(source)
     if boxes_csv.is_heading(first):
         return boxes_csv.read(source)
-    if "," in first:
+    # Labels of KITTI may have commas, and lines of the MOT challenge spaces.
+    columns = len(first.split())
+    if "," in first and columns < kitti.COLUMNS:
         return mot.read(source)
-    if len(first.split()) > 1:
+    if columns > 1:
         return kitti.read(source)
     raise FormatError(f"{source} begins with {first[:40]!r}; {_ACCEPTED}")

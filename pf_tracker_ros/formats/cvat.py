@@ -38,8 +38,6 @@ _CORNERS = ("xtl", "ytl", "xbr", "ybr")
 _IN_ARCHIVE = "annotations.xml"
 # Bytes of the XML in an archive; a small archive can expand beyond any memory.
 _MAX_SIZE = 2**30
-# Largest deviation of an interpolated corner coordinate in CVAT, pixels.
-_TOLERANCE = 1.0
 _ACCEPTED = 'in CVAT, export as "CVAT for video 1.1"'
 
 
@@ -108,7 +106,7 @@ def write(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
 def _box_lines(track: BoxTrack, frame_count: int) -> Iterator[str]:
     """The elements of the boxes; an absence is a keyframe in its first frame."""
     corners, last, is_absent = "", -1, False
-    for frame, labeled in thinned(track.boxes, _TOLERANCE).items():
+    for frame, labeled in thinned(track.boxes).items():
         if last >= 0 and frame > last + 1 and not is_absent:
             yield _line(last + 1, corners, outside=True)
             is_absent = True

@@ -31,7 +31,7 @@ from pf_tracker_ros.formats.tracks import (
     present_boxes,
 )
 
-_COLUMNS = 17
+COLUMNS = 17
 _CORNERS = ("left", "top", "right", "bottom")
 _UNKNOWN_IN_SPACE = "-1 -1 -1 -1000 -1000 -1000 -10"
 
@@ -42,10 +42,10 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
     for number, line in numbered_lines(path):
         cells = line.split()
         try:
-            if not _COLUMNS <= len(cells) <= _COLUMNS + 1:
+            if not COLUMNS <= len(cells) <= COLUMNS + 1:
                 raise ValueError(
-                    f"it has {len(cells)} columns; allowed in KITTI tracking: {_COLUMNS}, or "
-                    f"{_COLUMNS + 1} with a score"
+                    f"it has {len(cells)} columns; allowed in KITTI tracking: {COLUMNS}, or "
+                    f"{COLUMNS + 1} with a score"
                 )
             frame = as_whole(cells[0], "the frame")
             if cells[2] == "DontCare":
@@ -54,7 +54,7 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
             labeled = LabeledBox(
                 (left, top, right - left, bottom - top),
                 occluded=as_whole(cells[4], "occluded", least=-1) in (1, 2),
-                confidence=as_number(cells[-1], "the score") if len(cells) > _COLUMNS else math.nan,
+                confidence=as_number(cells[-1], "the score") if len(cells) > COLUMNS else math.nan,
             )
             tracks.add(as_whole(cells[1], "the id"), frame, labeled, cells[2])
         except ValueError as error:

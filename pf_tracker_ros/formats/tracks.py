@@ -19,6 +19,8 @@ UNLABELED = "target"
 """Label of a target without one, in formats that require a label."""
 # Pixels; boxes are written with three decimals.
 _DECIMALS = 3
+# Largest deviation of an interpolated corner coordinate in sides of the box; at least one pixel.
+_TOLERANCE = 0.05
 # Frame numbers above are taken for an error: a day has 2.6 million frames at 30 Hz.
 _MAX_FRAME = 10**8
 
@@ -171,7 +173,7 @@ def _mix(one: Box | None, other: Box | None, share: float) -> Box:
     return x, y, width, height
 
 
-def thinned(boxes: Mapping[int, LabeledBox], tolerance: float) -> dict[int, LabeledBox]:
+def thinned(boxes: Mapping[int, LabeledBox]) -> dict[int, LabeledBox]:
     """Mark further boxes as keyframes, so that linear interpolation between them gives the others.
 
     A labeling tool interpolates between keyframes, so a correction there changes all frames up to
@@ -182,12 +184,13 @@ def thinned(boxes: Mapping[int, LabeledBox], tolerance: float) -> dict[int, Labe
 
     Args:
         boxes: Frame to box, in order of the frames.
-        tolerance: Largest deviation of a corner coordinate, pixels.
     """
     marked: dict[int, LabeledBox] = {}
     for run in _runs(boxes):
         frames = np.array([frame for frame, _ in run])
         corners = np.array([_corners(labeled.box) for _, labeled in run if labeled.box])
+        sizes = corners[:, 2:] - corners[:, :2] if len(corners) else np.ones((1, 2))
+        tolerances = np.maximum(_TOLERANCE * sizes.min(axis=1), 1.0)
         kept = {number for number, (_, labeled) in enumerate(run) if labeled.is_keyframe} | {0}
         if len(corners):
             kept.add(len(run) - 1)
@@ -199,8 +202,9 @@ def thinned(boxes: Mapping[int, LabeledBox], tolerance: float) -> dict[int, Labe
             shares = (frames[first : last + 1] - frames[first]) / (frames[last] - frames[first])
             line = corners[first] + shares[:, None] * (corners[last] - corners[first])
             errors = np.abs(corners[first : last + 1] - line).max(axis=1)
+            errors /= tolerances[first : last + 1]
             worst = first + int(errors.argmax())
-            if errors.max() > tolerance:
+            if errors.max() > 1.0:
                 kept.add(worst)
                 pending += [(first, worst), (worst, last)]
         for number, (frame, labeled) in enumerate(run):

@@ -14,8 +14,6 @@ from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
 TARGET_FORMAT = "target"
 FORMAT_NAMES = (*FORMATS, TARGET_FORMAT)
 """Values of `--format`."""
-# Largest deviation of a coordinate that is interpolated between keyframes, pixels.
-_TOLERANCE = 1.0
 
 WriteTracks = Callable[[Path, Sequence[BoxTrack], RecordingInfo], None]
 
@@ -25,7 +23,7 @@ def _write_targets(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) 
     for track in tracks:
         boxes = track.boxes
         if not any(labeled.is_keyframe for labeled in boxes.values()):
-            boxes = thinned(boxes, _TOLERANCE)
+            boxes = thinned(boxes)
         keyframes = [(frame, one.box) for frame, one in boxes.items() if one.is_keyframe]
         first, box = next((frame, box) for frame, box in keyframes if box is not None)
         targets.append(Target(box, frame=first, label=track.label, keyframes=tuple(keyframes)))
