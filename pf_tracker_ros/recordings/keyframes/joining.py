@@ -9,7 +9,8 @@
    switched where they are closest to each other. Where they disagree for a while only, the more
    confident one counts.
 4. The confidence of the joined box is the mean of the overlap of both passes and their two
-   confidences. Frames below a threshold are for a person to check.
+   confidences; where they disagree, at most the overlap. Frames below a threshold are for a person
+   to check.
 """
 
 from __future__ import annotations
@@ -79,6 +80,9 @@ def join(forward: Pass, backward: Pass) -> Joined:
     boxes = (1.0 - weights[:, None]) * one + weights[:, None] * other
     boxes[0], boxes[-1] = first, last
     confidences = (overlaps + forward.confidences + backward.confidences) / 3.0
+    # Two confident passes on different objects are no ground for confidence.
+    disagree = overlaps < _AGREEMENT
+    confidences[disagree] = np.minimum(confidences, overlaps)[disagree]
     # A target that one pass sees is not lost.
     states = [
         min(pair, key=_STATES.index) for pair in zip(forward.states, backward.states, strict=True)
