@@ -6,6 +6,9 @@ For each target and frame of the recording:
 3. Both passes are joined (`joining.py`). After the last keyframe, and before one where the target
    is absent, the forward pass counts alone.
 
+4. Where a target is absent up to a keyframe with a box, a backward pass looks whether it came back
+   earlier. It stays absent, but these frames are to be checked.
+
 A frame is yielded when all targets are known in it. So images are stored from the oldest keyframe
 whose next one has not been reached yet.
 """
@@ -45,6 +48,8 @@ from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 _Image = NDArray[Any]
+# Frames before the end of an absence in which the target is looked for.
+_LOOK_BACK = 300
 
 
 def track_between_keyframes(
@@ -172,6 +177,8 @@ class _TargetPasses:
         self._open: dict[int, tuple[int, Estimate]] = {}
         self._moments: dict[int, _Moment] = {}
         self._absent: Estimate | None = None
+        # Stamps of the last frames of an absence.
+        self._absences: dict[int, int] = {}
 
     def take(self, frame: int) -> _Moment | None:
         """Remove and return the target in a frame; None before its first keyframe."""
@@ -204,8 +211,9 @@ class _TargetPasses:
                 self.known_until = frame.index + 1
             return ""
         if self._absent is not None:
-            self._moments[frame.index] = _Moment(self._absent)
-        self.known_until = frame.index + 1
+            self._add_absent(frame, self._absent)
+        else:
+            self.known_until = frame.index + 1
         return ""
 
     def finish(self) -> None:
@@ -217,13 +225,14 @@ class _TargetPasses:
         if box is None:
             self._settle_forward()
             self._forward.stop()
-            if self._absent is not None:
-                self._moments[frame.index] = _Moment(self._absent)
-            self.known_until = frame.index + 1
+            # The first keyframe has a box.
+            assert self._absent is not None
+            self._add_absent(frame, self._absent)
             return
         try:
             if self._open:
                 self._settle_both(frame, image, box)
+            self._check_absences(frame, image, box)
             start = _reduced(self._forward.start(image, box))
         except (ValueError, cv2.error) as error:
             raise self._refusal(frame.index, str(error)) from error
@@ -232,6 +241,35 @@ class _TargetPasses:
         self._moments[frame.index] = _Moment(start)
         self._open = {frame.index: (frame.stamp, start)}
         self.known_until = frame.index + (frame.index >= self._last_keyframe)
+
+    def _add_absent(self, frame: RecordedFrame, estimate: Estimate) -> None:
+        """Add a frame of an absence."""
+        self._moments[frame.index] = _Moment(estimate)
+        if frame.index >= self._last_keyframe:
+            self.known_until = frame.index + 1
+            return
+        self._absences[frame.index] = frame.stamp
+        if len(self._absences) > _LOOK_BACK:
+            del self._absences[min(self._absences)]
+        self.known_until = min(self._absences)
+
+    def _check_absences(self, frame: RecordedFrame, image: _Image, box: Box) -> None:
+        """Track back from the keyframe that ends an absence, while the target is visible."""
+        if self._absences:
+            self._backward.start(image, box)
+        last_stamp = frame.stamp
+        for earlier in sorted(self._absences, reverse=True):
+            stored = self._images.find(earlier)
+            assert stored is not None
+            stamp = self._absences[earlier]
+            estimate = self._backward.update(stored, _seconds(stamp, last_stamp))
+            last_stamp = stamp
+            if estimate.state != "tracking" or estimate.confidence < CHECK_SINGLE_BELOW:
+                break
+            reason = f"given as absent, but tracked back from frame {frame.index}"
+            if earlier not in self.track.keyframes:
+                self._moments[earlier].to_check = reason
+        self._absences = {}
 
     def _settle_both(self, frame: RecordedFrame, image: _Image, box: Box) -> None:
         """Complete the forward pass at a keyframe, track back from there, and join both."""
