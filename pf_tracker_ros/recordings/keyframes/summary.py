@@ -91,9 +91,10 @@ class KeyframeSummary:
     def text(self) -> str:
         """The counts in one line."""
         facts = self.facts
+        where = f" (frames from 0, see {FRAMES_TO_CHECK})" if self._frames else ""
         return (
-            f"keyframes: {facts['keyframes']}; frames to check: {facts['frames to check']} "
-            f"(frames from 0, see {FRAMES_TO_CHECK}); clicks saved: {facts['clicks saved']}"
+            f"keyframes: {facts['keyframes']}; frames to check: {facts['frames to check']}"
+            f"{where}; clicks saved: {facts['clicks saved']}"
         )
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.opencv import one_opencv_thread
@@ -84,17 +85,24 @@ def track_between_keyframes(
         closing(Prefetch(recording.frames())) as frames,
     ):
         targets = [_TargetPasses(track, values, seed, images) for track in tracks]
-        for frame in frames:
-            count += 1
-            problem = _add(frame, targets, images)
-            # The store keeps the image.
-            pending.append(replace(frame, decoded=None, problem=problem))
-            known = min(target.known_until for target in targets)
-            yield from _completed(pending, known, targets, images)
+        failure = None
+        try:
+            for frame in frames:
+                count += 1
+                problem = _add(frame, targets, images)
+                # The store keeps the image.
+                pending.append(replace(frame, decoded=None, problem=problem))
+                known = min(target.known_until for target in targets)
+                yield from _completed(pending, known, targets, images)
+        except FootageError as error:
+            failure = error
+        # Without the next keyframe, the forward pass is kept.
         for target in targets:
             target.finish()
-        check_within(tracks, count)
         yield from _completed(pending, count, targets, images)
+        if failure is not None:
+            raise failure
+        check_within(tracks, count)
 
 
 def _add(frame: RecordedFrame, targets: Sequence[_TargetPasses], images: FrameStore) -> str:
