@@ -18,7 +18,7 @@ from pf_tracker_ros.formats.tracks import (
     TracksBuilder,
     as_number,
     as_whole,
-    parse_box,
+    four_numbers,
     read_text,
 )
 
@@ -26,12 +26,12 @@ _REQUIRED = ("frame", "id", "x", "y", "width", "height")
 _NO_TARGET = ("idle", "skipped")
 
 
-def is_heading(line: str) -> bool:
+def has_boxes_csv_heading(line: str) -> bool:
     """Whether the first line of a file has these columns."""
     return {*_REQUIRED} <= {cell.strip() for cell in line.split(",")}
 
 
-def read(path: Path) -> tuple[BoxTrack, ...]:
+def read_boxes_csv(path: Path) -> tuple[BoxTrack, ...]:
     """Read a file; raises FormatError."""
     tracks = TracksBuilder(path)
     rows = csv.DictReader(io.StringIO(read_text(path)), restval="", strict=True)
@@ -44,7 +44,7 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
             cells = [row[name] for name in _REQUIRED[2:]]
             confidence = row.get("confidence")
             labeled = LabeledBox(
-                parse_box(cells, _REQUIRED[2:]) if any(cells) else None,
+                four_numbers(cells, _REQUIRED[2:]) if any(cells) else None,
                 occluded=row.get("state") == "occluded",
                 confidence=as_number(confidence, "the confidence") if confidence else math.nan,
             )

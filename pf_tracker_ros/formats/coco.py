@@ -26,14 +26,14 @@ from pf_tracker_ros.formats.tracks import (
     TracksBuilder,
     as_number,
     as_whole,
-    parse_box,
+    four_numbers,
     present_boxes,
     read_text,
     rounded,
 )
 
 
-def read(path: Path) -> tuple[BoxTrack, ...]:
+def read_coco(path: Path) -> tuple[BoxTrack, ...]:
     """Read a file of one video; raises FormatError."""
     try:
         document = json.loads(read_text(path))
@@ -77,7 +77,7 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
     return tracks.tracks()
 
 
-def write(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
+def write_coco(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     """Write a file, with an image for each frame of the recording."""
     labels = sorted({track.label or UNLABELED for track in tracks})
     categories = {label: number for number, label in enumerate(labels, start=1)}
@@ -172,7 +172,7 @@ def _labeled(annotation: Mapping[str, Any]) -> LabeledBox:
     inner = attributes if isinstance(attributes, dict) else {}
     score = annotation.get("score")
     return LabeledBox(
-        parse_box(bbox, ("x", "y", "the width", "the height")),
+        four_numbers(bbox, ("x", "y", "the width", "the height")),
         occluded=bool(annotation.get("occluded", inner.get("occluded", False))),
         confidence=math.nan if score is None else as_number(score, "'score'"),
         is_keyframe=bool(inner.get("keyframe", True)),

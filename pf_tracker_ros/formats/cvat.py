@@ -28,10 +28,10 @@ from pf_tracker_ros.formats.tracks import (
     TracksBuilder,
     as_number,
     as_whole,
+    four_numbers,
     interpolated,
     number_text,
-    parse_box,
-    thinned,
+    with_keyframes,
 )
 
 _CORNERS = ("xtl", "ytl", "xbr", "ybr")
@@ -52,7 +52,7 @@ def is_cvat(path: Path) -> bool:
     return head.startswith(b"PK") or head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"<")
 
 
-def read(path: Path) -> tuple[BoxTrack, ...]:
+def read_cvat(path: Path) -> tuple[BoxTrack, ...]:
     """Read an XML file, or the archive of an export; raises FormatError."""
     try:
         root = _parse(path)
@@ -80,7 +80,7 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
     return tracks.tracks()
 
 
-def write(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
+def write_cvat(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     """Write an XML file."""
     width, height = info.image_size
     labels = sorted({track.label or UNLABELED for track in tracks})
@@ -106,7 +106,7 @@ def write(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
 def _box_lines(track: BoxTrack, frame_count: int) -> Iterator[str]:
     """The elements of the boxes; an absence is a keyframe in its first frame."""
     corners, last, is_absent = "", -1, False
-    for frame, labeled in thinned(track.boxes).items():
+    for frame, labeled in with_keyframes(track.boxes).items():
         if last >= 0 and frame > last + 1 and not is_absent:
             yield _line(last + 1, corners, outside=True)
             is_absent = True
@@ -187,7 +187,7 @@ def _labeled(element: ElementTree.Element) -> LabeledBox:
     if _flag(element, "outside", default="0"):
         return LabeledBox(None, is_keyframe=is_keyframe)
     values = [element.get(name, "") for name in _CORNERS]
-    left, top, right, bottom = parse_box(values, [f"{name!r}" for name in _CORNERS])
+    left, top, right, bottom = four_numbers(values, [f"{name!r}" for name in _CORNERS])
     box = (left, top, right - left, bottom - top)
     if rotation := as_number(element.get("rotation", "0"), "'rotation'"):
         center = (left + right) / 2, (top + bottom) / 2

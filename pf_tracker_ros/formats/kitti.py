@@ -25,36 +25,37 @@ from pf_tracker_ros.formats.tracks import (
     TracksBuilder,
     as_number,
     as_whole,
+    four_numbers,
     number_text,
     numbered_lines,
-    parse_box,
     present_boxes,
 )
 
-COLUMNS = 17
+KITTI_COLUMNS = 17
 _CORNERS = ("left", "top", "right", "bottom")
 _UNKNOWN_IN_SPACE = "-1 -1 -1 -1000 -1000 -1000 -10"
 
 
-def read(path: Path) -> tuple[BoxTrack, ...]:
+def read_kitti(path: Path) -> tuple[BoxTrack, ...]:
     """Read a file; raises FormatError."""
     tracks = TracksBuilder(path)
     for number, line in numbered_lines(path):
         cells = line.split()
         try:
-            if not COLUMNS <= len(cells) <= COLUMNS + 1:
+            if not KITTI_COLUMNS <= len(cells) <= KITTI_COLUMNS + 1:
                 raise ValueError(
-                    f"it has {len(cells)} columns; allowed in KITTI tracking: {COLUMNS}, or "
-                    f"{COLUMNS + 1} with a score"
+                    f"it has {len(cells)} columns; allowed in KITTI tracking: {KITTI_COLUMNS}, or "
+                    f"{KITTI_COLUMNS + 1} with a score"
                 )
             frame = as_whole(cells[0], "the frame")
             if cells[2] == "DontCare":
                 continue
-            left, top, right, bottom = parse_box(cells[6:10], _CORNERS)
+            left, top, right, bottom = four_numbers(cells[6:10], _CORNERS)
+            has_score = len(cells) > KITTI_COLUMNS
             labeled = LabeledBox(
                 (left, top, right - left, bottom - top),
                 occluded=as_whole(cells[4], "occluded", least=-1) in (1, 2),
-                confidence=as_number(cells[-1], "the score") if len(cells) > COLUMNS else math.nan,
+                confidence=as_number(cells[-1], "the score") if has_score else math.nan,
             )
             tracks.add(as_whole(cells[1], "the id"), frame, labeled, cells[2])
         except ValueError as error:
@@ -62,7 +63,7 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
     return tracks.tracks()
 
 
-def write(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
+def write_kitti(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     """Write a file."""
     lines = []
     for frame, track, labeled, (x, y, width, height) in present_boxes(tracks):

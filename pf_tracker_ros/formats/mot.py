@@ -23,9 +23,9 @@ from pf_tracker_ros.formats.tracks import (
     TracksBuilder,
     as_number,
     as_whole,
+    four_numbers,
     number_text,
     numbered_lines,
-    parse_box,
     present_boxes,
 )
 
@@ -33,7 +33,7 @@ _LINE = "frame,id,x,y,width,height[,confidence[,class[,visibility]]]"
 _BOX = ("x", "y", "the width", "the height")
 
 
-def read(path: Path) -> tuple[BoxTrack, ...]:
+def read_mot(path: Path) -> tuple[BoxTrack, ...]:
     """Read a file; raises FormatError."""
     labels = _labels_beside(path)
     tracks = TracksBuilder(path)
@@ -43,7 +43,7 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
             if len(cells) < 6:
                 raise ValueError(f"it has {len(cells)} columns; allowed: {_LINE}")
             frame = as_whole(cells[0], "the frame", least=1) - 1
-            x, y, width, height = parse_box(cells[2:6], _BOX)
+            x, y, width, height = four_numbers(cells[2:6], _BOX)
             confidence, label, visibility = [*cells[6:9], "-1", "-1", "-1"][:3]
             labeled = LabeledBox(
                 (x - 1.0, y - 1.0, width, height),
@@ -56,8 +56,8 @@ def read(path: Path) -> tuple[BoxTrack, ...]:
     return tracks.tracks()
 
 
-def write(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
-    """Write a file; the labels go into that of `write_labels`."""
+def write_mot(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
+    """Write a file; the labels go into that of `write_mot_labels`."""
     labels = _labels(tracks)
     lines = []
     for frame, track, labeled, box in present_boxes(tracks):
@@ -71,7 +71,7 @@ def write(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
 
 
-def write_labels(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
+def write_mot_labels(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     """Write the label of each class number, one in a line."""
     path.write_text("".join(f"{label}\n" for label in _labels(tracks)), encoding="utf-8")
 

@@ -173,7 +173,7 @@ def _mix(one: Box | None, other: Box | None, share: float) -> Box:
     return x, y, width, height
 
 
-def thinned(boxes: Mapping[int, LabeledBox]) -> dict[int, LabeledBox]:
+def with_keyframes(boxes: Mapping[int, LabeledBox]) -> dict[int, LabeledBox]:
     """Mark further boxes as keyframes, so that linear interpolation between them gives the others.
 
     A labeling tool interpolates between keyframes, so a correction there changes all frames up to
@@ -303,7 +303,7 @@ def as_whole(text: str, name: str, least: int = 0) -> int:
     return int(value)
 
 
-def parse_box(values: Sequence[str], names: Sequence[str]) -> Box:
+def four_numbers(values: Sequence[str], names: Sequence[str]) -> Box:
     """Four numbers with their names as a box."""
     x, y, width, height = (
         as_number(value, name) for value, name in zip(values, names, strict=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo
-from pf_tracker_ros.formats.tracks import thinned
+from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo, WriteTracks
+from pf_tracker_ros.formats.tracks import with_keyframes
 from pf_tracker_ros.recordings.tables import single_line
 from pf_tracker_ros.recordings.target import Target, file_text
 from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
@@ -15,15 +15,13 @@ TARGET_FORMAT = "target"
 FORMAT_NAMES = (*FORMATS, TARGET_FORMAT)
 """Values of `--format`."""
 
-WriteTracks = Callable[[Path, Sequence[BoxTrack], RecordingInfo], None]
-
 
 def _write_targets(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     targets = []
     for track in tracks:
         boxes = track.boxes
         if not any(labeled.is_keyframe for labeled in boxes.values()):
-            boxes = thinned(boxes)
+            boxes = with_keyframes(boxes)
         keyframes = [(frame, one.box) for frame, one in boxes.items() if one.is_keyframe]
         first, box = next((frame, box) for frame, box in keyframes if box is not None)
         targets.append(Target(box, frame=first, label=track.label, keyframes=tuple(keyframes)))
@@ -36,7 +34,7 @@ def label_files(formats: Sequence[str]) -> dict[str, WriteTracks]:
     files: dict[str, WriteTracks] = {}
     for name in formats:
         is_target = name == TARGET_FORMAT
-        files |= {"boxes.target.yaml": _write_targets} if is_target else FORMATS[name].files
+        files |= {"boxes.target.yaml": _write_targets} if is_target else FORMATS[name]
     return files
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros.formats import FORMATS, BoxTrack, FormatError, LabeledBox, RecordingInfo
 from pf_tracker_ros.formats import read_tracks as read
-from pf_tracker_ros.formats.tracks import interpolated, thinned
+from pf_tracker_ros.formats.tracks import interpolated, with_keyframes
 
 # As CVAT exports a job: every frame, also interpolated ones, but none while a target is outside.
 EXPORT = """<?xml version="1.0" encoding="utf-8"?>
@@ -94,7 +94,7 @@ def test_cvat_shows_nearly_the_written_boxes(tmp_path):
         frame: LabeledBox((frame**2 / 10, 3.0 * frame, 40.0 + frame % 3, 50.0), is_keyframe=False)
         for frame in range(60)
     }
-    FORMATS["cvat"].files["boxes.cvat.xml"](
+    FORMATS["cvat"]["boxes.cvat.xml"](
         tmp_path / "a.xml", [BoxTrack(1, "", boxes)], RecordingInfo("a.mp4", 90, (640, 480))
     )
     (track,) = read(tmp_path / "a.xml")
@@ -110,9 +110,9 @@ def test_cvat_shows_nearly_the_written_boxes(tmp_path):
 
 def test_given_keyframes_stay_keyframes():
     boxes = {frame: LabeledBox((0.0, 0.0, 9.0, 9.0), is_keyframe=frame == 5) for frame in range(9)}
-    assert [f for f, one in thinned(boxes).items() if one.is_keyframe] == [0, 5, 8]
+    assert [f for f, one in with_keyframes(boxes).items() if one.is_keyframe] == [0, 5, 8]
     moved = boxes | {4: replace(boxes[4], box=(3.0, 0.0, 9.0, 9.0))}
-    assert [f for f, one in thinned(moved).items() if one.is_keyframe] == [0, 3, 4, 5, 8]
+    assert [f for f, one in with_keyframes(moved).items() if one.is_keyframe] == [0, 3, 4, 5, 8]
 
 
 ENTITIES = '<!DOCTYPE a [<!ENTITY b "x"><!ENTITY c "&b;&b;">]><annotations>&c;</annotations>'

@@ -89,9 +89,9 @@ def write_format(folder, kind, boxes):
     """Write boxes that a person has given in a format, and return the path."""
     info = RecordingInfo("img", 20, (160, 120))
     labeled = {frame: LabeledBox(tuple(box)) for frame, box in boxes.items()}
-    for name, write in FORMATS[kind].files.items():
+    for name, write in FORMATS[kind].items():
         write(folder / name, [BoxTrack(1, "square", labeled)], info)
-    path = folder / next(iter(FORMATS[kind].files))
+    path = folder / next(iter(FORMATS[kind]))
     # Written tracks are absent between their boxes.
     if kind == "cvat":
         path.write_text(re.sub(r'<box frame="\d+" outside="1".*', "", path.read_text()))
