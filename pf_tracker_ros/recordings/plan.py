@@ -73,7 +73,9 @@ class Plan:
     @property
     def summary(self) -> str:
         """The preset, and the number of parameters that differ from it."""
-        return ActivePreset.of({"preset": self.preset, **self.parameters}).summary
+        values = {"preset": self.preset, **self.parameters}
+        # Each target with keyframes has a tracker of its own.
+        return ActivePreset.of({**values, "max_targets": 1} if self.keyframes else values).summary
 
     def track(self) -> Generator[TrackedFrame, None, None]:
         """Track; see `track_recording` and `track_between_keyframes`."""
