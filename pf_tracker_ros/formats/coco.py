@@ -44,10 +44,10 @@ def read_coco(path: Path) -> tuple[BoxTrack, ...]:
     images = _entries(path, document, "images")
     annotations = _entries(path, document, "annotations")
     labels = {
-        each.get("id"): str(each.get("name", ""))
+        str(each.get("id")): str(each.get("name", ""))
         for each in _entries(path, document, "categories", required=False)
     }
-    videos = {image.get("video_id") for image in images}
+    videos = {str(image.get("video_id")) for image in images}
     if len(videos) > 1:
         raise FormatError(f"{path} has the images of {len(videos)} videos; allowed: one")
     frames: dict[Any, int] = {}
@@ -64,7 +64,7 @@ def read_coco(path: Path) -> tuple[BoxTrack, ...]:
             if image_id not in frames:
                 raise ValueError(f"'image_id' is {image_id!r}, which no entry of 'images' has")
             id = _track_id(annotation)
-            label = labels.get(annotation.get("category_id"), "")
+            label = labels.get(str(annotation.get("category_id")), "")
             tracks.add(id, frames[image_id], _labeled(annotation), label)
             seen.setdefault(id, set()).add(frames[image_id])
         except ValueError as error:
@@ -148,7 +148,7 @@ def _frame(image: Mapping[str, Any]) -> int:
             "it has no frame; allowed: 'frame_id', 'frame_index' or a number at the end of "
             f"'file_name', which is {image.get('file_name')!r}"
         )
-    return int(digits.group())
+    return as_whole(digits.group(), "the number of 'file_name'")
 
 
 def _track_id(annotation: Mapping[str, Any]) -> int:

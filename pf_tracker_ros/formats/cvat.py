@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
@@ -38,6 +39,8 @@ _CORNERS = ("xtl", "ytl", "xbr", "ybr")
 _IN_ARCHIVE = "annotations.xml"
 # Bytes of the XML in an archive; a small archive can expand beyond any memory.
 _MAX_SIZE = 2**30
+# Damaged, encrypted, or of an unknown compression.
+_ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)
 _ACCEPTED = 'in CVAT, export as "CVAT for video 1.1"'
 
 
@@ -56,7 +59,7 @@ def read_cvat(path: Path) -> tuple[BoxTrack, ...]:
     """Read an XML file, or the archive of an export; raises FormatError."""
     try:
         root = _parse(path)
-    except (ElementTree.ParseError, zipfile.BadZipFile, OSError, ValueError) as error:
+    except (ElementTree.ParseError, LookupError, OSError, ValueError, *_ARCHIVE_ERRORS) as error:
         raise FormatError(f"{path} cannot be read as XML ({error}); {_ACCEPTED}") from error
     if root.tag != "annotations":
         raise FormatError(f"{path} has the root element <{root.tag}>; {_ACCEPTED}")

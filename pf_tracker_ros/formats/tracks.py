@@ -284,7 +284,7 @@ def as_number(text: str, name: str) -> float:
     """
     try:
         value = float(text)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         value = math.nan
     if not math.isfinite(value):
         raise ValueError(f"{name} is {text!r}; allowed: finite numbers")

@@ -124,6 +124,7 @@ ENTITIES = '<!DOCTYPE a [<!ENTITY b "x"><!ENTITY c "&b;&b;">]><annotations>&c;</
         (ENTITIES, "DOCTYPE"),
         ('<!DOCTYPE a SYSTEM "file:///etc/passwd"><annotations/>', "DOCTYPE"),
         ("<annotations><track>", "cannot be read as XML"),
+        ('<?xml version="1.0" encoding="none"?><annotations/>', "cannot be read as XML"),
         ("<html></html>", "root element <html>"),
         ("<annotations/>", "no <track>"),
         ('<annotations><image id="0"/></annotations>', "<image> elements; in CVAT, export as"),

@@ -130,6 +130,10 @@ def edited(**changes):
             "the width is 'a'",
         ),
         (edited(annotations=[{"image_id": 5, "track_id": 1}]), "'bbox' is None"),
+        (
+            edited(annotations=[{"image_id": 5, "track_id": 1, "bbox": [0, 0, 1, 10**400]}]),
+            "the height is 1000",
+        ),
         (edited(annotations=[]), "no box"),
         (
             edited(images=[{"id": n, "video_id": n, "frame_id": 0} for n in (1, 2)]),
