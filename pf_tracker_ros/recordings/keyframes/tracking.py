@@ -196,13 +196,19 @@ class _TargetPasses:
         """Pass over a frame without a usable image."""
         if self.track.keyframes.get(frame.index) is not None:
             raise self._refusal(frame.index, problem)
-        if not self._open or frame.index > self._last_keyframe:
+        if frame.index in self.track.keyframes:
+            self._begin_absence(frame)
+        elif not (self._open or self._absences) or frame.index > self._last_keyframe:
             self.known_until = frame.index + 1
 
     def add(self, frame: RecordedFrame, image: _Image) -> str:
         """Track into a frame; return why it cannot be used, or an empty text."""
         if frame.index in self.track.keyframes:
-            self._meet(frame, image, self.track.keyframes[frame.index])
+            box = self.track.keyframes[frame.index]
+            if box is None:
+                self._begin_absence(frame)
+            else:
+                self._meet(frame, image, box)
             return ""
         if self._forward.started:
             last_stamp = next(reversed(self._open.values()))[0]
@@ -228,15 +234,16 @@ class _TargetPasses:
         """End the passes at the end of the recording."""
         self._settle_forward()
 
-    def _meet(self, frame: RecordedFrame, image: _Image, box: Box | None) -> None:
-        """Complete the passes at a keyframe, and start the next one."""
-        if box is None:
-            self._settle_forward()
-            self._forward.stop()
-            # The first keyframe has a box.
-            assert self._absent is not None
-            self._add_absent(frame, self._absent)
-            return
+    def _begin_absence(self, frame: RecordedFrame) -> None:
+        """Complete the forward pass before a keyframe where the target is absent."""
+        self._settle_forward()
+        self._forward.stop()
+        # The first keyframe has a box.
+        assert self._absent is not None
+        self._add_absent(frame, self._absent)
+
+    def _meet(self, frame: RecordedFrame, image: _Image, box: Box) -> None:
+        """Complete the passes at a keyframe with a box, and start the next one."""
         try:
             if self._open:
                 self._settle_both(frame, image, box)
@@ -267,9 +274,9 @@ class _TargetPasses:
             self._backward.start(image, box)
         last_stamp = frame.stamp
         for earlier in sorted(self._absences, reverse=True):
-            stored = self._images.find(earlier)
-            assert stored is not None
-            stamp = self._absences[earlier]
+            stored, stamp = self._images.find(earlier), self._absences[earlier]
+            if stored is None or not _have_same_format(stored, image):
+                break
             estimate = self._backward.update(stored, _seconds(stamp, last_stamp))
             last_stamp = stamp
             if estimate.state != "tracking" or estimate.confidence < CHECK_SINGLE_BELOW:
@@ -281,6 +288,12 @@ class _TargetPasses:
 
     def _settle_both(self, frame: RecordedFrame, image: _Image, box: Box) -> None:
         """Complete the forward pass at a keyframe, track back from there, and join both."""
+        first = self._images.find(next(iter(self._open)))
+        assert first is not None
+        if not _have_same_format(first, image):
+            # Neither pass gets from one image size to the other.
+            self._settle_forward()
+            return
         last_stamp = next(reversed(self._open.values()))[0]
         arrival = self._forward.update(image, _seconds(last_stamp, frame.stamp))
         self._open[frame.index] = frame.stamp, _reduced(arrival)
@@ -324,6 +337,10 @@ class _TargetPasses:
             f"from 0: {reason}",
             WRONG_TARGET,
         )
+
+
+def _have_same_format(one: _Image, other: _Image) -> bool:
+    return one.shape == other.shape and one.dtype == other.dtype
 
 
 def _seconds(earlier: int, later: int) -> float:

@@ -12,6 +12,11 @@ import yaml
 
 from pf_tracker_ros.evaluation.metrics import overlap
 from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo, read_tracks
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack
+from pf_tracker_ros.recordings.keyframes.tracking import track_between_keyframes
+from pf_tracker_ros.recordings.recording import RecordedFrame
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 QUICK = ("--parameter", "particles=60")
 LAST = 19
@@ -210,6 +215,39 @@ def test_a_recording_that_breaks_off_keeps_the_frames_so_far(recording, run, tru
     assert done.code == 3
     assert len(done.rows) == 12
     assert overlap(done.boxes, truth[:12]).min() > 0.6
+
+
+class Frames:
+    """A recording of given frames."""
+
+    def __init__(self, frames):
+        self._frames = frames
+
+    def frames(self):
+        yield from self._frames
+
+
+@pytest.mark.parametrize("absent_at", [None, 5])
+def test_frames_of_another_size_or_without_an_image_are_skipped(moving_square, truth, absent_at):
+    """As in a bag, where a camera driver may change the size."""
+    frames = []
+    for index, image in enumerate(moving_square.images):
+        shown = image if index < 8 else image[:, :-2]
+        decoded = None if index in (3, 5, 14) else Frame(shown, index * 40_000_000)
+        problem = "" if decoded else "broken"
+        frames.append(RecordedFrame(index, index * 40_000_000, 0, "", decoded, problem, None))
+    keyframes = {0: tuple(truth[0]), 12: tuple(truth[12])} | (
+        {absent_at: None} if absent_at else {}
+    )
+    track = KeyframeTrack(1, "", dict(sorted(keyframes.items())), "given")
+    values = preset_parameters("li2007") | {"particles": 60}
+    found = [*track_between_keyframes(Frames(frames), [track], parameters=values)]
+    assert [tracked.frame.index for tracked in found] == [*range(20)]
+    skipped = {3, 14} if absent_at else {3, 5, 14, *range(8, 12)}
+    assert {tracked.frame.index for tracked in found if tracked.state == "skipped"} >= skipped
+    seen = {tracked.frame.index: tracked.box for tracked in found if tracked.box is not None}
+    assert seen.keys() == {*range(5 if absent_at else 8), *range(12, 20)} - {3, 5, 14}
+    assert overlap([*seen.values()], truth[[*seen]]).min() > 0.6
 
 
 @pytest.mark.parametrize(
