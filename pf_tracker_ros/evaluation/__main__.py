@@ -19,6 +19,7 @@ from pf_tracker_ros.evaluation.command_line import (
     parse_parameters,
     parser,
 )
+from pf_tracker_ros.evaluation.labeled_sequences import open_labeled_sequences
 from pf_tracker_ros.evaluation.reports.evaluation_report import EvaluationReport
 from pf_tracker_ros.evaluation.result_files import ResultFiles
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
@@ -75,7 +76,11 @@ def _run(options: argparse.Namespace) -> int:
         values = make_tracker(0).parameters
     summary = ActivePreset.of({"preset": options.preset, **values}).summary
     outputs = ResultFiles(options.output, options.plot, options.preset, parameters, summary)
-    sequences, unopened = open_sequences(options.sequences)
+    sequences, unopened = (
+        open_labeled_sequences(options.sequences, options.ground_truth)
+        if options.ground_truth is not None
+        else open_sequences(options.sequences)
+    )
     if not sequences:
         for failure in unopened:
             _complain(failure.error)

@@ -196,6 +196,14 @@ def parser() -> argparse.ArgumentParser:
     )
     add_tracker_options(parser)
     parser.add_argument(
+        "--ground-truth",
+        type=Path,
+        metavar="FILE",
+        help="true boxes for the only SEQUENCE_DIR, which may be a video or a folder of images "
+        "then; FILE is MOT challenge text, COCO JSON, CVAT for video 1.1, KITTI tracking or the "
+        "boxes.csv of track, and each target in it is evaluated by itself",
+    )
+    parser.add_argument(
         "--seeds",
         type=positive,
         default=3,

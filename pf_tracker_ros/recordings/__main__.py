@@ -33,6 +33,7 @@ from pf_tracker_ros.recordings.archives.stores import is_url, parse_path_or_url
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
 from pf_tracker_ros.recordings.files import check_outputs, open_outputs
+from pf_tracker_ros.recordings.keyframes.summary import KeyframeSummary
 from pf_tracker_ros.recordings.output_folder import OutputFolder
 from pf_tracker_ros.recordings.plan import (
     SIDECAR,
@@ -72,9 +73,11 @@ class _Summary:
     ids: set[int] = field(default_factory=set)
     expected_frames: int | None = None
     seconds: float = 0.0
+    keyframes: KeyframeSummary = field(default_factory=KeyframeSummary)
 
     def add(self, tracked: TrackedFrame) -> None:
         self.states[tracked.state] += 1
+        self.keyframes.add(tracked)
         reason = tracked.problem or _SKIP_REASONS.get(tracked.outcome, "")
         self.skip_reason = self.skip_reason or reason
         if tracked.warnings and not self.first_warning:
@@ -162,11 +165,15 @@ def _check_options(options: argparse.Namespace) -> None:
             raise RecordingError(f"{name} applies to archives; add --archive FOLDER_OR_LIST")
     if not options.source:
         message = "SOURCE is missing; give a recording, or --archive FOLDER_OR_LIST"
-        for option in ("detections", "report"):
+        for option in ("detections", "report", "keyframes"):
             value = getattr(options, option)
             if value not in (None, SIDECAR):
                 message += f" ({value} was read as the value of --{option}: put SOURCE first)"
         raise RecordingError(message)
+    for option in ("box", "draw", "detections", "detections_topic", "detector"):
+        if options.keyframes is not None and getattr(options, option):
+            name = f"--{option.replace('_', '-')}"
+            raise RecordingError(f"--keyframes and {name} exclude each other; give one of them")
     if options.draw and options.box:
         raise RecordingError("--draw and --box exclude each other; give one of them")
     if is_url(options.output):
@@ -328,6 +335,8 @@ def _report(
         for each in filter(None, [*warnings, warning]):
             print(f"track: {each}", file=sys.stderr)
         print(f"{options.source}: {summary.text}; results in {options.output}")
+        if summary.keyframes.given:
+            print(summary.keyframes.text)
     return exit_code
 
 

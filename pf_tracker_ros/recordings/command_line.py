@@ -15,6 +15,7 @@ from pf_tracker_ros.evaluation.command_line import add_tracker_options, positive
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
+from pf_tracker_ros.recordings.label_files import FORMAT_NAMES
 from pf_tracker_ros.recordings.plan import SIDECAR
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
@@ -109,6 +110,16 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="draw the targets on a web page, served on this machine only (needs aiohttp)",
     )
+    targets.add_argument(
+        "--keyframes",
+        type=Path,
+        nargs="?",
+        const=SIDECAR,
+        metavar="FILE",
+        help="boxes at several frames, met exactly; between them, the targets are tracked forward "
+        "and backward. FILE is a target file, boxes.csv, or a file in a format of --format "
+        "(default FILE: drive.target.yaml beside drive.mcap)",
+    )
     _add_detections(parser)
     _add_outputs(parser)
     _add_archives(parser)
@@ -158,6 +169,15 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         "--parquet",
         action="store_true",
         help="write boxes.parquet with the same rows (needs pyarrow)",
+    )
+    outputs.add_argument(
+        "--format",
+        type=_formats,
+        default=(),
+        metavar="NAME[,NAME...]",
+        help="write the boxes in further formats: mot (boxes.mot.txt), coco (boxes.coco.json), "
+        "cvat (boxes.cvat.xml, CVAT for video 1.1), kitti (boxes.kitti.txt), target "
+        "(boxes.target.yaml, a target file with keyframes)",
     )
     outputs.add_argument(
         "--bag",
@@ -215,6 +235,15 @@ def _box(text: str) -> Box:
             f"{text!r}; allowed: x,y,width,height in pixels, width and height above 0"
         )
     return x, y, width, height
+
+
+def _formats(text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    if unknown := [name for name in names if name not in FORMAT_NAMES]:
+        raise argparse.ArgumentTypeError(
+            f"{unknown[0]!r}; allowed: {', '.join(FORMAT_NAMES)}, separated by commas"
+        )
+    return names
 
 
 def _seed(text: str) -> int:

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.keyframes.summary import FRAMES_TO_CHECK, FramesToCheck
+from pf_tracker_ros.recordings.label_files import LabelFile, label_files
 from pf_tracker_ros.recordings.output_folder import OutputFolder, WriterFactory, check_free
 from pf_tracker_ros.recordings.plan import SIDECAR, Plan
 from pf_tracker_ros.recordings.report import RecordingReport
@@ -41,7 +43,7 @@ def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[Out
     Raises:
         RecordingError: A file exists, or cannot be written.
     """
-    factories = _writer_factories(plan, name, str(options.seed))
+    factories = _writer_factories(plan, name, options)
     opened: list[OutputFolder] = []
     try:
         for folder, names in _output_files(options).items():
@@ -70,6 +72,8 @@ def _output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
     names += [PARQUET] if options.parquet else []
     names += [VIDEO] if options.video else []
     names += [BAG] if options.bag else []
+    names += label_files(options.format)
+    names += [FRAMES_TO_CHECK] if options.keyframes is not None else []
     if options.report is None:
         return {options.output: names}
     if options.report is SIDECAR or options.report == options.output:
@@ -77,11 +81,14 @@ def _output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
     return {options.output: names, options.report: [REPORT_FILE]}
 
 
-def _writer_factories(plan: Plan, name: str, seed: str) -> dict[str, WriterFactory]:
+def _writer_factories(
+    plan: Plan, name: str, options: argparse.Namespace
+) -> dict[str, WriterFactory]:
     """Name of each file to the factory of its writer."""
     recording, preset, max_targets = plan.recording, plan.summary, plan.max_targets
     columns = COLUMNS if max_targets == 1 else LABELED_COLUMNS
-    facts = {"recording": name, "preset": preset, "seed": seed}
+    facts = {"recording": name, "preset": preset, "seed": str(options.seed)}
+    labels = label_files(options.format)
     return {
         BOXES: functools.partial(BoxesCsv, columns=columns),
         PARQUET: functools.partial(BoxesParquet, columns=columns),
@@ -90,4 +97,9 @@ def _writer_factories(plan: Plan, name: str, seed: str) -> dict[str, WriterFacto
         REPORT_FILE: functools.partial(
             RecordingReport, recording=recording, preset=preset, facts=facts
         ),
+        FRAMES_TO_CHECK: FramesToCheck,
+        **{
+            file: functools.partial(LabelFile, name=recording.path.name, write_tracks=write)
+            for file, write in labels.items()
+        },
     }

@@ -23,8 +23,10 @@ from pf_tracker_ros.recordings.detections.file import DetectionFile
 from pf_tracker_ros.recordings.detections.source import DetectionSource
 from pf_tracker_ros.recordings.detections.topic import DetectionTopic
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
+from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack, read_keyframes
+from pf_tracker_ros.recordings.keyframes.tracking import track_between_keyframes
 from pf_tracker_ros.recordings.recording import Recording, open_recording
-from pf_tracker_ros.recordings.sidecar_files import detections_file
+from pf_tracker_ros.recordings.sidecar_files import detections_file, target_file
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import (
     TrackedFrame,
@@ -52,6 +54,7 @@ class Plan:
         preset: Name of the preset.
         parameters: Full name to value of all parameters.
         seed: As for `Tracker`.
+        keyframes: Targets with keyframes, instead of `targets`.
     """
 
     recording: Recording
@@ -60,6 +63,7 @@ class Plan:
     preset: str
     parameters: Mapping[str, Any]
     seed: int
+    keyframes: tuple[KeyframeTrack, ...] = ()
 
     @property
     def max_targets(self) -> int:
@@ -69,10 +73,16 @@ class Plan:
     @property
     def summary(self) -> str:
         """The preset, and the number of parameters that differ from it."""
-        return ActivePreset.of({"preset": self.preset, **self.parameters}).summary
+        values = {"preset": self.preset, **self.parameters}
+        # Each target with keyframes has a tracker of its own.
+        return ActivePreset.of({**values, "max_targets": 1} if self.keyframes else values).summary
 
     def track(self) -> Generator[TrackedFrame, None, None]:
-        """Track; see `track_recording`."""
+        """Track; see `track_recording` and `track_between_keyframes`."""
+        if self.keyframes:
+            return track_between_keyframes(
+                self.recording, self.keyframes, parameters=self.parameters, seed=self.seed
+            )
         return track_recording(
             self.recording,
             self.targets,
@@ -137,6 +147,8 @@ def make_plan(
         ParameterError: A parameter is invalid.
         FootageError: The detections of a bag cannot be read.
     """
+    if options.keyframes is not None:
+        return _keyframe_plan(recording, options)
     with_detector = uses_detector(options)
     targets: tuple[Target, ...] = ()
     if draw is None:
@@ -155,6 +167,14 @@ def make_plan(
         if detection_source is not None:
             detection_source.close()
         raise
+
+
+def _keyframe_plan(recording: Recording, options: argparse.Namespace) -> Plan:
+    path = options.keyframes
+    tracks = read_keyframes(target_file(recording.path) if path is SIDECAR else path, recording)
+    # Each target has a tracker of its own, with the values for one target.
+    parameters = {**_parameters(options, [Target(None)]), "max_targets": len(tracks)}
+    return Plan(recording, (), None, options.preset, parameters, options.seed, tracks)
 
 
 def apply_parameter_file(options: argparse.Namespace) -> None:

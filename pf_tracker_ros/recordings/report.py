@@ -19,6 +19,7 @@ from pf_tracker_ros.evaluation.reports.page import Report, Section, render
 from pf_tracker_ros.evaluation.reports.thumbnails import make_thumbnails
 from pf_tracker_ros.evaluation.results import FrameDetails, Scores
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.recordings.keyframes.summary import KeyframeSummary
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
@@ -87,7 +88,8 @@ class RecordingReport:
         self._path = path
         self._recording = recording
         self._preset = preset
-        self._facts = facts
+        self._given_facts = facts
+        self._keyframes = KeyframeSummary()
         self._frames: list[FrameSummary] = []
         self._states: list[str] = []
         self._tracks: dict[int, _Track] = {}
@@ -95,6 +97,7 @@ class RecordingReport:
     def write(self, tracked: TrackedFrame) -> None:
         """Add a frame."""
         self._states.append(tracked.state)
+        self._keyframes.add(tracked)
         if tracked.max_targets == 1:
             self._frames.append(summary_of(tracked))
             return
@@ -112,6 +115,10 @@ class RecordingReport:
 
     def discard(self) -> None:
         """Do nothing: the file is not open before `close`."""
+
+    @property
+    def _facts(self) -> Mapping[str, str]:
+        return {**self._given_facts, **(self._keyframes.facts if self._keyframes.given else {})}
 
     def _single_target_page(self) -> str:
         true_boxes = None

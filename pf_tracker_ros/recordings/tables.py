@@ -37,13 +37,13 @@ def rows(tracked: TrackedFrame) -> list[tuple[Any, ...]]:
             *(published_box(target.estimate) or (None,) * 4),
             target.estimate.state,
             float(target.estimate.confidence),
-            _single_line(target.label) or None,
+            single_line(target.label) or None,
         )
         for target in tracked.targets
     ]
 
 
-def _single_line(label: str) -> str:
+def single_line(label: str) -> str:
     """A label with spaces in place of line breaks, control characters and surrogates."""
     return "".join(
         " " if unicodedata.category(letter) in _REPLACED_CATEGORIES else letter for letter in label

@@ -12,6 +12,14 @@ The target file `drive.target.yaml` stands beside `drive.mcap`:
 Only `target_box` is required. Without `frame` and `stamp` the box is in the first frame. Several
 targets stand in a list `targets`, with these keys each. `recording` and `image_size` may also
 stand beside the list.
+
+A target may have boxes in several frames, for `track --keyframes`; they replace `target_box`,
+`frame` and `stamp`. `absent` means that the target is absent from there to the next keyframe:
+
+    keyframes:
+    - {frame: 3, box: [293.0, 97.0, 115.0, 82.0]}
+    - {frame: 60, absent: true}
+    - {frame: 71, box: [310.0, 95.0, 116.0, 83.0]}
 """
 
 from __future__ import annotations
@@ -34,7 +42,9 @@ from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
-_KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size"}
+_KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size", "keyframes"}
+_KEYFRAME_KEYS = ({"frame", "box"}, {"frame", "absent"})
+_REPLACED_KEYS = {"target_box", "frame", "stamp"}
 _SHARED_KEYS = {"recording", "image_size"}
 # YAML integers are unbounded.
 _MAX_FLOAT = sys.float_info.max
@@ -52,6 +62,8 @@ class Target:
         image_size: (width, height) of the image, None if unknown.
         source: Where the target comes from, for messages.
         label: Class or name, or empty.
+        keyframes: Frame and box of each, in order; None where the target is absent. If there are
+            any, `box` and `frame` are those of the first one with a box.
     """
 
     box: Box | None
@@ -60,6 +72,7 @@ class Target:
     image_size: tuple[int, int] | None = None
     source: str = ""
     label: str = ""
+    keyframes: tuple[tuple[int, Box | None], ...] = ()
 
     def box_in(self, frame: RecordedFrame) -> Box | None:
         """The box in single precision, as in a message to the node; None before its frame.
@@ -195,30 +208,47 @@ def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     return tuple(targets)
 
 
-def _file_text(targets: Sequence[Target], source: Path) -> str:
+def file_text(targets: Sequence[Target], source: Path, origin: str = "drawn on a page") -> str:
+    """The text of a target file.
+
+    Args:
+        targets: At least one, each with a box.
+        source: Path of the recording.
+        origin: Where the targets come from, for its first line.
+    """
     texts = [_entry_text(target) for target in targets]
     recording = _yaml_line("recording", resolved(source).name)
     if len(texts) == 1:
-        heading = "# A target in the recording beside this file, drawn on a page."
+        heading = f"# A target in the recording beside this file, {origin}."
         return f"{heading}\n{texts[0]}{recording}"
     entries = "".join(f"- {indent(text, '  ')[2:]}" for text in texts)
-    heading = "# Targets in the recording beside this file, drawn on a page."
+    heading = f"# Targets in the recording beside this file, {origin}."
     return f"{heading}\ntargets:\n{entries}{recording}"
 
 
 def _entry_text(target: Target) -> str:
     assert target.box is not None
-    box = ", ".join(str(float(value)) for value in target.box)
-    text = (
-        f"target_box: [{box}]  # x, y, width, height, pixels\n"
-        f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
-        f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
-    )
+    if target.keyframes:
+        lines = [
+            f"- {{frame: {frame}, {_box_text(box) if box else 'absent: true'}}}\n"
+            for frame, box in target.keyframes
+        ]
+        text = f"keyframes:  # box: x, y, width, height, pixels; frames from 0\n{''.join(lines)}"
+    else:
+        text = (
+            f"target_{_box_text(target.box)}  # x, y, width, height, pixels\n"
+            f"frame: {target.frame}  # on which it was drawn, counted from 0\n"
+            f"stamp: {target.stamp}  # of that frame, nanoseconds\n"
+        )
     if target.label:
         text += _yaml_line("label", target.label)
     if target.image_size:
         text += "image_size: [{}, {}]  # width, height, pixels\n".format(*target.image_size)
     return text
+
+
+def _box_text(box: Box) -> str:
+    return f"box: [{', '.join(str(float(value)) for value in box)}]"
 
 
 def _yaml_line(name: str, value: str) -> str:
@@ -243,7 +273,7 @@ def save_targets(targets: Sequence[Target], source: Path, *, may_replace: bool =
     """
     path = target_file(source)
     with atomic_write(path, may_replace=may_replace) as draft:
-        draft.write_text(_file_text(targets, source), encoding="utf-8")
+        draft.write_text(file_text(targets, source), encoding="utf-8")
     return path
 
 
@@ -257,12 +287,13 @@ def _target(path: Path, which: str, document: dict[str, Any], source: Path) -> T
             "this recording, or correct 'recording' in the file",
             WRONG_TARGET,
         )
-    name = f"'target_box'{which}"
-    box = _numbers(
-        path, name, document.get("target_box"), 4, "four numbers, x, y, width and height in pixels"
-    )
-    if min(box[2:]) <= 0:
-        raise _invalid(path, name, document["target_box"], "a width and height above 0")
+    keyframes = _keyframes(path, which, document)
+    frame: int | None
+    if keyframes:
+        frame, box = next((frame, box) for frame, box in keyframes if box is not None)
+    else:
+        frame = _whole_number(path, which, document, "frame")
+        box = _box(path, f"'target_box'{which}", document.get("target_box"))
     image_size = None
     if (size := document.get("image_size")) is not None:
         name = f"'image_size'{which}"
@@ -272,13 +303,55 @@ def _target(path: Path, which: str, document: dict[str, Any], source: Path) -> T
             raise _invalid(path, name, size, allowed)
         image_size = (int(width), int(height))
     return Target(
-        as_box(box),
+        box,
         stamp=_whole_number(path, which, document, "stamp") or 0,
-        frame=_whole_number(path, which, document, "frame"),
+        frame=frame,
         image_size=image_size,
         source=f"{which.removeprefix(' of ')} of {path}" if which else str(path),
         label=_label(path, which, document.get("label")),
+        keyframes=keyframes,
     )
+
+
+def _keyframes(
+    path: Path, which: str, document: dict[str, Any]
+) -> tuple[tuple[int, Box | None], ...]:
+    """The keyframes of a target, in order of their frames; empty without any."""
+    if "keyframes" not in document:
+        return ()
+    if replaced := sorted(_REPLACED_KEYS & document.keys()):
+        raise RecordingError(
+            f"{path}: 'keyframes'{which} replaces {', '.join(replaced)}; remove one or the other",
+            WRONG_TARGET,
+        )
+    entries = document["keyframes"]
+    allowed = "a list of {frame: 3, box: [x, y, width, height]} or {frame: 3, absent: true}"
+    if not isinstance(entries, list):
+        raise _invalid(path, f"'keyframes'{which}", entries, allowed)
+    keyframes: dict[int, Box | None] = {}
+    for number, entry in enumerate(entries, start=1):
+        place = f" of keyframe {number}{which}"
+        if not isinstance(entry, dict) or entry.keys() not in (
+            {"frame", "box"},
+            {"frame", "absent"},
+        ):
+            raise _invalid(path, f"the entry{place}", entry, allowed)
+        frame = _whole_number(path, place, entry, "frame")
+        if frame is None or frame in keyframes:
+            raise _invalid(path, f"'frame'{place}", frame, "a frame without another keyframe")
+        if entry.get("absent", True) is not True:
+            raise _invalid(path, f"'absent'{place}", entry["absent"], "true, or a box instead")
+        keyframes[frame] = _box(path, f"'box'{place}", entry["box"]) if "box" in entry else None
+    if not any(keyframes.values()):
+        raise _invalid(path, f"'keyframes'{which}", entries, "at least one with a box")
+    return tuple(sorted(keyframes.items()))
+
+
+def _box(path: Path, name: str, value: Any) -> Box:
+    box = _numbers(path, name, value, 4, "four numbers, x, y, width and height in pixels")
+    if min(box[2:]) <= 0:
+        raise _invalid(path, name, value, "a width and height above 0")
+    return as_box(box)
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

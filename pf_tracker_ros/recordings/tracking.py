@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -47,6 +47,8 @@ class TrackedFrame(FrameResult):
         seconds: Processing time.
         warnings: A sentence for each rejected detection, and for each target that ended because of
             the images.
+        to_check: Id of a target to the reason why a person should look at its box; with keyframes.
+        keyframes: Ids of the targets whose box a person has given in this frame.
     """
 
     frame: RecordedFrame
@@ -54,6 +56,8 @@ class TrackedFrame(FrameResult):
     problem: str = ""
     seconds: float = 0.0
     warnings: tuple[str, ...] = ()
+    to_check: Mapping[int, str] = field(default_factory=dict)
+    keyframes: frozenset[int] = frozenset()
 
     @property
     def state(self) -> str:

@@ -30,6 +30,7 @@ LAYERS = (
     {"targets"},
     {"footage"},
     {"yaml_files", "node_parameters", "parameter_files"},
+    {"formats"},
     {"decoding", "overlay"},
     {"topics"},
     {"evaluation"},

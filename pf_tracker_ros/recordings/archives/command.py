@@ -67,7 +67,12 @@ def run_archive(options: argparse.Namespace) -> int:
         RecordingError: The request is invalid.
         FootageError: The archive cannot be read.
     """
-    for option, name in (("source", "SOURCE"), ("box", "--box"), ("draw", "--draw")):
+    for option, name in (
+        ("source", "SOURCE"),
+        ("box", "--box"),
+        ("draw", "--draw"),
+        ("keyframes", "--keyframes"),
+    ):
         if getattr(options, option) not in (None, False):
             raise RecordingError(f"{name} applies to a single recording; leave it out")
     if options.detections is not None and options.detections is not SIDECAR:
@@ -150,6 +155,8 @@ def _arguments(options: argparse.Namespace) -> list[str]:
             f"--detector-rate={options.detector_rate}",
         ]
     arguments += [f"--{flag}" for flag in ("video", "parquet", "bag") if getattr(options, flag)]
+    if options.format:
+        arguments.append(f"--format={','.join(options.format)}")
     return arguments + (["--report"] if options.report is not None else [])
 
 

@@ -1,0 +1,89 @@
+"""`evaluate --ground-truth`: true boxes from a file of labeled boxes."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.evaluation import EvaluationError
+from pf_tracker_ros.evaluation.__main__ import main
+from pf_tracker_ros.evaluation.labeled_sequences import open_labeled_sequences
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo
+
+QUICK = ("--preset", "li2007", "--parameter", "particles=20", "--seeds", "1")
+
+
+@pytest.fixture
+def images(moving_square_sequence, tmp_path):
+    """The moving square as a folder of images."""
+    return shutil.move(moving_square_sequence / "img", tmp_path / "walk")
+
+
+@pytest.fixture
+def labels(moving_square, tmp_path):
+    """Two tracks: the square with an absence, and its second half."""
+    boxes = {frame: LabeledBox(tuple(box)) for frame, box in enumerate(moving_square.boxes)}
+    second = {frame: boxes[frame] for frame in range(10, 20)}
+    path = tmp_path / "walk.xml"
+    tracks = [BoxTrack(1, "", boxes | {4: LabeledBox(None)}), BoxTrack(5, "", second)]
+    FORMATS["cvat"]["boxes.cvat.xml"](path, tracks, RecordingInfo("walk", 20, (160, 120)))
+    return path
+
+
+def test_each_track_is_a_sequence_from_its_first_box(images, labels, moving_square):
+    (one, other), failures = open_labeled_sequences([images], labels)
+    assert not failures
+    assert [one.name, other.name] == ["walk, target 1", "walk, target 5"]
+    assert np.isnan(one.ground_truth[4]).all()
+    np.testing.assert_allclose(one.ground_truth[5:], moving_square.boxes[5:])
+    assert other.frame_count == 10
+    np.testing.assert_array_equal(
+        [frame.image for frame in other.frames()], moving_square.images[10:]
+    )
+
+
+def test_the_command_gives_the_scores_of_the_sequence(
+    images, labels, moving_square, write_sequence, tmp_path
+):
+    truth = moving_square.boxes.copy()
+    truth[4] = np.nan
+    sequence = write_sequence("same", moving_square.images, truth)
+    outputs = [tmp_path / "labeled.json", tmp_path / "sequence.json"]
+    for output, arguments in zip(
+        outputs, ([images, "--ground-truth", labels], [sequence]), strict=True
+    ):
+        assert main([*map(str, arguments), *QUICK, "--output", str(output)]) == 0
+    labeled, plain = (json.loads(output.read_text())["sequences"] for output in outputs)
+    assert labeled.keys() == {"walk, target 1", "walk, target 5"}
+    assert labeled["walk, target 1"]["success_auc"] == plain["same"]["success_auc"]
+
+
+def test_a_track_of_one_frame_is_reported(images, tmp_path):
+    path = tmp_path / "walk.txt"
+    path.write_text("1,1,21,31,24,24\n2,1,25,33,24,24\n7,2,1,1,9,9\n")
+    sequences, (failure,) = open_labeled_sequences([images], path)
+    assert [sequence.name for sequence in sequences] == ["walk, target 1"]
+    assert failure.name == "walk, target 2"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [("9", "begins with"), ("31,1,1,1,9,9\n", "frame 30, .* walk has 20 frames: it belongs to")],
+)
+def test_wrong_files_are_refused(images, tmp_path, text, message):
+    path = tmp_path / "walk.txt"
+    path.write_text(text)
+    with pytest.raises(EvaluationError, match=message):
+        open_labeled_sequences([images], path)
+
+
+def test_wrong_sources_are_refused(images, labels, tmp_path):
+    with pytest.raises(EvaluationError, match="for one source, and 2 are given"):
+        open_labeled_sequences([images, images], labels)
+    with pytest.raises(FootageError, match="there is no"):
+        open_labeled_sequences([tmp_path / "none"], labels)
+    (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with pytest.raises(EvaluationError, match="is a bag"):
+        open_labeled_sequences([tmp_path / "drive.mcap"], labels)
