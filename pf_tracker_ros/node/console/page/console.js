@@ -156,7 +156,8 @@ const isStatusOld = () => performance.now() - lastStatus > 1000 || lastStatus ==
 const lacksImages = () => health.tracker === "alive" && isStatusOld() && health.text.startsWith("no image for");
 
 function showState(state) {
-  const shown = health.tracker === "alive" ? state ?? "no status" : health.tracker === "absent" ? "no tracker" : "silent";
+  const isPaused = state === "skipped" && health.text.startsWith("paused");
+  const shown = health.tracker === "alive" ? (isPaused ? "paused" : state ?? "no status") : health.tracker === "absent" ? "no tracker" : "silent";
   text("state", shown);
   at("state-card").dataset.state = health.tracker !== "alive" ? "none" : lacksImages() ? "old" : shown;
 }
@@ -181,7 +182,8 @@ function showHealth() {
   const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
   text("health", isPlain ? "" : health.text + (health.text === "waiting for a target" && lastStatus ? HOW : ""));
   at("health").dataset.level = health.level;
-  text("missing", `No picture yet: ${health.text}`);
+  const advice = health.text.startsWith("no image for") ? `\n\nStart a camera that publishes on ${health.image_topic}, or play a recording here: console drive.mcap` : "";
+  text("missing", `No picture yet: ${health.text}${advice}`);
   text("topic", alive && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
   if (!alive || isStale) { showState(health.state); showConfidence(health.confidence); }
   const isBlank = !alive || (isStale && health.state === "idle");

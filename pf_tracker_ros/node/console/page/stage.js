@@ -48,8 +48,11 @@ export function show(next, bitmap) {
 
 // Begins a recording: the user is told what to do until its first target, unless a tour does.
 export function begin(box, hasHint) {
-  [suggested, hadTarget] = [box, !hasHint];
   live();
+  // The picture of the last recording stays, but nothing can be drawn on it.
+  frame = null;
+  overlay.dataset.state = "";
+  [suggested, hadTarget] = [box, !hasHint];
 }
 
 // Shows what to do, and a ghost of the box to draw.
