@@ -69,6 +69,7 @@ class Player:
         self._last_state: Json = {}
         self._show_first_after = float("-inf")
         self._seeking = asyncio.Lock()
+        self._repeating: asyncio.Future[None] | None = None
         # Requests during a seek, which is paused; carried out after it.
         self._plays_after = False
         self._steps_after = 0
@@ -140,7 +141,15 @@ class Player:
         has_picture = shown is not None and self._recording.replay.index_of(shown) is not None
         if not has_picture and is_idle and now > self._show_first_after:
             self._show_first_after = now + _FIRST_FRAME_INTERVAL
-            self._playback.seek(self._recording.frame)
+            if self._recording.replay.position < 0:
+                self._playback.seek(0)
+            else:
+                self._repeating = asyncio.ensure_future(self._repeat_frame())
+
+    async def _repeat_frame(self) -> None:
+        """Show the frame again; after a stop it is no duplicate for the tracker."""
+        with contextlib.suppress(RequestError, TrackerError):
+            await self._go_to(self._recording.frame)
 
     async def start_from_target(
         self, box: Box, stamp: int, image_size: tuple[int, int] | None

@@ -104,22 +104,10 @@ def bags(tmp_path, write_images, moving_square):
 
 
 @pytest.fixture
-def write_tour(tmp_path):
-    """A function that writes a tour of recordings and returns its path."""
-
-    def write(*entries):
-        path = tmp_path / "tour.yaml"
-        path.write_text(yaml.safe_dump(list(entries)))
-        return str(path)
-
-    return write
-
-
-def test_another_recording_is_opened_from_the_page(
-    tracker, client, start_console, open_page, bags, write_tour, moving_square
-):
+def tour(tmp_path, moving_square):
+    """A tour of both bags, and the box that it suggests in the second one."""
     box = [float(value) for value in moving_square.boxes[0]]
-    tour = write_tour(
+    entries = [
         {"recording": "wide", "title": "Square", "parameters": {"particles": 100}},
         {
             "recording": "tall",
@@ -128,10 +116,17 @@ def test_another_recording_is_opened_from_the_page(
             "parameters": {"particles": 150},
             "steps": ["Look.", {"text": "Change it.", "parameters": {"particles": 60}}],
         },
-    )
+    ]
+    path = tmp_path / "tour.yaml"
+    path.write_text(yaml.safe_dump(entries))
+    return str(path), box
+
+
+@pytest.mark.usefixtures("tracker")
+def test_another_recording_is_opened_from_the_page(client, start_console, open_page, bags, tour):
+    path, box = tour
     missing = str(bags[0].parent / "missing.mcap")
-    console = start_console(tour=tour, recordings=[missing, str(bags[0])])
-    page = open_page(console.url)
+    page = open_page(start_console(tour=path, recordings=[missing, str(bags[0])]).url)
     choices = page.locator("#choices button")
     page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
     assert choices.all_inner_texts() == ["Square", "tall", "missing.mcap"]

@@ -104,7 +104,7 @@ def test_an_invalid_tour_is_refused_with_what_is_allowed(write, text, error):
 
 
 def test_a_missing_tour_is_refused(tmp_path):
-    with pytest.raises(RecordingError, match="nowhere.yaml"):
+    with pytest.raises(RecordingError, match=r"nowhere\.yaml"):
         list_recordings("", [], str(tmp_path / "nowhere.yaml"))
 
 

@@ -24,8 +24,10 @@ export function show(index) {
   plots.clear();
   const { target, steps } = list[index] ?? { target: null, steps: [] };
   stage.begin(target, Boolean(target) || !steps.length);
-  if (index === opening) set(list[index].parameters);
-  opening = null;
+  if (index === opening) {
+    set(list[index].parameters);
+    opening = null;
+  }
   return true;
 }
 
