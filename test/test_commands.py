@@ -36,7 +36,7 @@ def test_help_tells_what_it_is_and_how_ros_gives_it_parameters(name):
         ("tracker", ["--preset=li2007"], "tracker --ros-args -p preset:=li2007 ("),
         ("tracker", ["preset:=li2007"], "tracker --ros-args -p NAME:=VALUE ("),
         ("tracker", ["drive.mcap"], "unknown argument drive.mcap;"),
-        ("console", ["a.mcap", "b.mcap"], "unknown argument b.mcap;"),
+        ("console", ["a.mcap", "b.mcap", "--loop"], "console --ros-args -p loop:=VALUE ("),
         ("console", ["a.mcap", "-r", "image:=/b"], "console --ros-args -r image:=/b ("),
         ("console", ["--port=80"], "console --ros-args -p port:=80 ("),
         ("replay", ["a.mcap", "--loop"], "replay --ros-args -p loop:=VALUE ("),

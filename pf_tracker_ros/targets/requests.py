@@ -141,7 +141,7 @@ class ImageFormatGuard:
     def accept(self, frame: Frame) -> None:
         """Record the format of a frame that the targets are tracked in."""
         image_format, stamp = _format_of(frame.image), frame.stamp
-        if stamp < self._stamp:
+        if stamp <= self._stamp:
             self._former_until = 0
         elif self._format and image_format != self._format:
             self._former_until = self._stamp

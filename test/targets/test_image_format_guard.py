@@ -120,3 +120,14 @@ def test_a_jump_back_resets_the_change_of_format():
     for image, stamp in ((COLOR, 7), (DEEP, 9), (DEEP, 5)):
         guard.accept(Frame(image, stamp))
     assert not guard.is_before_change(6)
+
+
+def test_after_a_jump_to_the_same_stamp_there_is_no_former_format():
+    """As where one recording is played after another, and both begin at the same stamp."""
+    guard = ImageFormatGuard()
+    guard.accept(Frame(COLOR, SECOND))
+    guard.accept(Frame(DEEP, SECOND))
+    guard.check_manual_target(manual(SECOND))
+    guard.accept(Frame(COLOR, 2 * SECOND))
+    with pytest.raises(ValueError, match="another size or type"):
+        guard.check_manual_target(manual(SECOND))

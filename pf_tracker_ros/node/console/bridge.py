@@ -62,6 +62,7 @@ class ConsoleBridge:
         self._last_health: Json = {}
         self._requester = TargetRequester(link, self._broadcast_response)
         self._player: Player | None = None
+        self._recordings = recording.list_for_page if recording else []
         if recording:
             self._player = Player(
                 recording,
@@ -132,7 +133,8 @@ class ConsoleBridge:
             self._last_health = health
             await self._browsers.broadcast(health)
         if self._player:
-            await self._player.poll(now, has_picture=self._synchronizer.latest is not None)
+            latest = self._synchronizer.latest
+            await self._player.poll(now, latest.stamp if latest else None)
         if health["tracker"] != "alive":
             # The tracker may come back with other values.
             self._parameters_outdated = True
@@ -165,7 +167,12 @@ class ConsoleBridge:
         self._browsers.add(browser)
         self._update_subscriptions()
         news = [
-            {"type": "welcome", "tracker": self._link.name, "draw_on_request": browser.is_local},
+            {
+                "type": "welcome",
+                "tracker": self._link.name,
+                "draw_on_request": browser.is_local,
+                "recordings": self._recordings,
+            },
             self._health_summary(time.monotonic()),
             *([self._player.state] if self._player else []),
             {"type": "parameters", "parameters": self._parameters},
@@ -190,6 +197,9 @@ class ConsoleBridge:
                 raise RequestError(f"unknown request {kind!r}")
             elif self._player:
                 await self._player.handle(name, message)
+                if name == "open":
+                    # The next picture is of the opened recording.
+                    self._synchronizer.clear()
             else:
                 raise RequestError("the console plays no recording; start it with 'source'")
         except (RequestError, TrackerError) as error:

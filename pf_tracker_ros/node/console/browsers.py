@@ -100,7 +100,9 @@ class Browsers:
             )
             await viewer.rate.acquire()
             frame = self._newest()
-            assert frame is not None
+            if frame is None:
+                # Another recording has been opened meanwhile.
+                continue
             ahead = frame.number - viewer.number if viewer.number else 0
             interval = (frame.stamp - viewer.stamp) / ahead / NANOSECONDS if ahead else 0.0
             viewer.number, viewer.stamp = frame.number, frame.stamp

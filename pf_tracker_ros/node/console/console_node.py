@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -14,6 +15,7 @@ from rclpy.parameter import Parameter
 from pf_tracker_ros.node.console.bridge import ConsoleBridge
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node.console.played_recording import PlayedRecording
+from pf_tracker_ros.node.console.playlist import ListedRecording, list_recordings
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.web_server import WebServer
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
@@ -21,6 +23,7 @@ from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.pages.access import is_loopback
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.recordings import RecordingError
 
 NICENESS = 10
 """Niceness of the console's process: the tracker goes first."""
@@ -75,15 +78,11 @@ class ConsoleNode(Node):
         host, port = parameters.host, parameters.port
         server = WebServer(host, port, lambda: ConsoleBridge(link, self._recording))
         link = TrackerLink(self, parameters.tracker, server.receive)
-        if parameters.source:
-            self._recording = PlayedRecording(
-                self, parameters.source, parameters.bag_topic, link.name
-            )
-            if not self._recording.is_playable:
-                self._recording.close()
-                self._recording = None
-                self._fail(f"{parameters.source} cannot be played; see the log of the node replay")
-                return
+        try:
+            self._recording = self._open_recording(parameters, link.name)
+        except RecordingError as error:
+            self._fail(str(error))
+            return
         try:
             server.start()
         except OSError as error:
@@ -104,18 +103,34 @@ class ConsoleNode(Node):
                 "control the tracker, and the connection is not encrypted"
             )
 
+    def _open_recording(
+        self, parameters: ConsoleParameters, tracker: str
+    ) -> PlayedRecording | None:
+        """The recording to play first, with all others to choose from; None if there is none.
+
+        Raises:
+            RecordingError: It cannot be played, or the tour is invalid.
+        """
+        source = parameters.source
+        listed = list_recordings(source, parameters.recordings, parameters.tour)
+        if not listed:
+            return None
+        first = ListedRecording(source).path if source else listed[0].path
+        index = [one.path for one in listed].index(first)
+        return PlayedRecording(self, listed, index, parameters.bag_topic, tracker)
+
     def _fail(self, reason: str) -> None:
         self.get_logger().fatal(reason)  # type: ignore[no-untyped-call]
         self.exit_code = 1
         self.context.try_shutdown()
 
 
-def main(arguments: list[str] | None = None, source: str | None = None) -> int:
+def main(arguments: list[str] | None = None, sources: Sequence[str] = ()) -> int:
     """Run the console until it is shut down.
 
     Args:
         arguments: Command line with the program's name; by default that of the process.
-        source: Overrides the parameter `source`.
+        sources: The first overrides the parameter `source`, the others `recordings`.
 
     Returns:
         The exit code: 1 if the page cannot be served.
@@ -130,7 +145,9 @@ def main(arguments: list[str] | None = None, source: str | None = None) -> int:
     nodes: list[ConsoleNode] = []
 
     def create() -> ConsoleNode:
-        overrides = [] if source is None else [Parameter("source", value=source)]
+        overrides = [Parameter("source", value=one) for one in sources[:1]]
+        if sources[1:]:
+            overrides.append(Parameter("recordings", value=list(sources[1:])))
         node = ConsoleNode(prioritize_dds=not has_profile, parameter_overrides=overrides)
         nodes.append(node)
         return node

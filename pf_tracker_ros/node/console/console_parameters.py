@@ -17,9 +17,20 @@ class ConsoleParameters:
         "a folder of images, or a sequence folder. If empty, nothing is played.",
         read_only=True,
     )
+    recordings: tuple[str, ...] = declared(
+        (),
+        "Further recordings to choose from on the page, as `source` each.",
+        read_only=True,
+    )
+    tour: str = declared(
+        "",
+        "YAML file with recordings to choose from on the page, and what to try with each of them. "
+        "If `source` is empty, its first recording is played first.",
+        read_only=True,
+    )
     bag_topic: str = declared(
         "",
-        "Image topic of a recorded bag. Empty selects the only one.",
+        "Image topic of the recorded bags. Empty selects the only one.",
         read_only=True,
     )
     host: str = declared(

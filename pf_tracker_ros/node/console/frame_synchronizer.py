@@ -100,9 +100,16 @@ class FrameSynchronizer:
         self._images: OrderedDict[int, tuple[Any, float]] = OrderedDict()
         self._results: OrderedDict[int, _Results] = OrderedDict()
         self._latest_results = _Results()
+        self._number = 0
         # Of the tracker, seconds.
         self._latency = 0.0
         self._last_status_at = float("-inf")
+
+    def clear(self) -> None:
+        """Discard all images and results, before those of another recording."""
+        self.latest, self._latest_results = None, _Results()
+        self._images.clear()
+        self._results.clear()
 
     def add_image(self, stamp: int, image: Any, now: float) -> None:
         """Add an image.
@@ -158,9 +165,9 @@ class FrameSynchronizer:
                 self._latency = max(now - arrival, _LATENCY_DECAY * self._latency)
             timeout = max(_TIMEOUT, _LATENCY_FACTOR * self._latency)
             if complete or silent or now - arrival > timeout:
-                number = self.latest.number + 1 if self.latest else 1
+                self._number += 1
                 self._latest_results = results.copy()
-                self.latest = DisplayFrame(number, stamp, image, self._latest_results.parts)
+                self.latest = DisplayFrame(self._number, stamp, image, self._latest_results.parts)
                 older = None
                 while older != stamp:
                     older, _ = self._images.popitem(last=False)

@@ -1,9 +1,9 @@
-"""The recording that the console plays to the tracker, in lockstep."""
+"""The recording that the console plays to the tracker, in lockstep: one of a list."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,9 +13,10 @@ from rclpy.parameter import Parameter
 
 from pf_tracker_ros.footage.access import lexists
 from pf_tracker_ros.node.console.json_conversions import Json
+from pf_tracker_ros.node.console.playlist import ListedRecording, recordings_to_json
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 from pf_tracker_ros.node.running import spinning
-from pf_tracker_ros.recordings import open_recording
+from pf_tracker_ros.recordings import RecordingError, open_recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets, save_targets
 
@@ -29,26 +30,38 @@ class PlayedRecording:
     """The replay publisher of the console, with a ROS context of its own.
 
     Attributes:
-        is_playable: Whether the source can be read; the replay node logs the reason if not.
-        replay: The replay node.
+        listed: The recordings to choose from, at least one.
+        index: Of the played one in the list.
+        replay: Its replay node.
+        before_frame: As of the replay node, for all recordings.
 
     Args:
         node: The console's node; images are published on its topic `image`.
-        source: As the parameter `source` of `replay`.
+        listed: As the attribute.
+        index: Of the first one to play.
         bag_topic: As the parameter of `replay`.
         tracker: Fully qualified name of the tracker's node.
+
+    Raises:
+        RecordingError: The recording cannot be played.
     """
 
-    def __init__(self, node: Node, source: str, bag_topic: str, tracker: str) -> None:
-        self._path = Path(source).resolve()
+    replay: ReplayNode
+
+    def __init__(
+        self,
+        node: Node,
+        listed: Sequence[ListedRecording],
+        index: int,
+        bag_topic: str,
+        tracker: str,
+    ) -> None:
+        self.listed = listed
+        self.index = index
+        self.before_frame: Callable[[int], None] = lambda index: None
+        self._node = node
         self._bag_topic = bag_topic
-        self._target_file = target_file(self._path)
-        self._has_target = False
-        self._check_target_file()
-        image = node.resolve_topic_name("image")
-        remapped = ["-r", f"image:={image}", "-r", f"image/compressed:={image}/compressed"]
-        values = {
-            "source": source,
+        self._values = {
             "bag_topic": bag_topic,
             "lockstep": True,
             "lockstep_rate": 1.0,
@@ -57,19 +70,48 @@ class PlayedRecording:
             "start_paused": True,
             "stay_at_end": True,
         }
+        self._running = contextlib.ExitStack()
+        self._start(index)
+
+    def open(self, index: int) -> None:
+        """Play a recording of the list instead of the present one, paused before its first frame.
+
+        Raises:
+            RecordingError: It cannot be played; the present one starts again.
+        """
+        # Closed first, as the nodes have the same name.
+        self.close()
+        try:
+            self._start(index)
+        except RecordingError:
+            self._start(self.index)
+            raise
+
+    def _start(self, index: int) -> None:
+        entry, image = self.listed[index], self._node.resolve_topic_name("image")
+        remapped = ["-r", f"image:={image}", "-r", f"image/compressed:={image}/compressed"]
+        if entry.speed is not None:
+            self._values["lockstep_rate"] = float(entry.speed)
+        values = {"source": entry.source, **self._values}
         create = partial(
             ReplayNode,
-            spectator=node,
-            namespace=node.get_namespace(),
+            spectator=self._node,
+            namespace=self._node.get_namespace(),
             cli_args=["--ros-args", *remapped],
             use_global_arguments=False,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
-        self._running = contextlib.ExitStack()
-        self.replay: ReplayNode = self._running.enter_context(
-            spinning(lambda context: create(context=context), node.context.get_domain_id())
+        replay: ReplayNode = self._running.enter_context(
+            spinning(lambda context: create(context=context), self._node.context.get_domain_id())
         )
-        self.is_playable = self.replay.has_started
+        if not replay.has_started:
+            self.close()
+            raise RecordingError(f"{entry.source} cannot be played: {replay.failure}")
+        replay.before_frame = self._announce
+        self.index, self.replay = index, replay
+        self._path = entry.path
+        self._target_file = target_file(self._path)
+        self._check_target_file()
 
     def close(self) -> None:
         """Stop the replay node."""
@@ -80,11 +122,18 @@ class PlayedRecording:
         """The recording's part of the `recording` message for the page."""
         return {
             "name": self._path.name,
+            "index": self.index,
+            "seconds": self.replay.elapsed,
             "frame": self.replay.position,
             "frame_count": self.replay.frame_count,
             "rate": self.replay.get_parameter("lockstep_rate").value,
             "target_file": self._target_file.name if self._has_target else "",
         }
+
+    @property
+    def list_for_page(self) -> list[Json]:
+        """The recordings to choose from."""
+        return recordings_to_json(self.listed)
 
     def wait_reason(self, image_topic: str) -> str:
         """Why the playback waits, with advice if the tracker subscribes to another topic.
@@ -134,6 +183,8 @@ class PlayedRecording:
             The reason of a refusal, or empty.
         """
         (result,) = self.replay.set_parameters([Parameter("lockstep_rate", value=rate)])
+        if result.successful:
+            self._values["lockstep_rate"] = rate
         return "" if result.successful else str(result.reason)
 
     def save(self, targets: Sequence[Target]) -> Path:
@@ -170,6 +221,9 @@ class PlayedRecording:
                 if not waiting:
                     return found
         raise waiting[0].not_found_error()
+
+    def _announce(self, index: int) -> None:
+        self.before_frame(index)
 
     def _check_target_file(self) -> None:
         self._has_target = lexists(self._target_file)

@@ -12,8 +12,8 @@ So the boxes are those of a run in lockstep with the same targets.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
 from functools import partial
 
 from pf_tracker_ros.boxes import Box
@@ -24,6 +24,7 @@ from pf_tracker_ros.node.console.requests import RequestError, boolean_of, integ
 from pf_tracker_ros.node.console.target_requester import TargetRequester
 from pf_tracker_ros.node.console.tracker_link import TrackerLink
 from pf_tracker_ros.node.console.tracker_services import TrackerError
+from pf_tracker_ros.node.replay.playback import Playback
 from pf_tracker_ros.recordings import RecordingError, Target
 from pf_tracker_ros.stamps import NANOSECONDS
 
@@ -33,7 +34,7 @@ _MAX_AHEAD = 30 * NANOSECONDS
 # Of two seconds each.
 _ATTEMPTS = 3
 
-REQUESTS = ("play", "step", "seek", "rate", "save", "load")
+REQUESTS = ("open", "play", "step", "seek", "rate", "save", "load")
 """Requests about the recording."""
 
 
@@ -68,13 +69,17 @@ class Player:
         self._last_state: Json = {}
         self._show_first_after = float("-inf")
         self._seeking = asyncio.Lock()
+        self._repeating: asyncio.Future[None] | None = None
         # Requests during a seek, which is paused; carried out after it.
         self._plays_after = False
         self._steps_after = 0
         # Targets still to be sent with their frames.
         self._due: list[Target] = []
-        self._playback = recording.replay.playback
-        recording.replay.before_frame = self._send_due
+        recording.before_frame = self._send_due
+
+    @property
+    def _playback(self) -> Playback:
+        return self._recording.replay.playback
 
     async def handle(self, name: str, message: Json) -> None:
         """Carry out one of `REQUESTS`, by the method of its name.
@@ -120,12 +125,12 @@ class Player:
         """Remove the last target, which was refused."""
         self.targets = self.targets[:-1]
 
-    async def poll(self, now: float, *, has_picture: bool) -> None:
+    async def poll(self, now: float, shown: int | None) -> None:
         """Broadcast a changed state, and show the first frame.
 
         Args:
             now: Seconds by a monotonic clock.
-            has_picture: Whether the page has a picture to draw on.
+            shown: Stamp of the page's picture, nanoseconds; None without one.
         """
         state = self.state
         if state != self._last_state:
@@ -133,9 +138,18 @@ class Player:
             await self._broadcast(state)
         # The first frame may be lost before the console is discovered as a subscriber.
         is_idle = self._playback.paused and not self._seeking.locked()
+        has_picture = shown is not None and self._recording.replay.index_of(shown) is not None
         if not has_picture and is_idle and now > self._show_first_after:
             self._show_first_after = now + _FIRST_FRAME_INTERVAL
-            self._playback.seek(self._recording.frame)
+            if self._recording.replay.position < 0:
+                self._playback.seek(0)
+            else:
+                self._repeating = asyncio.ensure_future(self._repeat_frame())
+
+    async def _repeat_frame(self) -> None:
+        """Show the frame again; after a stop it is no duplicate for the tracker."""
+        with contextlib.suppress(RequestError, TrackerError):
+            await self._go_to(self._recording.frame)
 
     async def start_from_target(
         self, box: Box, stamp: int, image_size: tuple[int, int] | None
@@ -176,7 +190,7 @@ class Player:
             await asyncio.to_thread(self._recording.wait_until_idle)
         return True
 
-    @asynccontextmanager
+    @contextlib.asynccontextmanager
     async def _paused(self, *, plays: bool | None) -> AsyncIterator[None]:
         """Pause the recording; requests during this time are carried out afterwards.
 
@@ -193,6 +207,22 @@ class Player:
                 self._playback.paused = not self._plays_after
                 if self._steps_after:
                     self._playback.step(self._steps_after)
+
+    async def _on_open(self, message: Json) -> None:
+        """Play another recording of the list; the targets are stopped."""
+        index = integer_of(message, "index")
+        if index >= len(self._recording.listed):
+            raise RequestError(f"there is no recording {index}")
+        async with self._paused(plays=False):
+            # Without a tracker there is nothing to stop.
+            with contextlib.suppress(TrackerError):
+                await self._link.services.stop()
+            try:
+                await asyncio.to_thread(self._recording.open, index)
+            except RecordingError as error:
+                raise RequestError(str(error)) from error
+            self.targets, self._due = [], []
+            self._show_first_after = float("-inf")
 
     async def _on_play(self, message: Json) -> None:
         playing = boolean_of(message, "playing")

@@ -60,7 +60,8 @@ class ReplayNode(Node):
         playback: The schedule, once started.
         position: Index of the last published frame, counted from 0; -1 before the first.
         stamp: Stamp of that frame in nanoseconds; 0 before the first.
-        failure: Error message of a failed playback, else empty.
+        elapsed: Time of that frame after the first frame, seconds.
+        failure: Error message of a source that cannot be opened or played, else empty.
 
     Args:
         spectator: As for `ReplayOutputs`.
@@ -76,6 +77,8 @@ class ReplayNode(Node):
         self._published = 0
         self.position = -1
         self.stamp = 0
+        self.elapsed = 0.0
+        self._start_time: int | None = None
         self.failure = ""
         self._wait_reason = ""
         self._indices: dict[int, int] = {}
@@ -100,6 +103,7 @@ class ReplayNode(Node):
             for publisher in set(self.publishers) - before:
                 self.destroy_publisher(publisher)
             waiting = "" if parameters.source else "; waiting for the parameter 'source'"
+            self.failure = str(error)
             self._log.error(f"not playing: {error}{waiting}")
             return
         self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
@@ -108,6 +112,7 @@ class ReplayNode(Node):
     def _set_up(self, source: ReplaySource, parameters: ReplayParameters) -> None:
         self._fixed = parameters
         self._source = source
+        self.failure = ""
         self.playback = Playback(paused=parameters.start_paused)
         self._outputs = ReplayOutputs(self, source, parameters, self.playback, self._spectator)
         if parameters.lockstep:
@@ -253,6 +258,10 @@ class ReplayNode(Node):
                     del self._indices[next(iter(self._indices))]
                 self._outputs.publish(item)
                 self.position, self.stamp = index, item.stamp
+                self._start_time = (
+                    source_item.time if self._start_time is None else self._start_time
+                )
+                self.elapsed = (source_item.time - self._start_time) / NANOSECONDS
                 self._published += 1
                 if self._fixed.lockstep:
                     self._wait_for_status(item)

@@ -33,6 +33,7 @@ class ReplayOutputs:
     """The publishers of one source.
 
     Attributes:
+        image_topic: Full name of the image topic.
         sends_target: Whether a target is published.
 
     Args:
@@ -65,6 +66,7 @@ class ReplayOutputs:
             "image/compressed" if self._is_compressed else "image",
             QoSProfile(depth=DEPTH, reliability=reliability),
         )
+        self.image_topic = str(self._images.topic_name)
         self._ground_truth = self._targets = self._clock = None
         if source.has_ground_truth:
             self._ground_truth = node.create_publisher(PolygonStamped, "~/ground_truth", DEPTH)
@@ -74,11 +76,6 @@ class ReplayOutputs:
             self._targets = node.create_publisher(PolygonStamped, topic, _TARGET_DEPTH)
         if parameters.publish_clock:
             self._clock = node.create_publisher(Clock, "/clock", DEPTH)
-
-    @property
-    def image_topic(self) -> str:
-        """Full name of the image topic."""
-        return str(self._images.topic_name)
 
     def publish(self, item: ReplayItem) -> None:
         """Publish time, true box and image, in this order."""

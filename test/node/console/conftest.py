@@ -104,6 +104,10 @@ class Page:
             self.page.wait_for_timeout(POLL)
         return result
 
+    def show_more(self):
+        """Unfold what is used less often: the drawn box in figures, and the target file."""
+        self.page.locator("#more-button[aria-expanded=false]").click()
+
     def text(self, name):
         return self.page.locator(f"#{name}").inner_text()
 

@@ -214,3 +214,18 @@ def test_waiting_images_and_results_are_limited():
         synchronizer.add_result(-stamp, "boxes", None, now=0.0)
     assert len(synchronizer._images) <= 32
     assert len(synchronizer._results) <= 32
+
+
+def test_another_recording_reuses_nothing_of_the_last_one(synchronizer):
+    synchronizer.add_image(1, "picture", now=0.0)
+    assert synchronizer.choose(now=0.0)
+    before = synchronizer.latest.number
+    synchronizer.add_image(2, "waiting", now=0.0)
+    synchronizer.clear()
+    assert synchronizer.latest is None
+    assert not synchronizer.choose(now=9.0)
+    # Its frames may have the same stamps; browsers see later numbers.
+    synchronizer.add_image(1, "other", now=9.0)
+    synchronizer.add_result(1, "status", IDLE, now=9.0)
+    assert synchronizer.choose(now=9.0)
+    assert (synchronizer.latest.image, synchronizer.latest.number) == ("other", before + 1)

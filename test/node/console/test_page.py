@@ -39,6 +39,11 @@ CONTRASTS = """() => {
     });
 }"""
 
+SHOW_ALL = """() => {
+  for (const id of ["recording", "tour", "steps", "hint", "files"])
+    document.getElementById(id).hidden = false;
+}"""
+
 SHAPES = "paths => paths.map(path => path.getAttribute('d') || '')"
 
 SEE_FRAMES = """() => {
@@ -99,7 +104,7 @@ def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
     status = camera.show_on(page)
     assert page.text("state") == status.values["state"]
     # Figures change a few times a second.
-    confidence = f"{float(status.values['confidence']):.2f}"
+    confidence = f"{100 * float(status.values['confidence']):.0f} %"
     page.wait_until(lambda: page.text("confidence") == confidence, "its confidence")
     page.wait_until(lambda: page.text("count") == status.values["particles"], "its particles")
     particles = page.locator("#particles")
@@ -126,12 +131,12 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
     camera.show_until(lambda: cue_weights.count() == 2, "line for each cue")
     camera.show_until(lambda: page.locator("#cues li").count() == 2, "weight of each cue")
     legend = page.locator("#cues li")
-    weights = [float(text.split()[-1]) for text in legend.all_inner_texts()]
-    assert sum(weights) == pytest.approx(1.0, abs=0.02)
+    weights = [float(text.split()[-2]) for text in legend.all_inner_texts()]
+    assert sum(weights) == pytest.approx(100.0, abs=2.0)
     # The line of a removed cue stays for a minute, without a weight.
     client.set_parameters(cues=["correlation_response"])
     camera.show_until(
-        lambda: legend.all_inner_texts() == ["color contrast \u2013", "correlation response 1.00"],
+        lambda: legend.all_inner_texts() == ["color contrast \u2013", "correlation response 100 %"],
         "weight of the only cue",
     )
 
@@ -381,9 +386,14 @@ def test_text_is_readable_and_nothing_is_cut_off(console, camera, open_page, sch
     page = open_page(console.url, color_scheme=scheme, viewport={"width": width, "height": 800})
     camera.show_on(page)
     page.keyboard.press("r")
-    contrasts = page.evaluate(CONTRASTS)
-    assert len(contrasts) > 15
-    assert [one for one in contrasts if one[0] < LEAST_CONTRAST] == []
+    page.show_more()
+    # With the parts of a recording, and with each color of the state.
+    page.evaluate(SHOW_ALL)
+    for state in ("idle", "tracking", "occluded", "lost", "none", "old"):
+        page.locator("#state-card").evaluate("(it, state) => { it.dataset.state = state; }", state)
+        contrasts = page.evaluate(CONTRASTS)
+        assert len(contrasts) > 30
+        assert [one for one in contrasts if one[0] < LEAST_CONTRAST] == [], state
     assert page.evaluate("() => document.documentElement.scrollWidth") <= width
 
 

@@ -114,6 +114,7 @@ def test_a_box_without_area_is_refused_with_the_nodes_reason(shown, camera):
 
 def test_a_box_outside_is_refused_with_the_nodes_reason(shown, camera, sent, client):
     shown.keyboard.press("r")
+    shown.show_more()
     for name, value in {"x": 5000, "y": 10, "width": 30, "height": 30}.items():
         shown.locator(f"#box-{name}").fill(str(value))
     shown.locator("#send").click()
@@ -178,6 +179,7 @@ def test_the_box_is_dragged_as_a_whole(shown, client, sent):
     shown.drag((30, 30, 40, 0))
     client.wait_for(lambda: sent, "target")
     shown.locator("#handles").wait_for()
+    shown.show_more()
     shown.locator("#box-height").fill("30")
     shown.drag((50, 45, 20, 10))
     client.wait_for(lambda: len(sent) == 2, "second target")
@@ -247,6 +249,7 @@ def test_space_pauses_and_resumes(shown, camera, client):
 
 def test_keys_in_a_field_are_no_shortcuts(shown, client, camera):
     shown.keyboard.press("r")
+    shown.show_more()
     shown.locator("#box-x").press("s")
     shown.locator("#box-x").press("Space")
     assert shown.locator("#drawn").is_visible()
@@ -255,7 +258,7 @@ def test_keys_in_a_field_are_no_shortcuts(shown, client, camera):
 
 def test_every_control_is_reached_by_the_tab_key(shown):
     reached = set()
-    for _ in range(30):
+    for _ in range(60):
         shown.keyboard.press("Tab")
         reached.add(shown.evaluate("() => document.activeElement.id"))
     focusable = shown.evaluate(

@@ -49,6 +49,7 @@ def player(tracker, start_console, open_page, bag):
     page.wait_until(lambda: page.text("frame") == "0 / 19", "position")
     # The services may be discovered later than the images.
     page.locator("#groups details").first.wait_for(state="attached")
+    page.show_more()
     return page
 
 
@@ -156,7 +157,7 @@ def sought(graph, start_console, open_page, bag):
 def test_play_during_a_seek_plays_from_the_sought_frame(sought):
     page, resume = sought
     page.keyboard.press("Space")
-    page.wait_until(lambda: page.text("pause-word") == "Pause", "that it will play")
+    page.wait_until(lambda: page.text("play-word") == "Pause", "that it will play")
     resume()
     page.wait_until(lambda: page.text("frame") == "19 / 19", "its end")
 
@@ -164,9 +165,9 @@ def test_play_during_a_seek_plays_from_the_sought_frame(sought):
 def test_the_last_request_during_a_seek_counts(sought):
     page, resume = sought
     page.keyboard.press("Space")
-    page.wait_until(lambda: page.text("pause-word") == "Pause", "that it will play")
+    page.wait_until(lambda: page.text("play-word") == "Pause", "that it will play")
     page.keyboard.press("n")
-    page.wait_until(lambda: page.text("pause-word") == "Play", "that it will not")
+    page.wait_until(lambda: page.text("play-word") == "Play", "that it will not")
     page.keyboard.press("n")
     resume()
     at_frame(page, 7)
@@ -195,7 +196,7 @@ def test_it_pauses_at_its_end_and_can_go_back(player, moving_square):
     player.locator("#speed").select_option("4")
     player.keyboard.press("Space")
     at_frame(player, 19)
-    player.wait_until(lambda: player.text("pause-word") == "Play", "pause at the end")
+    player.wait_until(lambda: player.text("play-word") == "Play", "pause at the end")
     assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
     player.locator("#back").click()
     at_frame(player, 18)
@@ -253,7 +254,7 @@ def test_play_at_the_end_starts_from_the_beginning(player, moving_square):
     expected = boxes_in_lockstep(moving_square.images, box, 0)
     for _ in range(2):
         go_to(player, 19)
-        player.wait_until(lambda: player.text("pause-word") == "Play", "end")
+        player.wait_until(lambda: player.text("play-word") == "Play", "end")
         player.keyboard.press(" ")
         player.wait_until(lambda: player.stamp < stamp_at(19), "beginning")
         at_frame(player, 19)
@@ -280,6 +281,7 @@ def player_of_several(graph, client, start_console, open_page, bag):
     graph.tracker(client, max_targets=2)
     page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
+    page.show_more()
     return page
 
 
@@ -362,6 +364,7 @@ def test_a_saved_target_starts_at_its_frame(saved, start_console, open_page, bag
     saved(target_box=box, frame=3, stamp=stamp_at(3), image_size=[160, 120])
     page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
+    page.show_more()
     page.locator("#load:enabled").click()
     at_frame(page, 3)
     page.wait_until(lambda: page.box, "box")
@@ -387,6 +390,7 @@ def test_a_target_minutes_ahead_waits_for_its_frame(
     page = open_page(start_console(source=str(bag)).url)
     page.wait_until(lambda: page.shows(stamp_in(0)), "first frame")
     page.locator("#speed").select_option("0")
+    page.show_more()
     page.locator("#load:enabled").click()
     page.wait_until(lambda: page.shows(stamp_in(15)) and page.box, "box")
     assert page.box == pytest.approx(box, abs=1e-2)

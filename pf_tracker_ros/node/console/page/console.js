@@ -1,15 +1,17 @@
 // The connection to the console, and the display of its messages.
 import * as heatmap from "./heatmap.js";
+import * as legend from "./legend.js";
 import * as plots from "./plots.js";
 import * as recording from "./recording.js";
 import * as stage from "./stage.js";
 import * as targets from "./targets.js";
 import { throttle } from "./throttle.js";
+import * as tour from "./tour.js";
 import * as tune from "./tune.js";
 
 const RECONNECT = 500, RATE_WINDOW = 2000, HEALTH_DELAY = 200, NOTE_SHOWN = 10000;  // milliseconds
 const UNSENT = "not connected to the console; nothing was sent";
-const HOW = ": drag a box around it on the picture, or click it";
+const HOW = ": drag a box around it";
 const FIGURES = 200;  // milliseconds between two updates of the figures
 const at = (id) => document.getElementById(id);
 const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
@@ -69,6 +71,7 @@ const handlers = {
     // A target sent to the previous console gets no response.
     stage.showOutcome("unanswered");
     text("name", message.tracker.replace(/^\//, ""));
+    tour.setRecordings(message.recordings);
     heatmap.request();
   },
   draw() { draw(); },
@@ -142,8 +145,8 @@ const showFigures = throttle(FIGURES, (frame, values) => {
   showConfidence(values.confidence);
   if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
   text("count", number(values.particles, 0));
-  text("effective", number(values.effective_sample_size, 0));
-  text("processing", typeof values.processing_time_ms === "number" ? `${number(values.processing_time_ms, 1)} ms` : "–");
+  text("now-effective", number(values.effective_sample_size, 0));
+  text("now-processing", typeof values.processing_time_ms === "number" ? `${number(values.processing_time_ms, 1)} ms` : "–");
   text("age", Math.abs(frame.age) < 60000 ? `${Math.max(0, frame.age)} ms` : "–");
   showRate();
 });
@@ -153,13 +156,15 @@ const isStatusOld = () => performance.now() - lastStatus > 1000 || lastStatus ==
 const lacksImages = () => health.tracker === "alive" && isStatusOld() && health.text.startsWith("no image for");
 
 function showState(state) {
-  const shown = health.tracker === "alive" ? state ?? "no status" : health.tracker === "absent" ? "no tracker" : "silent";
+  const isPaused = state === "skipped" && health.text.startsWith("paused");
+  const shown = health.tracker === "alive" ? (isPaused ? "paused" : state ?? "no status") : health.tracker === "absent" ? "no tracker" : "silent";
   text("state", shown);
   at("state-card").dataset.state = health.tracker !== "alive" ? "none" : lacksImages() ? "old" : shown;
 }
 
 function showConfidence(confidence) {
-  text("confidence", health.tracker === "alive" ? number(confidence, 2) : "–");
+  const isKnown = health.tracker === "alive" && typeof confidence === "number";
+  text("confidence", isKnown ? `${Math.round(100 * confidence)} %` : "–");
   at("meter").value = typeof confidence === "number" ? confidence : 0;
 }
 
@@ -177,10 +182,12 @@ function showHealth() {
   const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
   text("health", isPlain ? "" : health.text + (health.text === "waiting for a target" && lastStatus ? HOW : ""));
   at("health").dataset.level = health.level;
+  const advice = health.text.startsWith("no image for") ? `\n\nStart a camera that publishes on ${health.image_topic}, or play a recording here: console drive.mcap` : "";
+  text("missing", `No picture yet: ${health.text}${advice}`);
   text("topic", alive && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
   if (!alive || isStale) { showState(health.state); showConfidence(health.confidence); }
   const isBlank = !alive || (isStale && health.state === "idle");
-  if (isBlank) for (const id of ["count", "effective", "processing"]) text(id, "–");
+  if (isBlank) for (const id of ["count", "now-effective", "now-processing"]) text(id, "–");
   stage.setBlank(isBlank, (alive && health.state) || "");
   stage.setPaused(alive && health.text.startsWith("paused"));
 }
@@ -200,9 +207,11 @@ function showRate() {
 setInterval(() => { if (isStatusOld()) showRate(); }, 500);
 
 heatmap.init(send);
+legend.init();
 recording.init(send);
 stage.init(send, note);
 targets.init(send);
+tour.init(send);
 tune.init(send);
 new ResizeObserver(sendView).observe(at("stage"));
 connect();

@@ -48,6 +48,7 @@ export function toggle() {
   on = !on;
   at("heatmap-button").setAttribute("aria-pressed", on);
   at("peaks").hidden = !on;
+  at("about").textContent = at("heatmap-button").dataset.about;
   canvas.hidden = true;
   send({ type: "heatmap", shown: on });
 }

@@ -3,27 +3,36 @@ import { fit } from "./children.js";
 import { throttle } from "./throttle.js";
 
 const at = (id) => document.getElementById(id);
-const SECONDS = 60, WIDTH = 600, HEIGHT = 100;
+const SECONDS = 60, WIDTH = 600, HEIGHT = 100, MARGIN = 4;
 const SLOT = 0.25;       // seconds per minimum and maximum of a line
 const INTERVAL = 500;    // milliseconds between two redraws
 const SVG = "http://www.w3.org/2000/svg";
+const percent = (value) => `${Math.round(100 * value)} %`;
 
 const plots = [
-  { id: "confidence", top: () => 1, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
+  { id: "confidence", top: () => 1, unit: percent, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
   { id: "effective", top: (highest, values) => values.particles ?? highest, of: (values) => ({ effective: values.effective_sample_size }) },
   { id: "processing", top: (highest) => Math.max(10, highest), of: (values) => ({ processing: values.processing_time_ms }) },
-  { id: "weights", top: () => 1, of: (values) => Object.fromEntries(
+  { id: "weights", top: () => 1, unit: percent, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("cue_weight_")).map(([key, value]) => [key.slice(11), value])) },
 ].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, minimum, maximum] of each slot
 
 export function add(values, targets) {
   const now = performance.now() / 1000;
-  for (const { of, lines } of plots) {
+  // Without a target there is nothing to plot.
+  for (const { of, lines } of targets.length ? plots : []) {
     for (const [name, value] of Object.entries(of(values, targets))) {
       if (typeof value === "number") put(lines, name, now, value);
     }
   }
   draw(values);
+}
+
+export function clear() {
+  for (const { id, lines } of plots) {
+    lines.clear();
+    at(`plot-${id}`).classList.add("empty");
+  }
 }
 
 function put(lines, name, now, value) {
@@ -35,17 +44,19 @@ function put(lines, name, now, value) {
 
 const draw = throttle(INTERVAL, (values) => {
   const now = performance.now() / 1000;
-  for (const { id, top, of, lines } of plots) {
+  for (const { id, top, unit, of, lines } of plots) {
     for (const [name, line] of lines) {
       while (line.length && line[0][0] < now - SECONDS) line.shift();
       if (!line.length) lines.delete(name);
     }
     const all = [...lines.values()];
     const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
-    const paths = fit(at(`plot-${id}`), lines.size, () => document.createElementNS(SVG, "path"));
+    const { svg, top: label } = parts.get(id);
+    at(`plot-${id}`).classList.toggle("empty", !all.some((line) => line.length > 1));
+    const paths = fit(svg, lines.size, () => document.createElementNS(SVG, "path"));
     all.forEach((line, i) => paths[i].setAttribute("d", path(line, now, highest)));
+    label.textContent = unit ? unit(highest) : highest.toFixed(0);
     if (id === "weights") legend([...lines.keys()].map((name) => [name, of(values)[name]]));
-    else at(`top-${id}`).textContent = highest.toFixed(highest < 2 ? 1 : 0);
   }
 });
 
@@ -56,12 +67,28 @@ function path(line, now, highest) {
     const command = time - before > 1 ? "M" : "L";
     before = time;
     const x = (WIDTH * (1 - (now - time) / SECONDS)).toFixed(1);
-    const [low, high] = ends.map((value) => (HEIGHT * (1 - Math.min(1, value / highest))).toFixed(1));
+    const [low, high] = ends.map((value) => (MARGIN + (HEIGHT - 2 * MARGIN) * (1 - Math.min(1, value / highest))).toFixed(1));
     return `${command}${x} ${low}${low === high ? "" : `V${high}`}`;
   }).join("");
 }
 
 function legend(cues) {
   const items = fit(at("cues"), cues.length, () => document.createElement("li"));
-  cues.forEach(([name, value], i) => { items[i].textContent = `${name.replaceAll("_", " ")} ${typeof value === "number" ? value.toFixed(2) : "–"}`; });
+  cues.forEach(([name, value], i) => { items[i].textContent = `${name.replaceAll("_", " ")} ${typeof value === "number" ? percent(value) : "–"}`; });
 }
+
+// Until it has a line, a plot says what it is; later on demand.
+const parts = new Map(plots.map(({ id }) => {
+  const plot = at(`plot-${id}`), { name, about } = plot.dataset;
+  const create = (tag, properties = {}) => Object.assign(document.createElement(tag), properties);
+  const ask = create("button", { type: "button", className: "ask", textContent: "What is this?", ariaExpanded: false, ariaLabel: `What is this: ${name}?` });
+  ask.addEventListener("click", () => { ask.ariaExpanded = plot.classList.toggle("asked"); });
+  const head = create("p", { className: "row" }), slot = create("div", { className: "slot" });
+  const svg = document.createElementNS(SVG, "svg"), top = create("span");
+  for (const [key, value] of Object.entries({ viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", role: "img", "aria-label": `${name}, the last ${SECONDS} seconds` })) svg.setAttribute(key, value);
+  head.append(create("span", { textContent: name }), ask, create("span", { id: `now-${id}`, className: "figure" }));
+  slot.append(svg, top, create("p", { className: "quiet", textContent: about }));
+  plot.classList.add("empty");
+  plot.append(head, slot);
+  return [id, { svg, top }];
+}));

@@ -19,6 +19,8 @@ let trail = [], selected = "";  // path of the selected target, and its id
 let paused = false;
 let blank = false;       // no overlay, as there is no current status
 let blankState = "";     // the state while blank
+let suggested = null;    // box to suggest for the first target, null for one in the middle
+let hadTarget = false;   // whether there was a target, so that the user needs no hint
 
 export function show(next, bitmap) {
   if (mode !== "live") {
@@ -44,6 +46,30 @@ export function show(next, bitmap) {
   drawOverlay();
 }
 
+// Begins a recording: the user is told what to do until its first target, unless a tour does.
+export function begin(box, hasHint) {
+  live();
+  // The picture of the last recording stays, but nothing can be drawn on it.
+  frame = null;
+  overlay.dataset.state = "";
+  [suggested, hadTarget] = [box, !hasHint];
+}
+
+// Shows what to do, and a ghost of the box to draw.
+function showHint(state) {
+  hadTarget ||= Boolean(state) && !["idle", "skipped"].includes(state);
+  const shown = !hadTarget && mode === "live" && state === "idle";
+  at("hint").hidden = !shown;
+  at("ghost").toggleAttribute("hidden", !shown);
+  if (!shown) return;
+  const [x, y, width, height] = suggested ?? editor.centeredBox([frame.width, frame.height]);
+  const [rect, pointer] = at("ghost").children, unit = frame.width / overlay.clientWidth || 1;
+  place(rect, [x, y, width, height]);
+  set(pointer, { transform: `translate(${x + width} ${y + height}) scale(${unit})` });
+  pointer.style.setProperty("--width", `${-width / unit}px`);
+  pointer.style.setProperty("--height", `${-height / unit}px`);
+}
+
 // The status of a still picture is kept while blank, as no other comes for it.
 export function setBlank(now, state) {
   if (now === blank && (!now || state === blankState)) return;
@@ -55,7 +81,7 @@ export function setBlank(now, state) {
 export function setPaused(now) {
   paused = now;
   at("pause").setAttribute("aria-pressed", paused);
-  if (!recording.isOpen()) at("pause-word").textContent = paused ? "Resume" : "Pause";
+  at("pause-word").textContent = paused ? "Resume" : "Pause";
 }
 
 // Whether there is a box that has not been sent, or was refused.
@@ -80,6 +106,7 @@ function drawOverlay() {
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
   overlay.dataset.selected = chosen;
+  showHint(overlay.dataset.state);
   place(at("box"), box);
   place(at("halo"), box);
   heatmap.show(known);
@@ -118,6 +145,8 @@ function setMode(next, box = editor.box()) {
   mode = next;
   const editing = mode === "editing";
   at("draw").setAttribute("aria-pressed", editing);
+  at("decide").hidden = !editing;
+  if (frame) showHint(overlay.dataset.state);
   at("frozen").hidden = mode === "live" || mode === "sent";
   at("numbers").disabled = !editing;
   at("stage").dataset.mode = mode;
@@ -157,6 +186,8 @@ function onDown(event) {
 
 function onMove(event) {
   if (mode === "drawing") editor.drag(event);
+  // A box that a click selects.
+  else if (frame && mode === "live") overlay.classList.toggle("over", Boolean(targets.idAt(frame, editor.point(event))));
 }
 
 function onUp(event) {
@@ -167,6 +198,7 @@ function onUp(event) {
   }
   const point = editor.point(event), id = targets.idAt(frame, point), chosen = frame.status?.selected ?? "";
   if (targets.isMultiTarget() && (id || chosen)) { live(); targets.select(id, chosen); }
+  else if (id) { live(); note("this target is selected; to follow something else, drag a box around it"); }
   else request({ type: "click", point, stamp: frame.stamp });
 }
 
@@ -181,15 +213,17 @@ function startDrawing() {
 function onKey(event) {
   if (event.ctrlKey || event.metaKey) return;
   const key = event.key.toLowerCase(), typing = event.target.matches("input, select, textarea");
-  if (event.key === "Escape" && mode !== "live") { live(); note("nothing was sent"); }
+  if (event.key === "Escape" && mode !== "live") discard();
   else if (event.key === "Enter" && mode === "editing" && (!typing || event.target.closest("#numbers")) && !event.target.matches("button")) sendBox();
   else if (typing) return;
   else if (event.key.startsWith("Arrow") && mode === "editing") editor.move(event);
+  else if (event.key === "ArrowLeft" && recording.isOpen()) recording.back();
+  else if (event.key === "Home" && recording.isOpen()) recording.first();
   else if (event.key === " " && !event.target.matches("button, summary")) pause();
   else if (key === "s") stop();
   else if (key === "r") startDrawing();
   else if (key === "h") heatmap.toggle();
-  else if (key === "n" && recording.isOpen()) recording.step();
+  else if ((key === "n" || event.key === "ArrowRight") && recording.isOpen()) recording.step();
   else return;
   event.preventDefault();
 }
@@ -197,6 +231,16 @@ function onKey(event) {
 function pause() {
   if (recording.isOpen()) recording.toggle();
   else send({ type: "enable", enabled: paused });
+}
+
+function discard() {
+  live();
+  note("nothing was sent");
+}
+
+function showMore() {
+  at("more").hidden = !at("more").hidden;
+  at("more-button").ariaExpanded = !at("more").hidden;
 }
 
 function stop() {
@@ -226,4 +270,6 @@ export function init(sender, notes) {
   at("pause").addEventListener("click", pause);
   at("stop").addEventListener("click", stop);
   at("send").addEventListener("click", sendBox);
+  at("discard").addEventListener("click", discard);
+  at("more-button").addEventListener("click", showMore);
 }

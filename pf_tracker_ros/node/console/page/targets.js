@@ -2,6 +2,7 @@
 // With a single target neither its thin box nor the list is shown.
 import { labeledBox, set } from "./box_editor.js";
 import { fit } from "./children.js";
+import { showDetections } from "./legend.js";
 
 const TEXT = 14;
 const at = (id) => document.getElementById(id);
@@ -33,6 +34,7 @@ export function show(frame, unit) {
     ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, caption: title(one) })), unit);
   const isNew = detected && Math.abs(milliseconds(frame.stamp) - milliseconds(detected.stamp)) < DETECTED;
   draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, caption: label })), unit);
+  if (isNew) showDetections();
   list(found, frame.status?.selected);
 }
 
@@ -59,7 +61,7 @@ function list(found, selected) {
     if (!rows.has(one.id)) add(one.id);
     const { mark, choose, stop } = rows.get(one.id);
     mark.style.background = colors.get(one.id) ?? "";
-    const caption = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${one.confidence.toFixed(2)}` : ""}`;
+    const caption = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${Math.round(100 * one.confidence)} %` : ""}`;
     if (choose.textContent !== caption) choose.textContent = caption;
     choose.setAttribute("aria-pressed", one.id === selected);
     choose.onclick = () => select(one.id, selected);

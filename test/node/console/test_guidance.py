@@ -1,0 +1,198 @@
+"""What a new user needs: what to do, what is shown, and recordings to try it with."""
+
+import numpy as np
+import pytest
+import yaml
+
+LAYERS = {
+    "box": "#box",
+    "particles": "#particles",
+    "ellipse": "#covariance",
+    "trail": "#trail",
+}
+WATCH_SHIFTS = """() => { window.shifted = []; new PerformanceObserver(list => {
+  for (const entry of list.getEntries())
+    for (const { node } of entry.sources) window.shifted.push(node.id || node.nodeName);
+}).observe({ type: 'layout-shift' }); }"""
+TOPS = """() => Object.fromEntries([...document.querySelectorAll('main [id]')]
+  .map(one => [one.id, one.getBoundingClientRect().top]))"""
+
+
+def stamp_at(index):
+    return 1_700_000_000_000_000_000 + index * 40_000_000
+
+
+@pytest.mark.usefixtures("tracker")
+def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
+    camera.show_on(page)
+    hint, ghost, empty = page.locator("#hint"), page.locator("#ghost rect"), page.locator(".empty")
+    assert hint.inner_text() == "Drag a box around what to follow"
+    assert page.locator("#ghost:not([hidden])").count() == 1
+    # Only with motion allowed the ghost is drawn again and again.
+    animation = "it => getComputedStyle(it).animationName"
+    assert ghost.evaluate(animation) == "draw"
+    page.emulate_media(reduced_motion="reduce")
+    assert ghost.evaluate(animation) == "none"
+    # A plot without a line says what it is.
+    assert empty.count() == 4
+    assert "probability" in page.locator("#plot-confidence .slot p").inner_text()
+    assert page.text("confidence") == "\u2013"
+    # A recording's transport has no use for a camera.
+    assert page.locator("#recording").is_hidden()
+
+    page.drag(camera.box_at(page.stamp), release=False)
+    assert hint.is_hidden()
+    page.mouse.up()
+    camera.show_until(lambda: page.box, "box")
+    camera.show_until(lambda: empty.count() == 0, "lines")
+    assert hint.is_hidden()
+    about = page.locator("#plot-weights .slot p")
+    assert about.is_hidden()
+    page.get_by_role("button", name="What is this: weight of each cue?").click()
+    assert about.is_visible()
+
+    # A click on the only target keeps it.
+    x, y, width, height = page.box
+    page.mouse.click(*page.to_screen(x + width / 2, y + height / 2))
+    page.wait_until(lambda: "is selected" in page.text("note"), "note")
+    camera.show_on(page)
+    assert page.box[2:] == pytest.approx([width, height], rel=0.2)
+    page.keyboard.press("s")
+    camera.show_until(lambda: page.text("state") == "idle", "idle")
+    assert hint.is_hidden()
+
+
+@pytest.mark.usefixtures("tracker")
+def test_the_legend_says_what_is_drawn_and_hides_it(camera, page):
+    camera.show_on(page)
+    page.drag(camera.box_at(page.stamp))
+    camera.show_until(lambda: page.box, "box")
+    camera.show_on(page)
+    for name, shape in LAYERS.items():
+        button = page.locator(f"[data-layer={name}]")
+        about = button.get_attribute("data-about")
+        button.focus()
+        assert page.text("about") == about
+        assert button.get_attribute("aria-description") == about
+        button.press("Enter")
+        assert (button.get_attribute("aria-pressed"), page.locator(shape).is_visible()) == (
+            "false",
+            False,
+        )
+        button.click()
+        assert (button.get_attribute("aria-pressed"), page.locator(shape).is_visible()) == (
+            "true",
+            True,
+        )
+    page.locator("#heatmap-button").hover()
+    assert "look-alike" in page.text("about")
+    # There are no detections.
+    assert page.locator("[data-layer=detections]").is_hidden()
+
+
+@pytest.fixture
+def bags(tmp_path, write_images, moving_square):
+    """The moving square as two bags of images of other sizes; their first frames have one stamp."""
+    images = moving_square.images
+    return [
+        write_images(chosen, stamp_at).rename(tmp_path / name)
+        for name, chosen in (
+            ("wide", images),
+            ("tall", [np.ascontiguousarray(image[:, :90]) for image in images[:12]]),
+        )
+    ]
+
+
+@pytest.fixture
+def tour(tmp_path, moving_square):
+    """A tour of both bags, and the box that it suggests in the second one."""
+    box = [float(value) for value in moving_square.boxes[0]]
+    entries = [
+        {"recording": "wide", "title": "Square", "parameters": {"particles": 100}},
+        {
+            "recording": "tall",
+            "target": box,
+            "speed": 0.5,
+            "parameters": {"particles": 150},
+            "steps": ["Look.", {"text": "Change it.", "parameters": {"particles": 60}}],
+        },
+    ]
+    path = tmp_path / "tour.yaml"
+    path.write_text(yaml.safe_dump(entries))
+    return str(path), box
+
+
+@pytest.mark.usefixtures("tracker")
+def test_another_recording_is_opened_from_the_page(client, start_console, open_page, bags, tour):
+    path, box = tour
+    missing = str(bags[0].parent / "missing.mcap")
+    page = open_page(start_console(tour=path, recordings=[missing, str(bags[0])]).url)
+    choices = page.locator("#choices button")
+    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    assert choices.all_inner_texts() == ["Square", "tall", "missing.mcap"]
+    assert page.size == (160, 120)
+    assert page.locator("#steps").is_hidden()
+    page.drag(box)
+    page.wait_until(lambda: page.box, "box")
+
+    choices.nth(1).click()
+    page.wait_until(lambda: page.size == (90, 120) and page.shows(stamp_at(0)), "other recording")
+    assert page.text("frame") == "0 / 11"
+    assert page.locator("#speed").input_value() == "0.5"
+    assert page.text("state") == "idle"
+    # The suggested box is drawn as a ghost.
+    names = ("x", "y", "width", "height")
+    ghost = page.locator("#ghost:not([hidden]) rect")
+    assert [float(ghost.get_attribute(name)) for name in names] == box
+    client.wait_for(lambda: client.get_parameters("particles") == [150], "its value")
+    page.drag(box)
+    page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
+    page.wait_until(lambda: page.box, "box")
+    assert page.locator("#step-back").is_disabled()
+    page.locator("#step-next").click()
+    assert page.text("step-count") == "2 of 2"
+    page.get_by_role("button", name="Set particles to 60").click()
+    client.wait_for(lambda: client.get_parameters("particles") == [60], "the step's value")
+
+    # One that cannot be played leaves the present one.
+    page.get_by_role("button", name="Next: missing.mcap").click()
+    page.wait_until(lambda: "cannot be played: there is no" in page.text("note"), "reason")
+    page.wait_until(lambda: page.shows(stamp_at(0)), "the recording again")
+    assert choices.nth(1).get_attribute("aria-pressed") == "true"
+    # A recording of a tour is looped.
+    assert page.locator("#loop").get_attribute("aria-pressed") == "true"
+    page.locator("#speed").select_option("4")
+    page.locator("#play").click()
+    page.wait_until(lambda: page.text("frame") == "11 / 11", "end")
+    page.wait_until(lambda: page.stamp == stamp_at(0), "beginning")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
+    start_console, open_page, bags, moving_square
+):
+    console = start_console(source=str(bags[0]))
+    page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
+    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    page.wait_until(lambda: page.text("topic"), "name of the topic")
+    page.locator("#groups details").first.wait_for(state="attached")
+    tops = page.evaluate(TOPS)
+    order = ["stage", "recording", "state-card", "legend", "actions", "plots", "figures", "tune"]
+    assert sorted(order, key=tops.get) == order
+    rows = {tops[name] for name in ("first", "back", "play", "forward", "loop")}
+    assert len(rows) == 1
+    assert len({tops[name] for name in ("draw", "stop", "more-button")}) == 1
+    # The state is seen without scrolling.
+    assert tops["health"] < 844
+    page.evaluate(WATCH_SHIFTS)
+    page.drag(moving_square.boxes[0])
+    page.wait_until(lambda: page.box, "box")
+    for index in range(1, 6):
+        page.keyboard.press("ArrowRight")
+        page.wait_until(lambda: page.shows(stamp_at(index)), "next frame")  # noqa: B023
+    page.keyboard.press("ArrowLeft")
+    page.wait_until(lambda: page.text("frame") == "4 / 19", "frame before")
+    assert page.locator("#time").inner_text() == "" or page.locator("#time").is_hidden()
+    page.keyboard.press("Home")
+    page.wait_until(lambda: page.text("frame") == "0 / 19", "first frame")
+    assert page.evaluate("() => window.shifted") == []
