@@ -88,6 +88,8 @@ class FrameResult:
     def values(self) -> StatusValues:
         """Values of the status for the frame and the selected target."""
         values = common_values(self.targets, self.selected, self.detector_runs, self.estimate)
+        if self.image is not None:
+            values["image_height"], values["image_width"] = self.image.shape[:2]
         return values | likelihood_values(self.likelihood) if self.likelihood else values
 
     def target_statuses(self, node: str) -> list[Status]:
