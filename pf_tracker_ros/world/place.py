@@ -1,0 +1,55 @@
+"""Where a target is, in camera coordinates and in a fixed frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pf_tracker_ros.filter.gaussian import Gaussian
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Direction and position of a target in one frame, unfiltered.
+
+    Camera coordinates are x right, y down, z forward, in meters.
+
+    Attributes:
+        position: (3,) lower center of the target.
+        covariance: (3, 3) of the position, m^2.
+        method: `ground`, `height`, `depth`, or several joined by `+`.
+        bearing: (3,) unit vector to the center of the box.
+        bearing_covariance: (2, 2) of the bearing, rad^2: the angle along the camera's x axis (to the
+            right) and along its y axis (down).
+        occlusion: Share, 0 to 1, of the box's depth pixels that are nearer than the target; None
+            without depth.
+    """
+
+    position: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    method: str
+    bearing: NDArray[np.float64]
+    bearing_covariance: NDArray[np.float64]
+    occlusion: float | None = None
+
+    @property
+    def range(self) -> float:
+        """Distance of the lower center from the camera, meters."""
+        return float(np.linalg.norm(self.position))
+
+
+def in_fixed_frame(place: Place, rotation: ArrayLike, translation: ArrayLike) -> Gaussian:
+    """The position in a fixed frame: mean (3,) in meters and covariance (3, 3) in m^2.
+
+    Args:
+        place: In camera coordinates.
+        rotation: (3, 3) from the camera's optical frame to the fixed frame.
+        translation: (3,) position of the camera in the fixed frame, meters.
+    """
+    matrix = np.asarray(rotation, dtype=np.float64)
+    return Gaussian(
+        matrix @ place.position + np.asarray(translation, dtype=np.float64),
+        matrix @ place.covariance @ matrix.T,
+    )
