@@ -1,6 +1,6 @@
 """Entry points of the executables. Each parses its command line before the slow imports.
 
-SIGINT and SIGTERM end `tracker`, `localizer`, `replay` and `console` cleanly even during the imports.
+SIGINT and SIGTERM end the nodes (all but `evaluate` and `track`) cleanly even during the imports.
 """
 
 from __future__ import annotations

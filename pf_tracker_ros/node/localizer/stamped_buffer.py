@@ -81,6 +81,10 @@ class StampedBuffer(Generic[Item]):
             (self._stamps[after], self._items[after]) if after < len(self._stamps) else None,
         )
 
+    def limit(self, max_count: int) -> None:
+        """Keep at most so many items from now on."""
+        self._max_count = max_count
+
     def clear(self) -> None:
         """Forget all items."""
         self._stamps.clear()

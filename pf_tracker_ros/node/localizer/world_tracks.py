@@ -1,0 +1,244 @@
+"""Positions of the tracker's targets over time, without ROS: one filter for each target."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.node.localizer.camera_pose import CameraPose
+from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
+from pf_tracker_ros.node.localizer.tracker_status import ReportedTarget, TrackerFrame
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.world import (
+    METHODS,
+    CameraModel,
+    FilteredPosition,
+    Localizer,
+    Place,
+    PositionFilter,
+    in_fixed_frame,
+)
+from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
+
+# Seconds after the last measurement in which the prediction stands for the target.
+_PREDICTED_FOR = 0.5
+# Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
+# dimensions), from which a target has a heading.
+_MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedTarget:
+    """A target after a frame.
+
+    Attributes:
+        reported: As the tracker reported it.
+        bearing: (3,) unit vector to the center of the box, in camera coordinates; NaN where the
+            camera model has none.
+        bearing_covariance: (2, 2) of it along the camera's x and y axes, rad^2.
+        place: The measurement of this frame; None without.
+        world: Position and velocity; None without a recent measurement.
+        normalized_innovation: Squared, of the measurement; None without.
+        rejected: Number of consecutive measurements outside of the gate.
+        problem: Why this frame has no measurement that was used; empty if it has.
+    """
+
+    reported: ReportedTarget
+    bearing: NDArray[np.float64]
+    bearing_covariance: NDArray[np.float64]
+    place: Place | None
+    world: WorldTarget | None
+    normalized_innovation: float | None
+    rejected: int
+    problem: str
+
+
+class WorldTracks:
+    """Keeps a filter for each target of the tracker."""
+
+    def __init__(self) -> None:
+        self._tracks: dict[int, _Track] = {}
+
+    def clear(self) -> None:
+        """Forget all positions, as after a jump of the time."""
+        self._tracks.clear()
+
+    def advance(
+        self,
+        frame: TrackerFrame,
+        camera: CameraModel,
+        camera_pose: CameraPose,
+        depth: NDArray[np.generic] | None,
+        parameters: LocalizerParameters,
+    ) -> tuple[LocatedTarget, ...]:
+        """Take a frame.
+
+        Args:
+            frame: Of the tracker, later than the last one.
+            camera: Its calibration.
+            camera_pose: At its stamp.
+            depth: Of its time, as for `Localizer.locate`; None without.
+            parameters: Of the node.
+
+        Returns:
+            All targets of the frame.
+        """
+        # A lost target may be somebody else when it is found again.
+        kept = {target.id for target in frame.targets if target.state != "lost"}
+        self._tracks = {id: track for id, track in self._tracks.items() if id in kept}
+        localizer = Localizer(
+            camera,
+            plane=camera_pose.plane,
+            target_height=parameters.target.height,
+            target_height_sd=parameters.target.height_sd,
+        )
+        scene = _Scene(frame.stamp, localizer, camera_pose, depth, parameters)
+        return tuple(self._locate(target, scene) for target in frame.targets)
+
+    def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
+        stamp, camera = scene.stamp, scene.localizer.camera
+        bearing, bearing_covariance = bearing_of(camera, target.box, target.box_covariance)
+        track = self._tracks.get(target.id)
+        place, problem = None, distrust(target, scene.parameters.min_confidence)
+        if not problem:
+            track = track or self._tracks.setdefault(target.id, _Track())
+            place = scene.localizer.locate(
+                target.box,
+                target.box_covariance,
+                depth=scene.depth,
+                predicted_range=track.predicted_range(stamp, scene.camera_pose.pose),
+                methods=scene.methods,
+            )
+            problem = f"the box of target {target.id} gives no range"
+            if place:
+                problem = track.measure(target, place, scene)
+        return LocatedTarget(
+            reported=target,
+            bearing=place.bearing if place else bearing,
+            bearing_covariance=place.bearing_covariance if place else bearing_covariance,
+            place=place,
+            world=track.world(stamp, target) if track else None,
+            normalized_innovation=track.filter.normalized_innovation if track and place else None,
+            rejected=track.filter.rejected if track else 0,
+            problem=problem,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What all targets of a frame share; attributes as the arguments of `WorldTracks.advance`."""
+
+    stamp: int
+    localizer: Localizer
+    camera_pose: CameraPose
+    depth: NDArray[np.generic] | None
+    parameters: LocalizerParameters
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        method = self.parameters.method
+        return METHODS if method == "auto" else (method,)
+
+
+def distrust(target: ReportedTarget, min_confidence: float) -> str:
+    """Why the box of a target is no measurement; empty if it is."""
+    if target.state != "tracking":
+        return f"target {target.id} is {target.state}"
+    if target.confidence < min_confidence:
+        return (
+            f"the confidence of target {target.id} is {target.confidence:.2f}, below "
+            f"min_confidence ({min_confidence:g})"
+        )
+    return ""
+
+
+def bearing_of(
+    camera: CameraModel, box: Box, box_covariance: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3,) unit vector to the center of a box, and (2, 2) covariance as in `Place`."""
+    x, y, width, height = box
+    center = [[x + width / 2 - 0.5, y + height / 2 - 0.5]]
+    (ray,), (jacobian,) = camera.rays_with_jacobians(center)
+    # Directions across the ray, the first along the camera's x axis.
+    across = np.array([ray[2], 0.0, -ray[0]])
+    across /= max(float(np.linalg.norm(across)), 1e-9)
+    turned = np.array([across, np.cross(ray, across)]) @ jacobian
+    return ray, turned @ box_covariance[:2, :2] @ turned.T
+
+
+class _Track:
+    """Filter, heading and size of one target."""
+
+    def __init__(self) -> None:
+        self.filter = PositionFilter()
+        self._measured_at = 0
+        self._yaw: float | None = None
+        self._yaw_variance = UNKNOWN_ANGLE
+        self._size = 0.0, 0.0
+
+    def predicted_range(self, stamp: int, camera: RigidPose) -> tuple[float, float] | None:
+        """Distance from the camera and its standard deviation, meters; None without a position."""
+        predicted = self.filter.predict(stamp)
+        if predicted is None:
+            return None
+        offset = np.append(predicted.position, 0.0) - camera.translation
+        distance = float(np.linalg.norm(offset))
+        if distance <= 0.0:
+            return None
+        along = offset[:2] / distance
+        variance = float(along @ predicted.covariance[:2, :2] @ along)
+        return distance, math.sqrt(max(variance, 0.0))
+
+    def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
+        """Take a measurement; why it is not used, empty if it is."""
+        pose, camera = scene.camera_pose.pose, scene.localizer.camera
+        measured = in_fixed_frame(place, pose.rotation, pose.translation)
+        if not self.filter.update(scene.stamp, measured.mean, measured.covariance):
+            innovation = self.filter.normalized_innovation
+            return (
+                f"the position of target {target.id} jumped (squared innovation "
+                f"{innovation or 0.0:.1f}), as if the box were on something else"
+            )
+        self._measured_at = scene.stamp
+        if self._yaw is None:
+            away = measured.mean[:2] - pose.translation[:2]
+            self._yaw = math.atan2(away[1], away[0])
+        depth = float(place.position[2])
+        self._size = target.box[2] * depth / camera.fx, target.box[3] * depth / camera.fy
+        return ""
+
+    def world(self, stamp: int, target: ReportedTarget) -> WorldTarget | None:
+        """The target at a stamp; None without a recent measurement, unless it is occluded."""
+        filtered = self.filter.predict(stamp)
+        is_recent = stamp - self._measured_at <= _PREDICTED_FOR * NANOSECONDS
+        if filtered is None or not (is_recent or target.state == "occluded"):
+            return None
+        self._turn(filtered)
+        return WorldTarget(
+            id=target.id,
+            label=target.label,
+            state=target.state,
+            confidence=target.confidence,
+            filtered=filtered,
+            yaw=self._yaw or 0.0,
+            yaw_variance=self._yaw_variance,
+            size=self._size,
+        )
+
+    def _turn(self, filtered: FilteredPosition) -> None:
+        """Take the heading of a target that moves for certain; else keep the last one."""
+        velocity, covariance = filtered.velocity, filtered.covariance[2:, 2:]
+        speed = float(np.linalg.norm(velocity))
+        distance = float(velocity @ np.linalg.solve(covariance, velocity))
+        self._yaw_variance = UNKNOWN_ANGLE
+        if speed < _MIN_SPEED or distance < _MIN_SPEED_DISTANCE:
+            return
+        self._yaw = math.atan2(velocity[1], velocity[0])
+        across = np.array([-velocity[1], velocity[0]]) / speed
+        variance = float(across @ covariance @ across) / speed**2
+        self._yaw_variance = min(variance, UNKNOWN_ANGLE)
