@@ -93,8 +93,8 @@ def parameters_set(tree):
     }
 
 
-def test_there_are_launch_files_for_the_tracker_a_detector_and_the_replay_publisher():
-    names = ["detector.launch.py", "replay.launch.py", "tracker.launch.py"]
+def test_there_is_a_launch_file_for_each_use():
+    names = [f"{name}.launch.py" for name in ("detector", "follow", "replay", "tracker")]
     assert [path.name for path in LAUNCH_FILES] == names
 
 
@@ -105,9 +105,9 @@ def test_each_argument_that_is_read_is_declared_and_each_declared_one_is_read(pa
 
 
 def test_what_is_shared_is_read_where_it_is_called():
-    detector, replay, tracker = map(parsed, LAUNCH_FILES)
+    detector, follow, replay, tracker = map(parsed, LAUNCH_FILES)
     both = {"image_reliability", "params_file", "console", "use_sim_time", "log_level", "seed"}
-    assert both <= read(detector) & read(tracker)
+    assert both <= read(detector) & read(follow) & read(tracker)
     assert "large_images" in read(replay)
     assert "use_sim_time" not in read(replay)
     assert {"preset", "seed"} <= {*constants(parsed(SHARING))["TRACKER_PARAMETERS"]}
@@ -133,7 +133,7 @@ def test_each_shared_argument_is_described_and_declared_by_several_files():
 
 
 def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
-    _, replay, tracker = map(parsed, LAUNCH_FILES)
+    *_, replay, tracker = map(parsed, LAUNCH_FILES)
     (handed,) = [
         keyword.value.func.value
         for call in calls(replay)
@@ -146,14 +146,17 @@ def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
 
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     pytest.importorskip("rclpy")
+    from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
     from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
     from pf_tracker_ros.node_parameters import NodeParameters
     from pf_tracker_ros.parameters import declarations
     from pf_tracker_ros.tracking.parameters import TrackerParameters
 
     of_node = declarations(NodeParameters)
+    of_localizer = declarations(LocalizerParameters)
     of_each = (
         of_node | declarations(TrackerParameters),
+        of_node | of_localizer,
         declarations(ReplayParameters),
         of_node,
     )
@@ -166,6 +169,8 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
         assert all(known[name].type is bool for name in values.get("FLAGS", ()))
         assert {*values.get("EXTRA_TRACKER_PARAMETERS", ())} <= known.keys()
     assert {*shared["TRACKER_PARAMETERS"]} <= of_node.keys()
+    underscored = {name.replace(".", "_") for name in of_localizer}
+    assert {*shared["LOCALIZER_PARAMETERS"]} == underscored - {"autostart", "rectified"}
 
 
 # From here on the launch files are run.
