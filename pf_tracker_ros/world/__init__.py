@@ -7,11 +7,12 @@ from pf_tracker_ros.world.camera_model import CameraModel
 from pf_tracker_ros.world.ground_from_people import PeopleGround, fit_ground_plane
 from pf_tracker_ros.world.ground_plane import GroundPlane
 from pf_tracker_ros.world.localizer import METHODS, Localizer
-from pf_tracker_ros.world.place import Place, in_fixed_frame
+from pf_tracker_ros.world.place import Bearing, Place, in_fixed_frame
 from pf_tracker_ros.world.position_filter import FilteredPosition, PositionFilter
 
 __all__ = [
     "METHODS",
+    "Bearing",
     "CameraModel",
     "FilteredPosition",
     "GroundPlane",

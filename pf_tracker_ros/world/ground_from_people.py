@@ -17,13 +17,11 @@ class PeopleGround:
     """A ground plane that was learned.
 
     Attributes:
-        plane: The ground, its `tilt_sd` from the fit.
-        height_sd: Standard deviation of the camera's height, meters.
+        plane: The ground, its `tilt_sd` and `height_sd` from the fit.
         boxes: Number of boxes that agree with it.
     """
 
     plane: GroundPlane
-    height_sd: float
     boxes: int
 
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 _FIXED_ABOVE = 3.0
 # Standard deviation of the tilt between ground and camera, radians: of a vehicle that pitches on a
 # road that is not flat, and of a mounted camera.
-_TILT_SD_VEHICLE, _TILT_SD_FIXED = 0.01, 0.001
+_TILT_SD_VEHICLE, _TILT_SD_FIXED = 0.01, 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +32,7 @@ class GroundPlane:
         height: Of the camera above the ground, meters; None where it is unknown.
         tilt_sd: Standard deviation of the angle between `down` and the ground's true normal, about
             each horizontal axis, radians. It contains unevenness of the ground.
+        height_sd: Standard deviation of the height, meters.
 
     Raises:
         ValueError: A number is not finite, the height is not positive, or `down` has no direction.
@@ -40,6 +41,7 @@ class GroundPlane:
     down: NDArray[np.float64]
     height: float | None
     tilt_sd: float
+    height_sd: float = 0.0
 
     def __post_init__(self) -> None:
         down = np.array(self.down, dtype=np.float64)
@@ -50,8 +52,11 @@ class GroundPlane:
                 f"the camera's height is {self.height!r}; expected a positive number of meters, or "
                 "None where it is unknown"
             )
-        if not 0.0 <= self.tilt_sd < math.inf:
-            raise ValueError(f"tilt_sd is {self.tilt_sd!r}; expected radians from 0 up")
+        if not (0.0 <= self.tilt_sd < math.inf and 0.0 <= self.height_sd < math.inf):
+            raise ValueError(
+                f"tilt_sd is {self.tilt_sd!r} and height_sd {self.height_sd!r}; expected radians and "
+                "meters from 0 up"
+            )
         down /= np.linalg.norm(down)
         down.setflags(write=False)
         object.__setattr__(self, "down", down)

@@ -1,0 +1,139 @@
+"""What the edges of a box measure.
+
+The lower edge is where the target meets the ground, the upper edge its head, and the middle column
+its direction. An edge at the border of the image is cut: it is where the image ends, not the target.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pf_tracker_ros.boxes import Box, as_box
+
+# An edge within this distance of the border is cut: pixels, and a share of the box's height, since
+# detectors set the edges of cut boxes a little inside.
+_CUT_WITHIN, _CUT_WITHIN_SHARE = 2.0, 0.02
+# Standard deviation of an edge's row and of the middle column of a detector's box, box heights.
+_EDGE_SD = 0.045
+# Half the width of a target and its standard deviation, box heights, where an edge is cut.
+_HALF_WIDTH, _HALF_WIDTH_SD = 0.2, 0.12
+# Smallest standard deviation, pixels: boxes are rounded.
+_MIN_SD = 0.5
+# From center x, center y, width, height to middle column, lower edge, upper edge.
+_FROM_CENTER_AND_SIZE = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.5], [0.0, 1.0, 0.0, -0.5]])
+
+
+@dataclass(frozen=True, eq=False)
+class BoxEdges:
+    """Edges of a box in pixels, counted from the corner of the image.
+
+    Attributes:
+        box: The part inside the image.
+        middle: Column of the target's middle.
+        lower: Row of the lower edge; `upper` likewise.
+        upper: See `lower`.
+        covariance: (3, 3) of middle, lower and upper, px^2.
+        has_lower: Whether the lower edge is the target's.
+        has_upper: Whether the upper edge is.
+    """
+
+    box: Box
+    middle: float
+    lower: float
+    upper: float
+    covariance: NDArray[np.float64]
+    has_lower: bool
+    has_upper: bool
+
+    @classmethod
+    def of(
+        cls, box: ArrayLike, covariance: ArrayLike | None, image_size: tuple[int, int]
+    ) -> BoxEdges | None:
+        """The edges of a box; None where it is outside the image.
+
+        Args:
+            box: (x, y, width, height) in pixels.
+            covariance: (4, 4) of center x, center y, width and height, or (2, 2) of the center,
+                px^2; None means that of a good detector.
+            image_size: (width, height) in pixels.
+
+        Raises:
+            ValueError: The box is not four finite numbers with a positive size, or the covariance
+                has another shape or is not one.
+        """
+        left, upper, right, lower = _corners(box)
+        width, height = image_size
+        sides = _covariance(covariance, lower - upper)
+        tolerance = max(_CUT_WITHIN, _CUT_WITHIN_SHARE * (lower - upper))
+        cut_left, cut_right = left < tolerance, right > width - tolerance
+        has_upper, has_lower = upper >= tolerance, lower <= height - tolerance
+        left, right = max(left, 0.0), min(right, float(width))
+        upper, lower = max(upper, 0.0), min(lower, float(height))
+        if left >= right or upper >= lower:
+            return None
+        middle = (left + right) / 2.0
+        if cut_left or cut_right:
+            half = max(_HALF_WIDTH * (lower - upper), (right - left) / 2.0)
+            if not cut_left:
+                middle = left + half
+            elif not cut_right:
+                middle = right - half
+            sides[0, :] = sides[:, 0] = 0.0
+            sides[0, 0] = (_HALF_WIDTH_SD * (lower - upper)) ** 2 + (right - left) ** 2 / 12.0
+        return cls(
+            (left, upper, right - left, lower - upper),
+            middle,
+            lower,
+            upper,
+            sides,
+            has_lower,
+            has_upper,
+        )
+
+    def points(self) -> NDArray[np.float64]:
+        """(3, 2) pixels of foot, head and center of the box, counted as in `CameraModel`."""
+        center = self.box[0] + self.box[2] / 2.0, (self.upper + self.lower) / 2.0
+        return np.array([(self.middle, self.lower), (self.middle, self.upper), center]) - 0.5
+
+    def center_covariance(self) -> NDArray[np.float64]:
+        """(2, 2) of the center, px^2."""
+        from_edges = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.5]])
+        return from_edges @ self.covariance @ from_edges.T
+
+
+def _corners(box: ArrayLike) -> tuple[float, float, float, float]:
+    values = np.asarray(box, dtype=np.float64)
+    if values.shape != (4,) or not math.isfinite(values.sum()) or min(values[2:]) <= 0.0:
+        raise ValueError(
+            f"box is {box!r}; expected four finite numbers (x, y, width, height) in pixels, with a "
+            "positive size"
+        )
+    x, y, width, height = as_box(values)
+    return x, y, x + width, y + height
+
+
+def _covariance(covariance: ArrayLike | None, height: float) -> NDArray[np.float64]:
+    """(3, 3) of middle, lower and upper edge, px^2."""
+    variance = (_EDGE_SD * height) ** 2
+    if covariance is None:
+        return np.diag(np.full(3, variance + _MIN_SD**2))
+    given = np.asarray(covariance, dtype=np.float64)
+    if given.shape == (2, 2):
+        full = np.diag([0.0, 0.0, 2.0 * variance, 2.0 * variance])
+        full[:2, :2] = given
+    elif given.shape == (4, 4):
+        full = given
+    else:
+        raise ValueError(
+            f"box_covariance has shape {given.shape}; expected (4, 4) of center x, center y, width "
+            "and height, or (2, 2) of the center"
+        )
+    if not np.isfinite(full).all() or np.diagonal(full).min() < 0.0:
+        raise ValueError("box_covariance must be finite, with variances from 0 up")
+    edges = _FROM_CENTER_AND_SIZE @ full @ _FROM_CENTER_AND_SIZE.T
+    edges[np.diag_indices(3)] += _MIN_SD**2
+    return edges
