@@ -337,9 +337,10 @@ class LocalizerNode(ManagedNode):
         if selected:
             if not silence and selected.world:
                 self._outputs.publish_selected(header, selected.world)
-            if not distrust(selected.reported, self._settings.min_confidence):
+            is_trusted = not distrust(selected.reported, self._settings.min_confidence)
+            if is_trusted and selected.bearing:
                 image_header = Header(stamp=header.stamp, frame_id=frame.frame_id)
-                self._outputs.publish_bearing(image_header, selected)
+                self._outputs.publish_bearing(image_header, selected.bearing)
         located = [one.world for one in targets if one.world]
         self._outputs.publish_all(header, located, frame.selected)
         return silence

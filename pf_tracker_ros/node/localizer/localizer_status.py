@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -100,10 +99,10 @@ def located_values(target: LocatedTarget) -> StatusValues:
         "state": reported.state,
         "confidence": reported.confidence,
     }
-    if math.isfinite(float(target.bearing.sum())):
-        x, y, z = target.bearing.tolist()
+    if target.bearing:
+        x, y, z = target.bearing.direction.tolist()
+        (xx, xy), (_, yy) = target.bearing.covariance.tolist()
         values |= {"bearing_x": x, "bearing_y": y, "bearing_z": z}
-        (xx, xy), (_, yy) = target.bearing_covariance.tolist()
         values |= {"bearing_covariance_xx": xx, "bearing_covariance_xy": xy}
         values["bearing_covariance_yy"] = yy
     if place:

@@ -11,9 +11,9 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.messages import DETECTIONS_3D_TYPE, MARKERS_TYPE
 from pf_tracker_ros.node.localizer.transforms import Transforms
-from pf_tracker_ros.node.localizer.world_tracks import LocatedTarget
 from pf_tracker_ros.node.messages import message_class, new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
+from pf_tracker_ros.world import Bearing
 from pf_tracker_ros.world_messages import (
     BEARING_TYPE,
     ODOMETRY_TYPE,
@@ -78,14 +78,14 @@ class Outputs:
         )
         self._broadcast(header, {TARGET_FRAME: target})
 
-    def publish_bearing(self, header: Header, target: LocatedTarget) -> None:
+    def publish_bearing(self, header: Header, bearing: Bearing) -> None:
         """Publish the direction of the selected target.
 
         Args:
             header: Of the image.
-            target: The target.
+            bearing: The direction.
         """
-        self._publish("bearing", lambda: bearing_message(new_message, header, target.bearing))
+        self._publish("bearing", lambda: bearing_message(new_message, header, bearing.direction))
 
     def publish_all(self, header: Header, targets: Sequence[WorldTarget], selected: int) -> None:
         """Publish all targets.

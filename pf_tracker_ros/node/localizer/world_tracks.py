@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.node.localizer.camera_pose import CameraPose
 from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
-from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
 from pf_tracker_ros.node.localizer.tracker_status import ReportedTarget, TrackerFrame
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import (
     METHODS,
+    Bearing,
     CameraModel,
     FilteredPosition,
     Localizer,
@@ -38,9 +37,7 @@ class LocatedTarget:
 
     Attributes:
         reported: As the tracker reported it.
-        bearing: (3,) unit vector to the center of the box, in camera coordinates; NaN where the
-            camera model has none.
-        bearing_covariance: (2, 2) of it along the camera's x and y axes, rad^2.
+        bearing: Direction of the box in camera coordinates; None where there is none.
         place: The measurement of this frame; None without.
         world: Position and velocity; None without a recent measurement.
         normalized_innovation: Squared, of the measurement; None without.
@@ -49,8 +46,7 @@ class LocatedTarget:
     """
 
     reported: ReportedTarget
-    bearing: NDArray[np.float64]
-    bearing_covariance: NDArray[np.float64]
+    bearing: Bearing | None
     place: Place | None
     world: WorldTarget | None
     normalized_innovation: float | None
@@ -101,17 +97,16 @@ class WorldTracks:
         return tuple(self._locate(target, scene) for target in frame.targets)
 
     def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
-        stamp, camera = scene.stamp, scene.localizer.camera
-        bearing, bearing_covariance = bearing_of(camera, target.box, target.box_covariance)
+        stamp, localizer = scene.stamp, scene.localizer
         track = self._tracks.get(target.id)
         place, problem = None, distrust(target, scene.parameters.min_confidence)
         if not problem:
             track = track or self._tracks.setdefault(target.id, _Track())
-            place = scene.localizer.locate(
+            place = localizer.locate(
                 target.box,
                 target.box_covariance,
                 depth=scene.depth,
-                predicted_range=track.predicted_range(stamp, scene.camera_pose.pose),
+                predicted_range=track.predicted_range(scene),
                 methods=scene.methods,
             )
             problem = f"the box of target {target.id} gives no range"
@@ -119,8 +114,7 @@ class WorldTracks:
                 problem = track.measure(target, place, scene)
         return LocatedTarget(
             reported=target,
-            bearing=place.bearing if place else bearing,
-            bearing_covariance=place.bearing_covariance if place else bearing_covariance,
+            bearing=localizer.bearing(target.box, target.box_covariance),
             place=place,
             world=track.world(stamp, target) if track else None,
             normalized_innovation=track.filter.normalized_innovation if track and place else None,
@@ -157,20 +151,6 @@ def distrust(target: ReportedTarget, min_confidence: float) -> str:
     return ""
 
 
-def bearing_of(
-    camera: CameraModel, box: Box, box_covariance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(3,) unit vector to the center of a box, and (2, 2) covariance as in `Place`."""
-    x, y, width, height = box
-    center = [[x + width / 2 - 0.5, y + height / 2 - 0.5]]
-    (ray,), (jacobian,) = camera.rays_with_jacobians(center)
-    # Directions across the ray, the first along the camera's x axis.
-    across = np.array([ray[2], 0.0, -ray[0]])
-    across /= max(float(np.linalg.norm(across)), 1e-9)
-    turned = np.array([across, np.cross(ray, across)]) @ jacobian
-    return ray, turned @ box_covariance[:2, :2] @ turned.T
-
-
 class _Track:
     """Filter, heading and size of one target."""
 
@@ -181,12 +161,13 @@ class _Track:
         self._yaw_variance = UNKNOWN_ANGLE
         self._size = 0.0, 0.0
 
-    def predicted_range(self, stamp: int, camera: RigidPose) -> tuple[float, float] | None:
-        """Distance from the camera and its standard deviation, meters; None without a position."""
-        predicted = self.filter.predict(stamp)
+    def predicted_range(self, scene: _Scene) -> tuple[float, float] | None:
+        """Distance from the camera to half the height, and its standard deviation, meters."""
+        predicted = self.filter.predict(scene.stamp)
         if predicted is None:
             return None
-        offset = np.append(predicted.position, 0.0) - camera.translation
+        middle = np.append(predicted.position, scene.parameters.target.height / 2)
+        offset = middle - scene.camera_pose.pose.translation
         distance = float(np.linalg.norm(offset))
         if distance <= 0.0:
             return None
