@@ -2,12 +2,14 @@
 
 A box contains the target, background beside it, occluders before it, and holes.
 
-1. Sample the box's pixels on a grid. Each has a weight: its probability to be the target's, from
-   colors, times its nearness to the middle column.
+1. Sample the pixels on a grid. Each in the box has a weight: its probability to be the target's,
+   from colors, times its nearness to the middle column.
 2. A mode is a window of depth that holds the most weight. Remove it and find the next one.
-3. Choose the mode with the most weight times the likelihood of the predicted distance. The
-   prediction chooses between modes only: weighting pixels within one would confirm itself.
-4. The distance is the weighted median of the pixels in the mode.
+3. A mode that is also in the ring around the box is a background or an occluder that goes on there.
+4. Choose the mode with the most weight, contrast to the ring and likelihood of the predicted
+   distance. The prediction chooses between modes only: weighting pixels within one would confirm
+   itself.
+5. The distance is the weighted median of the pixels in the mode.
 
 The share of pixels that are clearly nearer than the target is evidence of an occlusion.
 """
@@ -20,17 +22,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Most samples along each axis of the box.
-_COLUMNS, _ROWS = 32, 48
+from pf_tracker_ros.world.box_samples import BoxSamples
+
 # Width of a bin of the logarithm of depth, and depth of the first and beyond the last, meters.
 _BIN, _NEAREST, _FARTHEST = 0.02, 0.1, 200.0
 _BINS = math.ceil(math.log(_FARTHEST / _NEAREST) / _BIN)
 # Half the extent of a mode: that of a person, meters, and noise relative to the distance.
-_EXTENT, _RELATIVE_EXTENT = 0.2, 0.04
+_EXTENT, _RELATIVE_EXTENT = 0.12, 0.03
 # Most modes, and least share of the weight in one.
 _MODES, _MIN_SHARE = 4, 0.06
 # Fewest samples with depth in the box.
 _MIN_SAMPLES = 12
+# Power of a mode's contrast to the ring.
+_RING_POWER = 3.0
 # Samples nearer than the target by this share are of an occluder.
 _NEARER_BY = 0.12
 # Weight of a pixel at the left and right edge of the box.
@@ -52,7 +56,8 @@ class ExpectedDepth:
     Attributes:
         depth: Along the optical axis, meters.
         sd: Standard deviation, meters.
-        floor: Likelihood, relative to the peak, that a depth has at least; 0 where it is sure.
+        floor: Likelihood, relative to the peak, that any depth has at least; 0 for a prediction,
+            which excludes depths.
         is_farthest: Whether the target may also be nearer, as when a box contains a part of it.
     """
 
@@ -60,6 +65,11 @@ class ExpectedDepth:
     sd: float
     floor: float = 0.0
     is_farthest: bool = False
+
+    @property
+    def is_prediction(self) -> bool:
+        """Whether it excludes depths."""
+        return self.floor == 0.0
 
     def log_likelihoods(self, depths: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) log likelihoods of depths, up to a constant."""
@@ -73,7 +83,7 @@ class ExpectedDepth:
         """Whether a depth cannot be the target's."""
         sd = math.hypot(self.sd / self.depth, _PREDICTION_SD)
         offset = math.log(depth / self.depth) / sd
-        return self.floor == 0.0 and abs(offset) > _PREDICTION_GATE
+        return self.is_prediction and abs(offset) > _PREDICTION_GATE
 
 
 @dataclass(frozen=True)
@@ -83,91 +93,15 @@ class DepthReading:
     Attributes:
         depth: Of the target along the optical axis, meters; None where it is not seen.
         sd: Standard deviation, meters; NaN where it is not seen.
-        column: Mean column of its pixels as a share of the box's width; likewise `row`.
-        row: See `column`.
+        row: Mean row of its samples as a share of the box's height.
         occlusion: Share of the samples that are nearer than the target; None where nothing says how
             far the target is.
     """
 
     depth: float | None
     sd: float
-    column: float
     row: float
     occlusion: float | None
-
-
-@dataclass(frozen=True, eq=False)
-class BoxSamples:
-    """A grid of pixels in a box, in an image of any resolution.
-
-    Attributes:
-        columns: (C,) indices of the sampled columns.
-        rows: (R,) of the sampled rows.
-        across: (C,) positions in the box, 0 to 1 from left to right.
-        down: (R,) likewise from top to bottom.
-    """
-
-    columns: NDArray[np.intp]
-    rows: NDArray[np.intp]
-    across: NDArray[np.float64]
-    down: NDArray[np.float64]
-
-    @classmethod
-    def of(
-        cls,
-        box: tuple[float, float, float, float],
-        image_size: tuple[int, int],
-        shape: tuple[int, ...],
-    ) -> BoxSamples | None:
-        """Samples of a box, at most one a pixel; None where it is outside the image.
-
-        Args:
-            box: In pixels of the camera's image.
-            image_size: (width, height) of that.
-            shape: Of the array to sample, whose first axes are rows and columns.
-        """
-        x, y, width, height = box
-        columns, across = _axis(x, width, image_size[0], shape[1], _COLUMNS)
-        rows, down = _axis(y, height, image_size[1], shape[0], _ROWS)
-        if not (len(columns) and len(rows)):
-            return None
-        return cls(columns, rows, across, down)
-
-    def take(self, array: NDArray[np.generic]) -> NDArray[np.generic]:
-        """(R, C, ...) samples of an array of the shape."""
-        return array[self.rows[:, None], self.columns]
-
-    def resample(self, over_box: NDArray[np.generic]) -> NDArray[np.float64]:
-        """(R, C) nearest values of a (rows, columns) map over the box.
-
-        Raises:
-            ValueError: The map has other dimensions, or values outside 0 to 1.
-        """
-        if over_box.ndim != 2 or over_box.size == 0 or over_box.dtype.kind not in "fiu":
-            raise ValueError(
-                f"target_probability is {over_box.shape} {over_box.dtype}; expected numbers in rows "
-                "and columns over the box"
-            )
-        rows = np.clip(self.down * over_box.shape[0], 0, over_box.shape[0] - 1).astype(np.intp)
-        columns = np.clip(self.across * over_box.shape[1], 0, over_box.shape[1] - 1)
-        values = over_box[rows[:, None], columns.astype(np.intp)].astype(np.float64)
-        if not (values.min() >= 0.0 and values.max() <= 1.0):
-            raise ValueError("target_probability must be between 0 and 1")
-        return values
-
-
-def _axis(
-    start: float, length: float, size: int, cells: int, most: int
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Indices of the cells along one axis, and their positions in the box, 0 to 1."""
-    scale = cells / size
-    first = max(math.floor(start * scale), 0)
-    end = min(max(math.ceil((start + length) * scale), first + 1), cells)
-    if first >= end:
-        return np.empty(0, dtype=np.intp), np.empty(0)
-    count = min(most, end - first)
-    indices = (first + (np.arange(count) + 0.5) * ((end - first) / count)).astype(np.intp)
-    return indices, ((indices + 0.5) / scale - start) / length
 
 
 def check_depth(depth: object, image_size: tuple[int, int]) -> NDArray[np.generic]:
@@ -202,8 +136,8 @@ def read_depth(
 
     Args:
         depth: (H, W) float in meters or uint16 in millimeters; 0, NaN and infinity are holes.
-        samples: Of the box.
-        target_probability: (R, C) probability, 0 to 1, of each sample to be the target's.
+        samples: Of the box and a ring around it.
+        target_probability: (R, C) probability, 0 to 1, of each sample in the box to be the target's.
         expected: What else is known of its depth; chooses between modes.
 
     Returns:
@@ -214,62 +148,83 @@ def read_depth(
         values *= 1e-3
     # A comparison with NaN is false.
     is_valid = (values > _NEAREST) & (values < _FARTHEST)
-    depths = values[is_valid]
-    if len(depths) < min(_MIN_SAMPLES, values.size):
+    is_in_box = is_valid[samples.inside].copy()
+    depths = values[samples.inside][is_in_box]
+    if len(depths) < min(_MIN_SAMPLES, is_in_box.size):
         return None
     middle = 1.0 - (1.0 - _EDGE_WEIGHT) * np.abs(2.0 * samples.across - 1.0)
-    weights = np.broadcast_to(np.maximum(middle, _EDGE_WEIGHT), values.shape)
+    weights = np.broadcast_to(np.maximum(middle, _EDGE_WEIGHT), is_in_box.shape)
     if target_probability is not None:
         weights = weights * target_probability
-    weights = weights[is_valid]
-    mode = _choose_mode(depths, weights, expected)
+    weights = weights[is_in_box]
+    is_valid[samples.inside] = False
+    mode = _choose_mode(depths, weights, values[is_valid], expected)
     if mode is None:
         nearer = None if expected is None else _share_nearer(depths, expected.depth)
-        return DepthReading(None, math.nan, 0.5, 0.5, nearer)
-    reach = _EXTENT + _RELATIVE_EXTENT * mode
-    inside = np.abs(depths - mode) < reach
+        return DepthReading(None, math.nan, 0.5, nearer)
+    inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     median = _weighted_median(depths[inside], weights[inside])
-    rows, columns = np.nonzero(is_valid)
-    is_sure = expected is not None and expected.floor == 0.0
-    reference = expected.depth if expected is not None and is_sure else median
+    is_predicted = expected is not None and expected.is_prediction
+    reference = expected.depth if expected is not None and is_predicted else median
     return DepthReading(
         median,
         math.hypot(_THICKNESS_SD, _RELATIVE_SD * median),
-        float(samples.across[columns[inside]].mean()),
-        float(samples.down[rows[inside]].mean()),
+        float(samples.down[np.nonzero(is_in_box)[0][inside]].mean()),
         _share_nearer(depths, reference),
     )
 
 
 def _choose_mode(
-    depths: NDArray[np.float64], weights: NDArray[np.float64], expected: ExpectedDepth | None
+    depths: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    around: NDArray[np.float64],
+    expected: ExpectedDepth | None,
 ) -> float | None:
-    """Middle of the target's mode; None where nothing there is the target."""
-    bins = (np.log(depths / _NEAREST) / _BIN).astype(np.intp)
-    histogram = np.bincount(bins, weights, _BINS)
+    """Middle of the target's mode; None where nothing there is the target.
+
+    Args:
+        depths: (N,) of the samples in the box, meters.
+        weights: (N,) of these.
+        around: (M,) of the samples in the ring.
+        expected: What else is known.
+    """
+    histogram = np.bincount(_bins(depths), weights, _BINS)
     total = float(histogram.sum())
     if total <= 0.0:
         return None
-    modes, masses = [], []
+    histogram /= total
+    ring = _window_sums(np.bincount(_bins(around), minlength=_BINS) / max(len(around), 1))
+    modes, scores = [], []
     for _ in range(_MODES):
-        cumulated = np.concatenate([_ZERO, np.cumsum(histogram)])
-        mass = cumulated[_WINDOW_END] - cumulated[_WINDOW_START]
-        best = float(mass.max())
-        if best < _MIN_SHARE * total:
+        shares = _window_sums(histogram)
+        share = float(shares.max())
+        if share < _MIN_SHARE:
             break
-        # The same bins are in several windows: the middle of these.
-        places = np.flatnonzero(mass > best - 1e-9 * total)
+        # Several windows contain the same bins: the middle of these.
+        places = np.flatnonzero(shares > share - 1e-9)
         place = int(places[len(places) // 2])
         modes.append(float(_BIN_CENTERS[place]))
-        masses.append(best)
+        scores.append(share * (share / (share + float(ring[place]))) ** _RING_POWER)
         histogram[_WINDOW_START[place] : _WINDOW_END[place]] = 0.0
     if not modes:
         return None
-    scores = np.log(masses)
+    log_scores = np.log(scores)
     if expected is not None:
-        scores += expected.log_likelihoods(np.array(modes))
-    mode = modes[int(np.argmax(scores))]
+        log_scores += expected.log_likelihoods(np.array(modes))
+    mode = modes[int(np.argmax(log_scores))]
     return None if expected is not None and expected.excludes(mode) else mode
+
+
+def _bins(depths: NDArray[np.float64]) -> NDArray[np.intp]:
+    return (np.log(depths / _NEAREST) / _BIN).astype(np.intp)
+
+
+def _window_sums(histogram: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(_BINS,) sum of the histogram over the window of each bin."""
+    cumulated = np.empty(_BINS + 1)
+    cumulated[0] = 0.0
+    np.cumsum(histogram, out=cumulated[1:])
+    return cumulated[_WINDOW_END] - cumulated[_WINDOW_START]
 
 
 def _weighted_median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
@@ -282,7 +237,6 @@ def _share_nearer(depths: NDArray[np.float64], depth: float) -> float:
     return float(np.count_nonzero(depths < (1.0 - _NEARER_BY) * depth)) / len(depths)
 
 
-_ZERO = np.zeros(1)
 _BIN_CENTERS = _NEAREST * np.exp((np.arange(_BINS) + 0.5) * _BIN)
 _REACH = _EXTENT + _RELATIVE_EXTENT * _BIN_CENTERS
 _BIN_EDGES = _NEAREST * np.exp(np.arange(_BINS + 1) * _BIN)

@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.world.box_edges import BoxEdges
+from pf_tracker_ros.world.box_samples import BoxSamples
 from pf_tracker_ros.world.camera_model import CameraModel
 from pf_tracker_ros.world.depth import (
-    BoxSamples,
     DepthReading,
     ExpectedDepth,
     check_depth,
@@ -217,13 +217,11 @@ class Localizer:
     ) -> DepthReading | None:
         depth = check_depth(depth, self._image_size)
         samples = BoxSamples.of(box, self._image_size, depth.shape)
-        if samples is None:
-            return None
+        if target_probability is None and image is not None:
+            target_probability = color_probability(image, box, self._image_size)
         probability = None
         if target_probability is not None:
             probability = samples.resample(np.asarray(target_probability))
-        elif image is not None:
-            probability = color_probability(image, box, self._image_size, samples)
         return read_depth(depth, samples, probability, expected)
 
     def _surface(

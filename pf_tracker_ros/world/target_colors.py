@@ -12,53 +12,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.world.depth import BoxSamples
+from pf_tracker_ros.world.box_samples import BoxSamples
 
 # Levels of a channel.
 _SHIFT, _LEVELS = 5, 8
-# Width of the ring and side of the inner box, relative to the box.
-_RING, _INNER = 0.25, 0.5
-# Samples that each color has in advance.
+# Side of the inner box, relative to the box.
+_INNER = 0.5
+# Samples that a histogram has in advance, over all colors.
 _PRIOR = 2.0
 
 
 def color_probability(
-    image: NDArray[np.generic], box: Box, image_size: tuple[int, int], samples: BoxSamples
-) -> NDArray[np.float64] | None:
-    """(R, C) probabilities, 0 to 1, of samples of a box; None without a ring in the image.
+    image: object, box: Box, image_size: tuple[int, int]
+) -> NDArray[np.float64]:
+    """(R, C) probabilities, 0 to 1, on a grid over a box.
 
     Args:
         image: (H, W, 3) uint8 BGR.
-        box: In pixels of the camera's image.
+        box: In pixels of the camera's image, not outside of it.
         image_size: (width, height) of that.
-        samples: Of the box in the image.
+
+    Raises:
+        ValueError: The image is of another kind.
     """
-    x, y, width, height = box
-    wider = (
-        x - _RING * width,
-        y - _RING * height,
-        (1.0 + 2.0 * _RING) * width,
-        (1.0 + 2.0 * _RING) * height,
+    is_color = isinstance(image, np.ndarray) and image.ndim == 3 and image.dtype == np.uint8
+    if not is_color or image.shape[2] != 3 or image.size == 0:
+        raise ValueError("image must be (H, W, 3) uint8 BGR, with pixels")
+    samples = BoxSamples.of(box, image_size, image.shape)
+    colors = _colors(samples.take(image))
+    in_box = colors[samples.inside]
+    is_inner = (np.abs(samples.down - 0.5) < _INNER / 2.0)[:, None] & (
+        np.abs(samples.across - 0.5) < _INNER / 2.0
     )
-    around = BoxSamples.of(wider, image_size, image.shape)
-    if around is None:
-        return None
-    colors = _colors(around.take(image))
-    share = 1.0 / (1.0 + 2.0 * _RING)
-    across, down = (2.0 * np.abs(one - 0.5) for one in (around.across, around.down))
-    outside = (across[None] > share) | (down[:, None] > share)
-    inside = (across[None] < _INNER * share) & (down[:, None] < _INNER * share)
-    if not (outside.any() and inside.any()):
-        return None
-    count = _LEVELS**3
-    target = np.bincount(colors[inside], minlength=count) + _PRIOR / count
-    background = np.bincount(colors[outside], minlength=count) + _PRIOR / count
+    all_of_box = np.bincount(in_box.ravel(), minlength=_COLORS)
+    target = np.bincount(in_box[is_inner], minlength=_COLORS) + _PRIOR / _COLORS
+    ring = np.bincount(colors.ravel(), minlength=_COLORS) - all_of_box + _PRIOR / _COLORS
     target /= target.sum()
-    probability = target / (target + background / background.sum())
-    return probability[_colors(samples.take(image))]
+    probability = target / (target + ring / ring.sum())
+    return probability[in_box]
 
 
-def _colors(pixels: NDArray[np.generic]) -> NDArray[np.intp]:
+_COLORS = _LEVELS**3
+
+
+def _colors(pixels: NDArray[np.uint8]) -> NDArray[np.intp]:
     """(...,) indices of the colors of (..., 3) pixels."""
-    levels = (pixels >> np.uint8(_SHIFT)).astype(np.intp)  # type: ignore[operator]
+    levels = (pixels >> _SHIFT).astype(np.intp)
     return (levels[..., 0] * _LEVELS + levels[..., 1]) * _LEVELS + levels[..., 2]
