@@ -215,18 +215,19 @@ class LocalizerNode(ManagedNode):
             except NotYetError:
                 self._timer.reset()
                 return
-            except Exception:
+            except Exception as error:
                 self._log.error(
                     f"unexpected error, continuing: {traceback.format_exc()[-5000:]}",
                     throttle_duration_sec=5.0,
                 )
-                status = None
+                reason = f"unexpected {type(error).__name__}: {error}"
+                status = self._status(frame, reason, waited)
             self._last_stamp = frame.stamp
             self._waiting.popleft()
-            if status and self._status_publisher:
+            self._last_status = status
+            if self._status_publisher:
                 header = Header(frame_id=frame.frame_id)
                 set_stamp(header, frame.stamp)
-                self._last_status = status
                 self._status_publisher.publish(header, status)
         self._timer.cancel()
 
@@ -254,6 +255,17 @@ class LocalizerNode(ManagedNode):
             self._problems.set("frame", silence)
         if sensed and not silence:
             silence = self._publish(frame, targets)
+        return self._status(frame, silence, waited, sensed, targets)
+
+    def _status(
+        self,
+        frame: TrackerFrame,
+        silence: str,
+        waited: float,
+        sensed: _Sensed | None = None,
+        targets: Sequence[LocatedTarget] = (),
+    ) -> LocalizerStatus:
+        """The status of a frame, and whether there is a pose from now on."""
         if not silence:
             self._silent_since = None
         elif self._silent_since is None:
