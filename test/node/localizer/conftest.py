@@ -198,12 +198,18 @@ class Scene(Node):
         self.send("camera_info", info or camera_info())
         self.wait_for(lambda: localizer._camera_info.arrivals.count > before, "calibration")
 
-    message = staticmethod(status_message)
+    def publish(self, stamp, targets, selected=1, **values):
+        """Send a frame of the tracker."""
+        self.publish_message(status_message(stamp, targets, selected, **values))
+
+    def publish_message(self, message):
+        """Send a message in place of the tracker's status."""
+        self._tracker.publish(message)
 
     def show(self, stamp, targets, selected=1, **values):
         """Send a frame of the tracker, and return the localizer's status for it."""
         before = len(self.statuses)
-        self._tracker.publish(status_message(stamp, targets, selected, **values))
+        self.publish(stamp, targets, selected, **values)
 
         def found():
             return [one for one in self.statuses[before:] if one.stamp == stamp]

@@ -360,13 +360,13 @@ def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_locali
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
     scene.calibrate(localizer)
-    scene._tracker.publish(DiagnosticArray())
+    scene.publish_message(DiagnosticArray())
     incomplete = given.target()
     del incomplete["box_x"]
-    scene._tracker.publish(scene.message(given.start, [incomplete]))
+    scene.publish(given.start, [incomplete])
     infinite = given.target(box=(0.0, 0.0, math.inf, 1.0))
-    scene._tracker.publish(scene.message(given.start, [infinite]))
-    scene._tracker.publish(scene.message(0, [given.target()]))
+    scene.publish(given.start, [infinite])
+    scene.publish(0, [given.target()])
     scene.wait_for(lambda: localizer._arrivals.count == 4, "messages")
     assert scene.statuses == []
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
