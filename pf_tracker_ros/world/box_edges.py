@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.boxes import Box
 
 # An edge within this distance of the border is cut: pixels, and a share of the box's height, since
 # detectors set the edges of cut boxes a little inside.
@@ -26,6 +26,8 @@ _MIN_SD = 0.5
 # From center x, center y, width, height to middle column, lower edge, upper edge.
 _FROM_CENTER_AND_SIZE = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.5], [0.0, 1.0, 0.0, -0.5]])
 
+_TO_CENTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.5]])
+
 
 @dataclass(frozen=True, eq=False)
 class BoxEdges:
@@ -37,6 +39,7 @@ class BoxEdges:
         lower: Row of the lower edge; `upper` likewise.
         upper: See `lower`.
         covariance: (3, 3) of middle, lower and upper, px^2.
+        root: (3, 3) of the covariance, C = root root^T.
         has_lower: Whether the lower edge is the target's.
         has_upper: Whether the upper edge is.
     """
@@ -46,6 +49,7 @@ class BoxEdges:
     lower: float
     upper: float
     covariance: NDArray[np.float64]
+    root: NDArray[np.float64]
     has_lower: bool
     has_upper: bool
 
@@ -67,10 +71,10 @@ class BoxEdges:
         """
         left, upper, right, lower = _corners(box)
         width, height = image_size
-        sides = _covariance(covariance, lower - upper)
         tolerance = max(_CUT_WITHIN, _CUT_WITHIN_SHARE * (lower - upper))
         cut_left, cut_right = left < tolerance, right > width - tolerance
         has_upper, has_lower = upper >= tolerance, lower <= height - tolerance
+        edges = _covariance(covariance, lower - upper)
         left, right = max(left, 0.0), min(right, float(width))
         upper, lower = max(upper, 0.0), min(lower, float(height))
         if left >= right or upper >= lower:
@@ -82,17 +86,11 @@ class BoxEdges:
                 middle = left + half
             elif not cut_right:
                 middle = right - half
-            sides[0, :] = sides[:, 0] = 0.0
-            sides[0, 0] = (_HALF_WIDTH_SD * (lower - upper)) ** 2 + (right - left) ** 2 / 12.0
-        return cls(
-            (left, upper, right - left, lower - upper),
-            middle,
-            lower,
-            upper,
-            sides,
-            has_lower,
-            has_upper,
-        )
+            edges[0, :] = edges[:, 0] = 0.0
+            edges[0, 0] = (_HALF_WIDTH_SD * (lower - upper)) ** 2 + (right - left) ** 2 / 12.0
+        inside = (left, upper, right - left, lower - upper)
+        root = np.linalg.cholesky(edges)
+        return cls(inside, middle, lower, upper, edges, root, has_lower, has_upper)
 
     def points(self) -> NDArray[np.float64]:
         """(3, 2) pixels of foot, head and center of the box, counted as in `CameraModel`."""
@@ -101,26 +99,27 @@ class BoxEdges:
 
     def center_covariance(self) -> NDArray[np.float64]:
         """(2, 2) of the center, px^2."""
-        from_edges = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.5]])
-        return from_edges @ self.covariance @ from_edges.T
+        return _TO_CENTER @ self.covariance @ _TO_CENTER.T
 
 
 def _corners(box: ArrayLike) -> tuple[float, float, float, float]:
+    """Left, upper, right and lower edge."""
     values = np.asarray(box, dtype=np.float64)
-    if values.shape != (4,) or not math.isfinite(values.sum()) or min(values[2:]) <= 0.0:
-        raise ValueError(
-            f"box is {box!r}; expected four finite numbers (x, y, width, height) in pixels, with a "
-            "positive size"
-        )
-    x, y, width, height = as_box(values)
-    return x, y, x + width, y + height
+    if values.shape == (4,):
+        x, y, width, height = values.tolist()
+        if math.isfinite(x + y + width + height) and width > 0.0 and height > 0.0:
+            return x, y, x + width, y + height
+    raise ValueError(
+        f"box is {box!r}; expected four finite numbers (x, y, width, height) in pixels, with a "
+        "positive size"
+    )
 
 
 def _covariance(covariance: ArrayLike | None, height: float) -> NDArray[np.float64]:
     """(3, 3) of middle, lower and upper edge, px^2."""
     variance = (_EDGE_SD * height) ** 2
     if covariance is None:
-        return np.diag(np.full(3, variance + _MIN_SD**2))
+        return _IDENTITY * (variance + _MIN_SD**2)
     given = np.asarray(covariance, dtype=np.float64)
     if given.shape == (2, 2):
         full = np.diag([0.0, 0.0, 2.0 * variance, 2.0 * variance])
@@ -132,8 +131,11 @@ def _covariance(covariance: ArrayLike | None, height: float) -> NDArray[np.float
             f"box_covariance has shape {given.shape}; expected (4, 4) of center x, center y, width "
             "and height, or (2, 2) of the center"
         )
-    if not np.isfinite(full).all() or np.diagonal(full).min() < 0.0:
-        raise ValueError("box_covariance must be finite, with variances from 0 up")
-    edges = _FROM_CENTER_AND_SIZE @ full @ _FROM_CENTER_AND_SIZE.T
-    edges[np.diag_indices(3)] += _MIN_SD**2
-    return edges
+    # Also false with NaN.
+    if not np.linalg.eigvalsh((full + full.T) / 2.0).min() > -1e-6:
+        raise ValueError("box_covariance must be finite, and positive semidefinite")
+    edges = _FROM_CENTER_AND_SIZE @ full @ _FROM_CENTER_AND_SIZE.T + _IDENTITY * _MIN_SD**2
+    return (edges + edges.T) / 2.0
+
+
+_IDENTITY = np.eye(3)

@@ -36,6 +36,7 @@ _COEFFICIENTS = {
 _STEPS, _TOLERANCE = 50, 1e-6
 # OpenCV's fixed-point iteration, from which Newton's method starts.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
+_ACROSS = np.eye(3)[:, :2]
 
 
 class CameraModel:
@@ -91,6 +92,9 @@ class CameraModel:
         self.model = model
         self.distortion = coefficients if coefficients.any() else np.empty(0)
         self.distortion.setflags(write=False)
+        self._center = np.array([cx, cy], dtype=np.float64)
+        self._scale = np.array([1.0 / fx, 1.0 / fy])
+        self._inverse = np.diag(self._scale)
         self._matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     @classmethod
@@ -163,9 +167,7 @@ class CameraModel:
             pixels = points[:, :2] / depth[:, None]
             if len(self.distortion):
                 return self._distort(pixels)[0]
-        pixels *= (self.fx, self.fy)
-        pixels += (self.cx, self.cy)
-        return pixels
+        return pixels / self._scale + self._center
 
     def rays(self, pixels: ArrayLike) -> NDArray[np.float64]:
         """(N, 3) unit vectors to (N, 2) pixels; NaN where the model has no inverse."""
@@ -185,18 +187,17 @@ class CameraModel:
         pixels = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
         if self.model == "equidistant":
             return self._equidistant_rays(pixels)
-        if len(self.distortion):
-            normalized, inverse = self._undistort(pixels)
-        else:
-            normalized = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
-            inverse = np.broadcast_to(np.diag([1.0 / self.fx, 1.0 / self.fy]), (len(pixels), 2, 2))
         rays = np.ones((len(pixels), 3))
-        rays[:, :2] = normalized
-        length = np.sqrt(np.einsum("ni,ni->n", rays, rays))
-        rays /= length[:, None]
-        # d(r / |r|) = (I - r r^T) dr / |r|, with dr in the first two rows.
-        across = np.eye(3)[:, :2] - rays[:, :, None] * rays[:, None, :2]
-        return rays, across @ inverse / length[:, None, None]
+        if len(self.distortion):
+            rays[:, :2], inverse = self._undistort(pixels)
+        else:
+            rays[:, :2], inverse = (pixels - self._center) * self._scale, self._inverse
+        inverse_length = 1.0 / np.sqrt(np.square(rays).sum(axis=1))
+        rays *= inverse_length[:, None]
+        # d(r / |r|) = (I - r r^T) dr / |r| with unit r in the product; dr is in the first two rows.
+        across = _ACROSS - rays[:, :, None] * rays[:, None, :2]
+        across *= inverse_length[:, None, None]
+        return rays, across @ inverse
 
     def _distort(
         self, normalized: NDArray[np.float64]
@@ -251,7 +252,7 @@ class CameraModel:
     def _equidistant_rays(
         self, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        offsets = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
+        offsets = (pixels - self._center) * self._scale
         distorted = np.maximum(np.sqrt(np.einsum("ni,ni->n", offsets, offsets)), 1e-12)
         angle = np.minimum(distorted, math.pi)
         for _ in range(_STEPS):
@@ -273,4 +274,4 @@ class CameraModel:
         across = turned * (sine / distorted)[:, None]
         jacobian[:] = along[:, :, None] * direction[:, None, :]
         jacobian[:, :2] += across[:, :, None] * turned[:, None, :]
-        return rays, jacobian / (self.fx, self.fy)
+        return rays, jacobian * self._scale

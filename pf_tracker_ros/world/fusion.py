@@ -10,10 +10,12 @@ Gaussian at any distance:
 
 The first two are of the foot's near side, where the box ends; the middle is a little farther.
 
-The errors are linear in independent ones: of the box's edges, the tilt of the ground, the heights of
-camera and target, the foot's near side, and the depth. The fused 1 / D is the best linear unbiased
-estimate, and its covariance contains the correlation through edges and tilt that the measurements
-share. The same errors give the covariance of the position.
+An error is linear in independent ones of variance 1: of the box's edges, the tilt of the ground, the
+heights of camera and target, the foot's near side, and the depth. So it is a vector, and the product
+of two is the covariance. Two measurements x and y with errors a and b give the best linear unbiased
+estimate w x + (1 - w) y with w = (b - a) b / |a - b|^2, whose error is w a + (1 - w) b. The errors of
+ground and height correlate through edges and tilt; that of the depth is independent of both, so they
+are fused one after the other.
 
 Source: Kay 1993, "Fundamentals of Statistical Signal Processing: Estimation Theory", section 6.5.
 """
@@ -21,6 +23,7 @@ Source: Kay 1993, "Fundamentals of Statistical Signal Processing: Estimation The
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -29,19 +32,13 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.world.view import View
 
-# Columns of the independent errors: middle, lower and upper edge of the box (pixels), tilt (radians),
-# height of the camera, of the target, near side of the foot, and distance from the depth (meters).
-_EDGES, _TILT, _CAMERA, _TARGET, _NEAR_SIDE, _DEPTH = slice(0, 3), 3, 4, 5, 6, 7
-_ERRORS = 8
-# From the near side of the foot to the middle of the target and its standard deviation, meters: half
-# a step.
+# From the near side of the foot to the middle of the target and its standard deviation, meters: part
+# of a step.
 TO_MIDDLE, _TO_MIDDLE_SD = 0.07, 0.15
-# Least slope of a foot on the ground: 57 arc minutes below the horizon.
+# Least slope of a foot on the ground: 3 arc minutes below the horizon.
 _LEAST_SLOPE = 1e-3
 # Squared distance in standard deviations from which two measurements contradict each other.
 _CONTRADICTION = 9.0
-
-
 # A point of the target shows how far the foot below it is up to this slope: 70 degrees.
 _STEEPEST = 2.75
 # Smallest standard deviation of a position, meters.
@@ -49,6 +46,10 @@ _SMALLEST_SD = 0.02
 # Unseen foot of a target with unknown ground and head: below the point by this share of its height,
 # with this standard deviation.
 _UNSEEN_SHARE, _UNSEEN_SHARE_SD = 0.5, 0.25
+
+# Derivatives by three errors of edges, then tilt, height of the camera, height of the target, near
+# side of the foot, depth.
+_Error = list[float]
 
 
 @dataclass(frozen=True)
@@ -59,26 +60,24 @@ class TargetHeight:
     sd: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class FusedDistance:
     """Horizontal distance of a target's middle.
 
     Attributes:
         methods: Names of the measurements in it.
         distance: Meters.
-        gradient: (8,) of the distance by the independent errors.
-        errors: (8, 8) covariance of these.
+        error: Its derivatives by the independent errors, meters.
     """
 
     methods: tuple[str, ...]
     distance: float
-    gradient: NDArray[np.float64]
-    errors: NDArray[np.float64]
+    error: _Error
 
     @property
     def sd(self) -> float:
         """Standard deviation of the distance, meters."""
-        return math.sqrt(float(self.gradient @ self.errors @ self.gradient))
+        return math.sqrt(_product(self.error, self.error))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +99,7 @@ class Surface:
     @property
     def shows_distance(self) -> bool:
         """Whether the camera does not look down on it from nearly above."""
-        return float(np.linalg.norm(self.point)) < self.distance * (1.0 + _STEEPEST**2) ** 0.5
+        return float(np.linalg.norm(self.point)) < self.distance * math.hypot(1.0, _STEEPEST)
 
 
 def box_measurements(view: View, target_height: TargetHeight) -> dict[str, float]:
@@ -108,13 +107,11 @@ def box_measurements(view: View, target_height: TargetHeight) -> dict[str, float
     inverses: dict[str, float] = {}
     if not view.has_foot:
         return inverses
-    foot = float(view.slopes[0])
+    foot, head = view.slopes[:2]
     if view.plane.height is not None and foot > _LEAST_SLOPE:
         inverses["ground"] = foot / view.plane.height
-    if view.has_head:
-        inverse = (foot - float(view.slopes[1])) / target_height.mean
-        if inverse > 0.0:
-            inverses["height"] = inverse
+    if view.has_head and foot > head:
+        inverses["height"] = (foot - head) / target_height.mean
     return {name: one / (1.0 + TO_MIDDLE * one) for name, one in inverses.items()}
 
 
@@ -128,50 +125,48 @@ def fuse(
 
     Args:
         view: Of the box; its foot is visible.
-        inverses: Method to measured 1 / distance, at least one, 1/m.
+        inverses: Method to measured 1 / distance, at least one, 1/m; `depth` last.
         target_height: Height of targets.
         depth_sd: Standard deviation of the horizontal distance from depth, meters.
     """
-    errors = _error_covariance(view, target_height, depth_sd)
+    inverse = inverses.get("depth", sum(inverses.values()) / len(inverses))
+    errors = _errors(view, inverses, target_height, depth_sd, inverse)
     if "depth" in inverses:
-        inverses = _without_contradictions(view, inverses, target_height, errors)
-    values = np.array(list(inverses.values()))
-    inverse = inverses.get("depth", float(values.mean()))
+        # The depth is more direct than what it contradicts.
+        inverses = {
+            name: value
+            for name, value in inverses.items()
+            if _squared_distance(value - inverse, errors[name], errors["depth"]) < _CONTRADICTION
+        }
+    # Errors depend on the distance: those of each at its own would favor the nearer.
     scale = 1.0
-    # Variances depend on the distance: those of each at its own would favor the nearer.
     for _ in range(2):
-        gradients = _gradients(view, inverses, target_height, inverse)
-        if len(values) == 1:
-            weights = np.ones(1)
-            break
-        covariance = gradients @ errors @ gradients.T
-        information = np.linalg.inv(covariance)
-        weights = information.sum(axis=0)
-        weights /= weights.sum()
-        inverse = float(weights @ values)
-        if inverse <= 0.0:
-            inverse = float(values.min())
-        residuals = values - inverse
-        squared = float(residuals @ information @ residuals) / (len(values) - 1)
-        scale = max(1.0, squared / _CONTRADICTION) ** 0.5
-    gradient = -(weights @ gradients) / inverse**2
-    return FusedDistance(tuple(inverses), 1.0 / inverse, scale * gradient, errors)
+        errors = _errors(view, inverses, target_height, depth_sd, inverse)
+        names = iter(inverses)
+        first = next(names)
+        inverse, error = inverses[first], errors[first]
+        for name in names:
+            squared = _squared_distance(inverses[name] - inverse, errors[name], error)
+            scale = max(scale, math.sqrt(squared / _CONTRADICTION))
+            inverse, error = _combine(inverse, error, inverses[name], errors[name])
+    factor = -scale / inverse**2
+    return FusedDistance(tuple(inverses), 1.0 / inverse, [factor * one for one in error])
 
 
 def foot_position(
     view: View, fused: FusedDistance
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(3,) position of the lower center in camera coordinates, and (3, 3) covariance."""
-    ray, jacobian = view.rays[0], view.jacobians[0]
-    cosine, slope = float(view.horizontals[0]), float(view.slopes[0])
+    ray, slope = view.rays[0], view.slopes[0]
+    cosine = float(view.horizontal[0])
     length = fused.distance / cosine
-    # P = D / cos(angle) * ray: by the distance, the pixel, and the tilt of the horizon.
-    by_errors = np.outer(ray / cosine, fused.gradient)
-    by_errors[:, :2] += length * jacobian
-    by_errors[:, :2] += np.outer(ray, length * slope / cosine * (view.plane.down @ jacobian))
-    by_errors[:, _TILT] += length * slope * ray
-    covariance = by_errors @ fused.errors @ by_errors.T
-    return length * ray, (covariance + covariance.T) / 2.0
+    # P = D / cosine * ray: by the distance, by the cosine through edges and tilt, and by the ray.
+    along = np.array(fused.error) / cosine
+    along[:3] += length * slope * cosine * cosine * np.array(view.slope_errors[0])
+    along[3] += length * slope * view.plane.tilt_sd
+    by_errors = ray[:, None] * along
+    by_errors[:, :3] += length * view.ray_errors[0]
+    return length * ray, by_errors @ by_errors.T + _SMALLEST_COVARIANCE
 
 
 def position_below(
@@ -190,82 +185,81 @@ def position_below(
     plane = view.plane
     level = float(surface.point @ plane.down)
     if plane.height is not None:
-        drop, drop_sd = (
-            plane.height - level,
-            math.hypot(plane.tilt_sd * surface.distance, plane.height_sd),
-        )
+        drop = plane.height - level
+        drop_sd = math.hypot(plane.tilt_sd * surface.distance, plane.height_sd)
     elif view.has_head:
-        drop = surface.distance * float(view.slopes[1]) + target_height.mean - level
+        drop = surface.distance * view.slopes[1] + target_height.mean - level
         drop_sd = target_height.sd
     else:
         drop = _UNSEEN_SHARE * target_height.mean
         drop_sd = _UNSEEN_SHARE_SD * target_height.mean
-    forward = surface.point - level * plane.down
-    forward = forward / max(surface.distance, 1e-9)
-    across_variance = float(view.edges.covariance[0, 0])
-    covariance = surface.sd**2 * np.outer(forward, forward)
-    covariance += across_variance * np.outer(surface.across, surface.across)
-    covariance += drop_sd**2 * np.outer(plane.down, plane.down)
-    # A person's middle is known to some centimeters at best, also across.
-    covariance += _SMALLEST_SD**2 * np.eye(3)
-    return surface.point + drop * plane.down, covariance
+    forward = (surface.point - level * plane.down) / max(surface.distance, 1e-9)
+    by_errors = np.column_stack(
+        [
+            surface.sd * forward,
+            math.sqrt(view.edges.covariance[0, 0]) * surface.across,
+            drop_sd * plane.down,
+        ]
+    )
+    return surface.point + drop * plane.down, by_errors @ by_errors.T + _SMALLEST_COVARIANCE
 
 
-def _error_covariance(
-    view: View, target_height: TargetHeight, depth_sd: float
-) -> NDArray[np.float64]:
-    """(8, 8) of the independent errors."""
-    plane = view.plane
-    errors = np.zeros((_ERRORS, _ERRORS))
-    errors[_EDGES, _EDGES] = view.edges.covariance
-    sds = (plane.tilt_sd, plane.height_sd, target_height.sd, _TO_MIDDLE_SD, depth_sd)
-    for column, sd in zip((_TILT, _CAMERA, _TARGET, _NEAR_SIDE, _DEPTH), sds, strict=True):
-        errors[column, column] = sd * sd
-    return errors
-
-
-def _gradients(
-    view: View, inverses: Mapping[str, float], target_height: TargetHeight, inverse: float
-) -> NDArray[np.float64]:
-    """(M, 8) derivatives of the measured 1 / distance by the errors, at an estimate of it."""
-    (foot, head), (foot_gradient, head_gradient) = view.slopes[:2], view.slope_gradients[:2]
-    # 1 / distance of the near side, and the derivative of that of the middle by it.
-    near = inverse / max(1.0 - TO_MIDDLE * inverse, 0.1)
-    by_near = (inverse / near) ** 2
-    gradients = np.zeros((len(inverses), _ERRORS))
-    for row, name in zip(gradients, inverses, strict=True):
-        if name == "depth":
-            row[_DEPTH] = -inverse * inverse
-            continue
-        if name == "ground":
-            height = view.plane.height or 1.0
-            row[:2] = foot_gradient
-            row[_TILT] = 1.0 + foot * foot
-            row[_CAMERA] = -near
-        else:
-            height = target_height.mean
-            row[0] = foot_gradient[0] - head_gradient[0]
-            row[1], row[2] = foot_gradient[1], -head_gradient[1]
-            row[_TILT] = foot * foot - head * head
-            row[_TARGET] = -near
-        row *= by_near / height
-        row[_NEAR_SIDE] = -inverse * inverse
-    return gradients
-
-
-def _without_contradictions(
+def _errors(
     view: View,
     inverses: Mapping[str, float],
     target_height: TargetHeight,
-    errors: NDArray[np.float64],
-) -> dict[str, float]:
-    """The measurements that the depth does not contradict: it is the more direct one."""
-    names, depth = list(inverses), inverses["depth"]
-    gradients = _gradients(view, inverses, target_height, depth)
-    differences = gradients - gradients[names.index("depth")]
-    variances = np.einsum("ni,ij,nj->n", differences, errors, differences)
-    return {
-        name: value
-        for (name, value), variance in zip(inverses.items(), variances.tolist(), strict=True)
-        if name == "depth" or (value - depth) ** 2 <= _CONTRADICTION * variance
-    }
+    depth_sd: float,
+    inverse: float,
+) -> dict[str, _Error]:
+    """Method to the error of its 1 / distance, at an estimate of that."""
+    (foot, head), plane = view.slopes[:2], view.plane
+    # 1 / distance of the near side, and the derivative of that of the middle by it.
+    near = inverse / max(1.0 - TO_MIDDLE * inverse, 0.1)
+    by_near = (inverse / near) ** 2
+    of_middle = -(inverse**2) * _TO_MIDDLE_SD
+    errors: dict[str, _Error] = {}
+    for name in inverses:
+        if name == "ground":
+            scale = by_near / (plane.height or 1.0)
+            edges = [scale * one for one in view.slope_errors[0]]
+            tilt = scale * (1.0 + foot * foot) * plane.tilt_sd
+            camera = -scale * near * plane.height_sd
+            errors[name] = [*edges, tilt, camera, 0.0, of_middle, 0.0]
+        elif name == "height":
+            scale = by_near / target_height.mean
+            of_foot, of_head = view.slope_errors
+            edges = [scale * (one - other) for one, other in zip(of_foot, of_head, strict=True)]
+            tilt = scale * (foot * foot - head * head) * plane.tilt_sd
+            target = -scale * near * target_height.sd
+            errors[name] = [*edges, tilt, 0.0, target, of_middle, 0.0]
+        else:
+            errors[name] = [0.0] * 7 + [-(inverse**2) * depth_sd]
+    return errors
+
+
+def _combine(
+    one: float, error: _Error, other: float, other_error: _Error
+) -> tuple[float, _Error]:
+    """The best linear unbiased estimate from two, and its error."""
+    difference = [a - b for a, b in zip(error, other_error, strict=True)]
+    variance = _product(difference, difference)
+    weight = -_product(difference, other_error) / variance if variance > 0.0 else 0.5
+    combined = other + weight * (one - other)
+    if combined <= 0.0:
+        # The weights of correlated measurements may leave 0 to 1.
+        weight = min(max(weight, 0.0), 1.0)
+        combined = other + weight * (one - other)
+    return combined, [b + weight * d for b, d in zip(other_error, difference, strict=True)]
+
+
+def _squared_distance(difference: float, error: _Error, other: _Error) -> float:
+    """Squared difference of two measurements in standard deviations."""
+    between = [a - b for a, b in zip(error, other, strict=True)]
+    return difference**2 / max(_product(between, between), 1e-300)
+
+
+def _product(one: _Error, other: _Error) -> float:
+    return sum(map(operator.mul, one, other))
+
+
+_SMALLEST_COVARIANCE = _SMALLEST_SD**2 * np.eye(3)

@@ -201,7 +201,7 @@ class Localizer:
         if not inverses:
             return None
         fused = fuse(view, inverses, self._target_height)
-        scale = forward / float(view.horizontals[2])
+        scale = forward / float(view.horizontal[2])
         # A box that contains a part of the target is of a nearer one than its height says.
         return ExpectedDepth(
             fused.distance * scale, fused.sd * scale, _UNEXPECTED, "ground" not in inverses
