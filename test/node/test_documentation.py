@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS
+from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 
@@ -26,6 +27,23 @@ def test_the_table_lists_the_topics_and_services_of_the_node(graph):
     assert services <= {service.srv_name for service in node.services}
 
 
+def test_the_table_lists_the_topics_of_the_localizer(graph):
+    node = LocalizerNode(context=graph.context())
+    graph.run(node)
+    text = (REPOSITORY / "docs" / "localizer.md").read_text()
+    listed = {
+        name.replace("~", "/localizer") if "~" in name else f"/{name.lstrip('/')}"
+        for row in re.findall(r"^\| (?:in|out) \| ([^|]+) \|", text, re.MULTILINE)
+        for name in re.findall(r"`(\S+)`", row)
+    }
+    rclpy_own = {"/rosout", "/parameter_events", "/clock", "/localizer/transition_event"}
+    endpoints = {one.topic_name for one in (*node.publishers, *node.subscriptions)} - rclpy_own
+    assert endpoints <= listed | {"/tf_static"}
+    optional = {"/localizer/detections_3d", "/tf"}
+    optional |= {"/depth/compressed", "/depth/compressedDepth"}
+    assert listed - endpoints <= optional
+
+
 def test_the_table_of_encodings_is_complete():
     table = NODE.partition("| encoding |")[2].partition("\n\n")[0]
     named = set(re.findall(r"`([\w]+)`", table))
@@ -41,7 +59,8 @@ def test_documented_parameters_exist():
 
 
 @pytest.mark.parametrize(
-    "document", ["README.md", "docs/node.md", "docs/recipes.md", "docs/security.md"]
+    "document",
+    ["README.md", "docs/node.md", "docs/recipes.md", "docs/localizer.md", "docs/security.md"],
 )
 def test_links_lead_to_files_and_headings(document):
     path = REPOSITORY / document

@@ -127,8 +127,9 @@ def test_it_is_silent_without_a_selected_target(scene, make_localizer, given):
     reasons = [
         scene.show(given.start, [], selected=0, state="idle").values["reason"],
         *(
-            scene.show(given.start + index * given.frame, [given.target()], selected=selected)
-            .values["reason"]
+            scene.show(
+                given.start + index * given.frame, [given.target()], selected=selected
+            ).values["reason"]
             for index, selected in ((1, 0), (2, 7))
         ),
         scene.show(given.start + 3 * given.frame, [], state="skipped").values["reason"],
@@ -240,9 +241,7 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
     assert status.values["camera_mounting"] == "imu"
     assert float(status.values["camera_pitch"]) == pytest.approx(pitch, abs=1e-6)
     # The optical axis meets the ground at height / tan(pitch).
-    assert float(status.targets[1]["x"]) == pytest.approx(
-        1.5 / math.tan(pitch), abs=FOOT_TO_CENTER
-    )
+    assert float(status.targets[1]["x"]) == pytest.approx(1.5 / math.tan(pitch), abs=FOOT_TO_CENTER)
     scene.send("imu", given.imu(given.start + given.frame, up, frame="base_link"))
     scene.wait_for(lambda: localizer._gravity.arrivals.count > 1, "gravity")
     other = scene.show(given.start + given.frame, [target])

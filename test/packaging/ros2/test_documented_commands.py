@@ -1,4 +1,4 @@
-"""Every command of README.md, docs/node.md and docs/recipes.md, as written and in order.
+"""Every command of README.md and of three documents, as written and in order.
 
 With the real `ros2`.
 
@@ -154,16 +154,41 @@ RECIPES = [
     ),
     Ends(f"ros2 topic pub --once /left/pf_tracker/target {POLYGON}", "publishing #1"),
     Elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
+    Elsewhere(f"rviz2 -d {SHARE}/config/localizer.rviz", "opens a window; test_displays.py"),
     Elsewhere("ros2 run usb_cam usb_cam_node_exe --ros-args -r __ns:=/camera", "needs a camera"),
     GoesOn(
         f"{LAUNCH} tracker.launch.py image:=/camera/image_raw",
         prints="images on /camera/image_raw",
         ends=(f"{RUN} tracker", f"{LAUNCH} tracker"),
     ),
+    GoesOn(
+        f"{RUN} localizer --ros-args -r camera_info:=/camera/camera_info",
+        node="/localizer",
+        prints="camera_info on /camera/camera_info",
+    ),
     Elsewhere(
-        "python3 examples/gimbal.py --ros-args -r camera_info:=/camera/camera_info "
-        "-r cmd_vel:=/gimbal/cmd_vel",
-        "test_gimbal.py",
+        "python3 examples/gimbal.py --ros-args -r cmd_vel:=/gimbal/cmd_vel", "test_gimbal.py"
+    ),
+    Elsewhere(
+        "ros2 launch realsense2_camera rs_launch.py align_depth.enable:=true", "needs a camera"
+    ),
+    GoesOn(
+        f"{LAUNCH} follow.launch.py image:=/camera/camera/color/image_raw "
+        "depth:=/camera/camera/aligned_depth_to_color/image_raw odom:=/odom camera_height:=0.6",
+        prints="camera_info on /camera/camera/color/camera_info, depth on "
+        "/camera/camera/aligned_depth_to_color/image_raw, odom on /odom",
+        ends=(f"{RUN} localizer", f"{LAUNCH} tracker"),
+    ),
+    GoesOn(
+        f"{LAUNCH} follow.launch.py image:=/camera/image_raw odom:=/odom camera_height:=0.6 "
+        'target_box:="[62, 31, 53, 70]"',
+        prints="camera_info on /camera/camera_info",
+        ends=(f"{LAUNCH} follow",),
+    ),
+    Elsewhere(
+        "ros2 action send_goal /follow_object nav2_msgs/action/FollowObject "
+        '"{pose_topic: /localizer/pose}"',
+        "needs Nav2",
     ),
     GoesOn(
         "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
@@ -173,10 +198,24 @@ RECIPES = [
         f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
         'lockstep:=true target_box:="[62, 31, 53, 70]"',
         prints=TARGET_TAKEN,
-        ends=(f"{LAUNCH} tracker", "ros2 bag"),
+        ends=(f"{LAUNCH} tracker", f"{LAUNCH} follow", "ros2 bag"),
     ),
 ]
-DOCUMENTS = {"README.md": README, "docs/node.md": NODE, "docs/recipes.md": RECIPES}
+LOCALIZER = [
+    GoesOn(
+        f"{LAUNCH} follow.launch.py image:=/camera/image_raw camera_height:=1.2 "
+        "built_in_detector:=people",
+        node="/localizer",
+        prints="camera_info on /camera/camera_info",
+    ),
+    Elsewhere("ros2 topic echo --once /localizer/pose", "test_launch_files.py"),
+]
+DOCUMENTS = {
+    "README.md": README,
+    "docs/node.md": NODE,
+    "docs/localizer.md": LOCALIZER,
+    "docs/recipes.md": RECIPES,
+}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)

@@ -12,6 +12,7 @@ DECLARING = ("DeclareLaunchArgument", "argument")
 TRACKER = "ros2 launch pf_tracker_ros tracker.launch.py"
 REPLAY = "ros2 launch pf_tracker_ros replay.launch.py"
 DETECTOR = "ros2 launch pf_tracker_ros detector.launch.py"
+FOLLOW = "ros2 launch pf_tracker_ros follow.launch.py"
 RUN_REPLAY = "ros2 run pf_tracker_ros replay"
 TARGET = 'target_box:="[62, 31, 53, 70]"'
 
@@ -331,6 +332,43 @@ def test_the_built_in_detector_of_people_needs_nothing_else(shell, heard, drive)
 )
 def test_a_wrong_argument_of_the_detector_ends_the_launch_too(shell, given, told):
     outcome = shell.run(f"{DETECTOR} {given}")
+    assert outcome.returncode != 0
+    assert told in outcome.stdout + outcome.stderr
+
+
+def test_the_selected_target_has_a_pose_in_meters(shell, heard, drive):
+    """A target of 70 px before a camera with a focal length of 500 px is 1.75 m high."""
+    from geometry_msgs.msg import PoseStamped
+
+    calibration = "{width: 640, height: 480, k: [500, 0, 320, 0, 500, 240, 0, 0, 1]}"
+    publish = "ros2 topic pub -r 5 /camera/camera_info sensor_msgs/msg/CameraInfo"
+    follow = f"{FOLLOW} image:=/camera/image_raw {TARGET} camera_height:=1.5 fixed_frame:=map"
+    # A box in the sky stands on no ground.
+    replay = f"{RUN_REPLAY} {drive} --ros-args -r image:=/camera/image_raw -p loop:=true"
+    with (
+        shell.started(f"{follow} method:=height min_confidence:=0.2") as launch,
+        shell.started(f'{publish} "{calibration}"'),
+        shell.started(replay),
+    ):
+        pose = heard(PoseStamped, "/localizer/pose")
+        assert pose.header.frame_id == "map"
+        assert 8.0 < pose.pose.position.x < 18.0
+        assert launch.end() == 0
+    assert "camera_info on /camera/camera_info" in launch.output
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("camera_height:=tall", "argument camera_height:=tall; allowed: a number, float"),
+        ("camera_height:=-1", "argument camera_height:=-1; allowed: float, 0 to 1000"),
+        ("method:=radar", "argument method:=radar; allowed: auto, ground, height, depth"),
+        ("rectified:=perhaps", "argument rectified:=perhaps; allowed: true or false"),
+        ("max_targets:=0", "argument max_targets:=0; allowed: int, 1 to 1000"),
+    ],
+)
+def test_a_wrong_argument_of_the_localizer_ends_the_launch_too(shell, given, told):
+    outcome = shell.run(f"{FOLLOW} {given}")
     assert outcome.returncode != 0
     assert told in outcome.stdout + outcome.stderr
 
