@@ -255,6 +255,8 @@ class LocalizerNode(ManagedNode):
             self._problems.set("frame", silence)
         if sensed and not silence:
             silence = self._publish(frame, targets)
+            if silence and frame.selected:
+                self._problems.tell("pose", f"no pose: {silence}")
         return self._status(frame, silence, waited, sensed, targets)
 
     def _status(
@@ -270,8 +272,6 @@ class LocalizerNode(ManagedNode):
             self._silent_since = None
         elif self._silent_since is None:
             self._silent_since = frame.stamp
-        if frame.selected and silence not in ("", _SKIPPED):
-            self._problems.tell("pose", f"no pose: {silence}")
         return LocalizerStatus(
             selected=frame.selected,
             silence=silence,

@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
 
-_TOPIC = "/tf"
+_TOPIC, _STATIC_TOPIC = "/tf", "/tf_static"
 
 
 class NotYetError(ValueError):
@@ -32,6 +32,7 @@ class Transforms:
         self._tf2 = import_module("tf2_ros")
         self._buffer = self._tf2.Buffer()
         self._listener = self._tf2.TransformListener(self._buffer, node)
+        self._have_been_published = False
         self._broadcaster = self._tf2.TransformBroadcaster(node)
 
     @staticmethod
@@ -42,8 +43,11 @@ class Transforms:
     @property
     def are_published(self) -> bool:
         """Whether another node publishes transforms, or has done so."""
-        # One publisher is this node's.
-        return self._node.count_publishers(_TOPIC) > 1 or bool(self._buffer.all_frames_as_string())
+        if not self._have_been_published:
+            # One publisher of the former is this node's.
+            others = self._node.count_publishers(_TOPIC) > 1
+            self._have_been_published = others or self._node.count_publishers(_STATIC_TOPIC) > 0
+        return self._have_been_published
 
     def lookup(self, parent: str, child: str, stamp: int) -> RigidPose:
         """The pose of a frame in another one.
@@ -61,13 +65,13 @@ class Transforms:
             raise ValueError(
                 "the images have no frame_id, which transforms need; set camera.height"
             )
+        names = parent.lstrip("/"), child.lstrip("/")
         try:
-            found = self._buffer.lookup_transform(
-                parent.lstrip("/"), child.lstrip("/"), Time(nanoseconds=stamp)
-            ).transform
+            found = self._buffer.lookup_transform(*names, Time(nanoseconds=stamp)).transform
         except self._tf2.ExtrapolationException as error:
             reason = f"no transform from {child} to {parent} at the image's stamp: {error}"
-            raise (NotYetError if "future" in str(error) else ValueError)(reason) from None
+            may_come = self._buffer.get_latest_common_time(*names).nanoseconds < stamp
+            raise (NotYetError if may_come else ValueError)(reason) from None
         except self._tf2.TransformException as error:
             raise NotYetError(f"no transform from {child} to {parent}: {error}") from None
         try:

@@ -133,7 +133,7 @@ class Status:
 
 
 def parsed(message):
-    own, *targets = message.status
+    own = message.status[0]
     values = [{item.key: item.value for item in one.values} for one in message.status]
     by_id = {int(one["id"]): one for one in values[1:]}
     return Status(stamp_of(message), own.message, own.level, values[0], by_id)

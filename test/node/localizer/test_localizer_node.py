@@ -87,16 +87,17 @@ def test_a_walker_before_a_still_camera(scene, make_localizer, listened, given):
     assert markers[1].scale.x >= markers[1].scale.y > 0.0
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ({"state": "occluded"}, "target 1 is occluded"),
-        ({"confidence": 0.3}, "the confidence of target 1 is 0.30, below min_confidence (0.5)"),
-    ],
-)
+DOUBTS = [
+    ({"state": "occluded"}, "target 1 is occluded"),
+    ({"confidence": 0.3}, "the confidence of target 1 is 0.30, below min_confidence (0.5)"),
+]
+
+
+@pytest.mark.parametrize("doubt", DOUBTS)
 def test_it_is_silent_about_a_target_that_is_not_trusted(
-    scene, make_localizer, listened, given, change, reason
+    scene, make_localizer, listened, given, doubt
 ):
+    change, reason = doubt
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
     scene.calibrate(localizer)
@@ -316,16 +317,14 @@ def test_the_ground_is_learned_from_people_where_nobody_gives_it(scene, make_loc
     scene.meet(localizer)
     scene.calibrate(localizer)
     generator = np.random.default_rng(2)
-    index = 0
-    first = None
-    for _ in range(11):
+    statuses = []
+    for index in range(11):
         targets = [
             given.target(id=id, box=given.box_at(generator.uniform(4.0, 14.0), 0.4 * id - 1.2))
             for id in range(1, 6)
         ]
-        status = scene.show(given.start + index * 600_000_000, targets)
-        first = first or status
-        index += 1
+        statuses.append(scene.show(given.start + index * 600_000_000, targets))
+    first, *_, status = statuses
     assert first.values["camera_mounting"] == "assumed level"
     assert first.values["camera_height"] == "unknown"
     assert status.values["camera_mounting"] == "learned"
