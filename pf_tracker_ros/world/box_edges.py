@@ -42,6 +42,7 @@ class BoxEdges:
         root: (3, 3) of the covariance, C = root root^T.
         has_lower: Whether the lower edge is the target's.
         has_upper: Whether the upper edge is.
+        is_whole: Whether all four edges are.
     """
 
     box: Box
@@ -52,6 +53,7 @@ class BoxEdges:
     root: NDArray[np.float64]
     has_lower: bool
     has_upper: bool
+    is_whole: bool
 
     @classmethod
     def of(
@@ -90,7 +92,8 @@ class BoxEdges:
             edges[0, 0] = (_HALF_WIDTH_SD * (lower - upper)) ** 2 + (right - left) ** 2 / 12.0
         inside = (left, upper, right - left, lower - upper)
         root = np.linalg.cholesky(edges)
-        return cls(inside, middle, lower, upper, edges, root, has_lower, has_upper)
+        is_whole = has_lower and has_upper and not (cut_left or cut_right)
+        return cls(inside, middle, lower, upper, edges, root, has_lower, has_upper, is_whole)
 
     def points(self) -> NDArray[np.float64]:
         """(3, 2) pixels of foot, head and center of the box, counted as in `CameraModel`."""

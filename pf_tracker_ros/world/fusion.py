@@ -34,7 +34,7 @@ from pf_tracker_ros.world.view import View
 
 # From the near side of the foot to the middle of the target and its standard deviation, meters: part
 # of a step.
-TO_MIDDLE, _TO_MIDDLE_SD = 0.07, 0.15
+TO_MIDDLE, _TO_MIDDLE_SD = 0.05, 0.15
 # Least slope of a foot on the ground: 3 arc minutes below the horizon.
 _LEAST_SLOPE = 1e-3
 # Squared distance in standard deviations from which two measurements contradict each other.
