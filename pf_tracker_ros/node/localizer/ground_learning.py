@@ -67,11 +67,8 @@ class GroundLearning:
                     self._fit(camera, parameters)
 
     def _fit(self, camera: CameraModel, parameters: LocalizerParameters) -> None:
-        target = parameters.target
         try:
-            fitted = fit_ground_plane(
-                camera, list(self._boxes), target.height, max(target.height_sd, 1e-3)
-            )
+            fitted = fit_ground_plane(camera, list(self._boxes), parameters.target.height)
         except ValueError as error:
             self.problem = f"the ground cannot be learned from {self.boxes} boxes: {error}"
         else:

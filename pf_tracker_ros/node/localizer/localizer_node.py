@@ -364,7 +364,8 @@ class LocalizerNode(ManagedNode):
         if selected is None:
             return f"target {frame.selected} has ended"
         untrusted = distrust(selected.reported, self._settings.min_confidence)
-        if untrusted or selected.rejected or selected.world is None:
+        is_rejected = selected.rejected_for is not None
+        if untrusted or is_rejected or selected.world is None:
             return untrusted or selected.problem or f"target {frame.selected} has no position"
         return ""
 

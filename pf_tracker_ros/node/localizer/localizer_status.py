@@ -111,7 +111,8 @@ def located_values(target: LocatedTarget) -> StatusValues:
             values["occluded_depth"] = place.occlusion
     if target.normalized_innovation is not None:
         values["normalized_innovation"] = target.normalized_innovation
-    values["rejected"] = target.rejected
+    if target.rejected_for is not None:
+        values["rejected_for"] = target.rejected_for
     if world:
         x, y = world.filtered.position.tolist()
         velocity_x, velocity_y = world.filtered.velocity.tolist()

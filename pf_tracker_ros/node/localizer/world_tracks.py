@@ -41,7 +41,8 @@ class LocatedTarget:
         place: The measurement of this frame; None without.
         world: Position and velocity; None without a recent measurement.
         normalized_innovation: Squared, of the measurement; None without.
-        rejected: Number of consecutive measurements outside of the gate.
+        rejected_for: Seconds for which measurements are outside of the gate; None if the last one
+            was not.
         problem: Why this frame has no measurement that was used; empty if it has.
     """
 
@@ -50,7 +51,7 @@ class LocatedTarget:
     place: Place | None
     world: WorldTarget | None
     normalized_innovation: float | None
-    rejected: int
+    rejected_for: float | None
     problem: str
 
 
@@ -102,25 +103,36 @@ class WorldTracks:
         place, problem = None, distrust(target, scene.parameters.min_confidence)
         if not problem:
             track = track or self._tracks.setdefault(target.id, _Track())
-            place = localizer.locate(
-                target.box,
-                target.box_covariance,
-                depth=scene.depth,
-                predicted_range=track.predicted_range(scene),
-                methods=scene.methods,
-            )
-            problem = f"the box of target {target.id} gives no range"
-            if place:
-                problem = track.measure(target, place, scene)
+            try:
+                place = localizer.locate(
+                    target.box,
+                    target.box_covariance,
+                    depth=scene.depth,
+                    predicted_range=track.predicted_range(scene),
+                    methods=scene.methods,
+                )
+                problem = f"the box of target {target.id} gives no range"
+                if place:
+                    problem = track.measure(target, place, scene)
+            except ValueError as error:
+                problem = f"target {target.id} cannot be located: {error}"
         return LocatedTarget(
             reported=target,
-            bearing=localizer.bearing(target.box, target.box_covariance),
+            bearing=_bearing(localizer, target),
             place=place,
             world=track.world(stamp, target) if track else None,
             normalized_innovation=track.filter.normalized_innovation if track and place else None,
-            rejected=track.filter.rejected if track else 0,
+            rejected_for=track.rejected_for(stamp) if track else None,
             problem=problem,
         )
+
+
+def _bearing(localizer: Localizer, target: ReportedTarget) -> Bearing | None:
+    try:
+        return localizer.bearing(target.box, target.box_covariance)
+    except ValueError:
+        # `Localizer.locate` has the same reason.
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,6 +204,11 @@ class _Track:
         depth = float(place.position[2])
         self._size = target.box[2] * depth / camera.fx, target.box[3] * depth / camera.fy
         return ""
+
+    def rejected_for(self, stamp: int) -> float | None:
+        """Seconds in which all measurements were outside of the gate; None without."""
+        since = self.filter.rejected_since
+        return None if since is None else (stamp - since) / NANOSECONDS
 
     def world(self, stamp: int, target: ReportedTarget) -> WorldTarget | None:
         """The target at a stamp; None without a recent measurement, unless it is occluded."""

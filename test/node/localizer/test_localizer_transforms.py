@@ -10,7 +10,8 @@ from rclpy.time import Time
 tf2_ros = pytest.importorskip("tf2_ros", reason="comes with a ROS from apt, and PyPI has none")
 
 
-def transform(given, stamp, parent, child, place, quaternion):
+def transform(stamp, names, place, quaternion):
+    parent, child = names
     message = TransformStamped(child_frame_id=child)
     message.header.frame_id = parent
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
@@ -21,8 +22,8 @@ def transform(given, stamp, parent, child, place, quaternion):
 
 
 @pytest.fixture
-def tree(scene, make_localizer, given):
-    """A localizer that takes the camera from tf2, and a function that moves the base."""
+def move(scene, make_localizer, given):
+    """A function that moves the base of a robot, whose localizer takes the camera from tf2."""
     broadcaster, static = (
         kind(scene) for kind in (tf2_ros.TransformBroadcaster, tf2_ros.StaticTransformBroadcaster)
     )
@@ -32,12 +33,12 @@ def tree(scene, make_localizer, given):
     # The optical frame of REP 103: z forward, x right, in a body 0.3 m before the base.
     optical = (-0.5, 0.5, -0.5, 0.5)
     static.sendTransform(
-        transform(given, given.start, "base_link", given.optical, (0.3, 0.0, 1.5), optical)
+        transform(given.start, ("base_link", given.optical), (0.3, 0.0, 1.5), optical)
     )
 
-    def move(stamp, x, yaw):
+    def move_base(stamp, x, yaw):
         turn = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-        broadcaster.sendTransform(transform(given, stamp, "map", "base_link", (x, 0.0, 0.0), turn))
+        broadcaster.sendTransform(transform(stamp, ("map", "base_link"), (x, 0.0, 0.0), turn))
         scene.wait_for(
             lambda: localizer._transforms._buffer.can_transform(
                 "map", given.optical, Time(nanoseconds=stamp)
@@ -45,11 +46,10 @@ def tree(scene, make_localizer, given):
             "transform",
         )
 
-    return localizer, move
+    return move_base
 
 
-def test_the_camera_moves_as_tf2_says_at_the_stamp_of_the_image(scene, tree, given):
-    localizer, move = tree
+def test_the_camera_moves_as_tf2_says_at_the_stamp_of_the_image(scene, move, given):
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer, scene)
     target = np.array([9.0, 1.0])
@@ -83,8 +83,7 @@ def test_the_camera_moves_as_tf2_says_at_the_stamp_of_the_image(scene, tree, giv
     listener.unregister()
 
 
-def test_it_is_silent_beyond_the_last_transform(scene, tree, given):
-    _, move = tree
+def test_it_is_silent_beyond_the_last_transform(scene, move, given):
     move(given.start, 0.0, 0.0)
     box = given.box_at(6.0, 0.0)
     assert scene.show(given.start, [given.target(box=box)]).values["pose"] == "published"
