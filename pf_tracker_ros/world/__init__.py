@@ -1,4 +1,4 @@
-"""Direction, position and velocity of targets in meters, from their boxes and a camera's calibration.
+"""Direction, position and velocity of targets from their boxes and a calibrated camera.
 
 No part of it imports ROS. `docs/world.md` explains geometry, conventions and accuracy.
 """

@@ -1,7 +1,8 @@
 """What the edges of a box measure.
 
 The lower edge is where the target meets the ground, the upper edge its head, and the middle column
-its direction. An edge at the border of the image is cut: it is where the image ends, not the target.
+its direction. An edge at the border of the image is cut: it is where the image ends, not the
+target.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ _HALF_WIDTH, _HALF_WIDTH_SD = 0.2, 0.12
 # Smallest standard deviation, pixels: boxes are rounded.
 _MIN_SD = 0.5
 # From center x, center y, width, height to middle column, lower edge, upper edge.
-_FROM_CENTER_AND_SIZE = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.5], [0.0, 1.0, 0.0, -0.5]])
+_FROM_CENTER_AND_SIZE = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.5], [0.0, 1.0, 0.0, -0.5]]
+)
 
 _TO_CENTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.5]])
 
@@ -91,7 +94,7 @@ class BoxEdges:
             edges[0, :] = edges[:, 0] = 0.0
             edges[0, 0] = (_HALF_WIDTH_SD * (lower - upper)) ** 2 + (right - left) ** 2 / 12.0
         inside = (left, upper, right - left, lower - upper)
-        root = np.linalg.cholesky(edges)
+        root: NDArray[np.float64] = np.linalg.cholesky(edges).astype(np.float64, copy=False)
         is_whole = has_lower and has_upper and not (cut_left or cut_right)
         return cls(inside, middle, lower, upper, edges, root, has_lower, has_upper, is_whole)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ class BoxSamples:
         rows, of_box_down, down = _axis(y, height, image_size[1], shape[0], _ROWS)
         return cls(columns, rows, (of_box_down, of_box), across, down)
 
-    def take(self, array: NDArray[np.generic]) -> NDArray[np.generic]:
+    def take(self, array: NDArray[Any]) -> NDArray[Any]:
         """(L, K, ...) samples of an array."""
         return array[self.rows[:, None], self.columns]
 
@@ -58,8 +59,8 @@ class BoxSamples:
         """
         if over_box.ndim != 2 or over_box.size == 0 or over_box.dtype.kind not in "fiu":
             raise ValueError(
-                f"target_probability is {over_box.shape} {over_box.dtype}; expected numbers in rows "
-                "and columns over the box"
+                f"target_probability is {over_box.shape} {over_box.dtype}; expected numbers in "
+                "rows and columns over the box"
             )
         rows = (self.down * over_box.shape[0]).astype(np.intp)
         columns = (self.across * over_box.shape[1]).astype(np.intp)

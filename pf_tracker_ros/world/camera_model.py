@@ -57,7 +57,7 @@ class CameraModel:
             does not have that many coefficients.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 (the fixed order of a calibration)
         self,
         fx: float,
         fy: float,
@@ -75,13 +75,18 @@ class CameraModel:
         coefficients = np.array(distortion, dtype=np.float64).reshape(-1)
         numbers = np.array([fx, fy, cx, cy, width, height, *coefficients], dtype=np.float64)
         if not np.isfinite(numbers).all():
-            raise ValueError("the calibration has numbers that are not finite; calibrate the camera")
+            raise ValueError(
+                "the calibration has numbers that are not finite; calibrate the camera"
+            )
         if fx <= 0.0 or fy <= 0.0:
             raise ValueError(
-                f"the focal lengths are {fx:g} and {fy:g} px; an uncalibrated camera has zeros there"
+                f"the focal lengths are {fx:g} and {fy:g} px; they are positive once the camera is "
+                "calibrated"
             )
         if width < 1 or height < 1:
-            raise ValueError(f"the calibration is for {width} x {height} px; expected at least 1 x 1")
+            raise ValueError(
+                f"the calibration is for {width} x {height} px; expected at least 1 x 1"
+            )
         if len(coefficients) not in _COEFFICIENTS[model]:
             allowed = " or ".join(map(str, _COEFFICIENTS[model]))
             raise ValueError(
@@ -130,7 +135,9 @@ class CameraModel:
         """
         matrix = np.array(intrinsics if projection is None else projection, dtype=np.float64)
         if matrix.size not in ((9,) if projection is None else (12,)):
-            raise ValueError(f"the camera matrix has {matrix.size} numbers; expected k (9) or p (12)")
+            raise ValueError(
+                f"the camera matrix has {matrix.size} numbers; expected k (9) or p (12)"
+            )
         matrix = matrix.reshape(3, -1)
         binning_x, binning_y = max(int(binning[0]), 1), max(int(binning[1]), 1)
         x, y, region_width, region_height = region

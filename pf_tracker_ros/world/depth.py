@@ -137,7 +137,8 @@ def read_depth(
     Args:
         depth: (H, W) float in meters or uint16 in millimeters; 0, NaN and infinity are holes.
         samples: Of the box and a ring around it.
-        target_probability: (R, C) probability, 0 to 1, of each sample in the box to be the target's.
+        target_probability: (R, C) probability, 0 to 1, of each sample in the box to be the
+            target's.
         expected: What else is known of its depth; chooses between modes.
 
     Returns:
@@ -188,12 +189,13 @@ def _choose_mode(
         around: (M,) of the samples in the ring.
         expected: What else is known.
     """
-    histogram = np.bincount(_bins(depths), weights, _BINS)
-    total = float(histogram.sum())
+    total = float(weights.sum())
     if total <= 0.0:
         return None
-    histogram /= total
-    ring = _window_sums(np.bincount(_bins(around), minlength=_BINS) / max(len(around), 1))
+    histogram = np.bincount(_bins(depths), weights / total, _BINS)
+    ring = _window_sums(
+        np.bincount(_bins(around), np.full(len(around), 1.0 / max(len(around), 1)), _BINS)
+    )
     modes, scores = [], []
     for _ in range(_MODES):
         shares = _window_sums(histogram)

@@ -10,12 +10,12 @@ Gaussian at any distance:
 
 The first two are of the foot's near side, where the box ends; the middle is a little farther.
 
-An error is linear in independent ones of variance 1: of the box's edges, the tilt of the ground, the
-heights of camera and target, the foot's near side, and the depth. So it is a vector, and the product
-of two is the covariance. Two measurements x and y with errors a and b give the best linear unbiased
-estimate w x + (1 - w) y with w = (b - a) b / |a - b|^2, whose error is w a + (1 - w) b. The errors of
-ground and height correlate through edges and tilt; that of the depth is independent of both, so they
-are fused one after the other.
+An error is linear in independent ones of variance 1: of the box's edges, the tilt of the ground,
+the heights of camera and target, the foot's near side, and the depth. So it is a vector, and the
+product of two is the covariance. Two measurements x and y with errors a and b give the best
+linear unbiased estimate w x + (1 - w) y with w = (b - a) b / |a - b|^2, whose error is
+w a + (1 - w) b. The errors of ground and height correlate through edges and tilt; that of the
+depth is independent of both, so they are fused one after the other.
 
 Source: Kay 1993, "Fundamentals of Statistical Signal Processing: Estimation Theory", section 6.5.
 """
@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.world.view import View
 
-# From the near side of the foot to the middle of the target and its standard deviation, meters: part
-# of a step.
+# From the near side of the foot to the middle of the target and its standard deviation, meters:
+# part of a step.
 TO_MIDDLE, _TO_MIDDLE_SD = 0.05, 0.15
 # Least slope of a foot on the ground: 3 arc minutes below the horizon.
 _LEAST_SLOPE = 1e-3
@@ -237,9 +237,7 @@ def _errors(
     return errors
 
 
-def _combine(
-    one: float, error: _Error, other: float, other_error: _Error
-) -> tuple[float, _Error]:
+def _combine(one: float, error: _Error, other: float, other_error: _Error) -> tuple[float, _Error]:
     """The best linear unbiased estimate from two, and its error."""
     difference = [a - b for a, b in zip(error, other_error, strict=True)]
     variance = _product(difference, difference)

@@ -5,9 +5,9 @@ ends' slopes and the person's height h (see `fusion`). Both are equal, so for ea
 
     log((s_foot - s_head) / h) - log(s_foot / H) = 0,
 
-up to errors that are relative to the box. The slopes depend on pitch and roll. The Levenberg-Marquardt
-method finds H, pitch and roll with the least sum of Huber's loss, within bounds: without any, boxes
-at similar distances also agree with a camera that looks straight down.
+up to errors that are relative to the box. The slopes depend on pitch and roll. The
+Levenberg-Marquardt method finds H, pitch and roll with the least sum of Huber's loss, within
+bounds: without any, boxes at similar distances also agree with a camera that looks straight down.
 
 Sources: Hoiem, Efros and Hebert 2008, "Putting Objects in Perspective"; Huber 1964, "Robust
 Estimation of a Location Parameter".
@@ -42,7 +42,8 @@ _HUBER, _AGREES_WITHIN = 1.5, 3.0
 _LEAST_SD = 0.02
 # Standard deviation of the logarithm of the people's true mean height.
 _MEAN_HEIGHT_SD = 0.03
-# Largest standard deviation of the logarithm of the height and of pitch, radians, of a usable plane.
+# Largest standard deviation of the logarithm of the height and of pitch, radians, of a usable
+# plane.
 _LARGEST_SD = 0.3, 0.1
 
 
@@ -66,23 +67,25 @@ def fit_ground_plane(
 
     Args:
         camera: Its calibration.
-        boxes: (N, 4) x, y, width, height in pixels, at least 50 that are whole, at various distances,
-            best of various people; boxes that the border cuts are left out.
+        boxes: (N, 4) x, y, width, height in pixels, at least 50 that are whole, at various
+            distances, best of various people; boxes that the border cuts are left out.
         target_height: Mean height of the people, meters.
 
     Raises:
-        ValueError: Fewer than 50 whole boxes, an argument has a wrong shape or range, or the boxes do
-            not determine a plane.
+        ValueError: Fewer than 50 whole boxes, an argument has a wrong shape or range, or the
+            boxes do not determine a plane.
     """
     if not 0.0 < target_height < math.inf:
-        raise ValueError(f"target_height is {target_height!r}; expected a positive number of meters")
+        raise ValueError(
+            f"target_height is {target_height!r}; expected a positive number of meters"
+        )
     values = np.asarray(boxes, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 4:
         raise ValueError(f"boxes have shape {values.shape}; expected (N, 4)")
     rays = _rays(camera, values)
     if len(rays[0]) < MIN_BOXES:
         raise ValueError(
-            f"{len(rays[0])} of {len(values)} boxes are whole; at least {MIN_BOXES} determine a plane"
+            f"{len(rays[0])} of {len(values)} boxes are whole; a plane needs at least {MIN_BOXES}"
         )
     fits = [_Fit.of(rays, target_height, pitch) for pitch in _PITCHES]
     best = min(fits, key=lambda fit: fit.loss)
@@ -90,14 +93,14 @@ def fit_ground_plane(
     at_bound = (best.parameters <= _BOUNDS[0]) | (best.parameters >= _BOUNDS[1])
     if at_bound.any() or not (height_sd < _LARGEST_SD[0] and pitch_sd < _LARGEST_SD[1]):
         raise ValueError(
-            "the boxes do not determine the ground; they must be of people who stand on one plane, at "
+            "the boxes do not determine the ground; expected people who stand on one plane, at "
             "various distances"
         )
     log_height, pitch, roll = best.parameters.tolist()
     height = math.exp(log_height)
     plane = GroundPlane.from_angles(height, pitch, roll)
-    # Height and pitch correlate: at the boxes' distances their errors cancel, and each for itself is
-    # as sure as with the other one known.
+    # Height and pitch correlate: at the boxes' distances their errors cancel, and each for itself
+    # is as sure as with the other one known.
     alone = 1.0 / np.sqrt(np.diagonal(best.information))
     tilt_sd = math.hypot(plane.tilt_sd, float(alone[1]))
     height_sd = height * math.hypot(_MEAN_HEIGHT_SD, float(alone[0]))
@@ -221,6 +224,4 @@ def _scale(residuals: NDArray[np.float64]) -> float:
 def _loss(residuals: NDArray[np.float64], scale: float) -> float:
     """Twice the sum of Huber's loss."""
     relative = np.abs(residuals) / scale
-    return float(
-        np.where(relative < _HUBER, relative**2, _HUBER * (2.0 * relative - _HUBER)).sum()
-    )
+    return float(np.where(relative < _HUBER, relative**2, _HUBER * (2.0 * relative - _HUBER)).sum())

@@ -54,8 +54,8 @@ class GroundPlane:
             )
         if not (0.0 <= self.tilt_sd < math.inf and 0.0 <= self.height_sd < math.inf):
             raise ValueError(
-                f"tilt_sd is {self.tilt_sd!r} and height_sd {self.height_sd!r}; expected radians and "
-                "meters from 0 up"
+                f"tilt_sd is {self.tilt_sd!r} and height_sd {self.height_sd!r}; expected "
+                "radians and meters from 0 up"
             )
         down /= np.linalg.norm(down)
         down.setflags(write=False)
@@ -132,7 +132,7 @@ class GroundPlane:
         return math.atan2(float(self.down[0]), float(self.down[1]))
 
     def distances(self, rays: ArrayLike) -> NDArray[np.float64]:
-        """(N,) distances along (N, 3) unit vectors to the ground, meters; NaN where they miss it."""
+        """(N,) distances in meters along (N, 3) unit vectors to the ground; NaN if they miss it."""
         if self.height is None:
             return np.full(len(np.asarray(rays)), np.nan)
         slopes = np.asarray(rays, dtype=np.float64) @ self.down

@@ -54,15 +54,15 @@ class Localizer:
         camera_roll: Radians; positive lowers the right side.
         target_height: Expected height of a target, meters.
         target_height_sd: Standard deviation of that among targets, meters.
-        tilt_sd: Standard deviation of pitch and roll against the ground, radians; None means a value
-            for the camera's height: a vehicle below 3 m, a fixed camera above.
+        tilt_sd: Standard deviation of pitch and roll against the ground, radians; None means a
+            value for the camera's height: a vehicle below 3 m, a fixed camera above.
         plane: The ground in place of `camera_height`, `camera_pitch`, `camera_roll` and `tilt_sd`.
 
     Raises:
         ValueError: A number is not finite or out of its range.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 (the interface is fixed)
         self,
         camera: CameraModel,
         camera_height: float | None = 1.65,
@@ -125,9 +125,9 @@ class Localizer:
                 px^2; None means that of a good detector.
             image: (H, W, 3) uint8 BGR, for the colors of the target; used only with depth and
                 without `target_probability`.
-            depth: (H, W) float in meters or uint16 in millimeters along the optical axis, registered
-                to the image, of the same field of view in any resolution. 0, NaN and infinity are
-                holes.
+            depth: (H, W) float in meters or uint16 in millimeters along the optical axis,
+                registered to the image, of the same field of view in any resolution. 0, NaN and
+                infinity are holes.
             target_probability: (rows, columns) probability, 0 to 1, of a pixel to be the target's,
                 over the box in any resolution.
             predicted_range: Predicted distance from the camera and its standard deviation, meters:

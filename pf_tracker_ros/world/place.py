@@ -19,8 +19,8 @@ class Bearing:
 
     Attributes:
         direction: (3,) unit vector.
-        covariance: (2, 2), rad^2: of the angle along the camera's x axis (right), and of that across
-            it (down).
+        covariance: (2, 2), rad^2: of the angle along the camera's x axis (right), and of that
+            across it (down).
     """
 
     direction: NDArray[np.float64]

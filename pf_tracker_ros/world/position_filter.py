@@ -2,15 +2,15 @@
 
 A Kalman filter with the state (x, y, velocity x, velocity y) in a fixed frame:
 
-1. Predict: constant velocity with white-noise acceleration of spectral density q. Over an interval t
-   that adds q t^3 / 3 to the variance of a position, q t to that of a velocity, and q t^2 / 2 to
-   their covariance.
+1. Predict: constant velocity with white-noise acceleration of spectral density q. Over an
+   interval t that adds q t^3 / 3 to the variance of a position, q t to that of a velocity, and
+   q t^2 / 2 to their covariance.
 2. Gate: an innovation v with the covariance S is rejected where v^T S^-1 v is above the gate.
    After some time of rejections only, the filter starts anew: the target is elsewhere.
-3. Correct with the measurement's covariance times (1 + r) / (1 - r), r = exp(-t / correlation time).
-   Errors of boxes are correlated in time. The mean of a long series with a correlation r from one
-   to the next has that many times the variance that it had without; a filter that takes the errors
-   for white becomes overconfident, the more so the higher the rate.
+3. Correct with the measurement's covariance times (1 + r) / (1 - r), r = exp(-t / correlation
+   time). Errors of boxes are correlated in time. The mean of a long series with a correlation r
+   from one to the next has that many times the variance that it had without; a filter that takes
+   the errors for white becomes overconfident, the more so the higher the rate.
 
 Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
 Navigation", sections 6.2 and 5.4; Bartlett 1946, for the variance of a mean of correlated values.
@@ -62,8 +62,8 @@ class PositionFilter:
             of 1/e; 0 where they are independent.
         gate: Largest normalized innovation squared of a measurement, of two degrees of freedom: a
             target's own exceed 13.8 once in a thousand times.
-        reset_after: Time in seconds without an accepted measurement after which a rejected one starts
-            the filter anew.
+        reset_after: Time in seconds without an accepted measurement after which a rejected one
+            starts the filter anew.
 
     Raises:
         ValueError: A number is not finite or out of its range.
@@ -148,9 +148,7 @@ class PositionFilter:
         state = self._predicted((stamp - self._stamp) * 1e-9)
         return FilteredPosition(stamp, state.mean[:2], state.mean[2:], state.covariance)
 
-    def _start(
-        self, stamp: int, place: NDArray[np.float64], noise: NDArray[np.float64]
-    ) -> None:
+    def _start(self, stamp: int, place: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
         covariance = np.diag(np.full(4, _FIRST_SPEED_SD**2))
         covariance[:2, :2] = noise
         self._state = Gaussian(np.array([*place, 0.0, 0.0]), covariance)
@@ -180,8 +178,8 @@ def _horizontal(
     noise = np.asarray(covariance, dtype=np.float64)
     if place.shape not in ((2,), (3,)) or noise.shape != (len(place), len(place)):
         raise ValueError(
-            f"position has shape {place.shape} and covariance {noise.shape}; expected (2,) and (2, 2), "
-            "or (3,) and (3, 3)"
+            f"position has shape {place.shape} and covariance {noise.shape}; expected (2,) "
+            "and (2, 2), or (3,) and (3, 3)"
         )
     place, noise = place[:2], noise[:2, :2]
     if not (np.isfinite(place).all() and np.isfinite(noise).all()):

@@ -8,6 +8,8 @@ Source: Swain and Ballard 1991, "Color Indexing" (histogram backprojection).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,7 +25,7 @@ _PRIOR = 2.0
 
 
 def color_probability(
-    image: object, box: Box, image_size: tuple[int, int]
+    image: NDArray[Any], box: Box, image_size: tuple[int, int]
 ) -> NDArray[np.float64]:
     """(R, C) probabilities, 0 to 1, on a grid over a box.
 
@@ -35,8 +37,8 @@ def color_probability(
     Raises:
         ValueError: The image is of another kind.
     """
-    is_color = isinstance(image, np.ndarray) and image.ndim == 3 and image.dtype == np.uint8
-    if not is_color or image.shape[2] != 3 or image.size == 0:
+    is_array = isinstance(image, np.ndarray) and image.ndim == 3 and image.size > 0
+    if not is_array or image.shape[2] != 3 or image.dtype != np.uint8:
         raise ValueError("image must be (H, W, 3) uint8 BGR, with pixels")
     samples = BoxSamples.of(box, image_size, image.shape)
     colors = _colors(samples.take(image))
@@ -55,7 +57,7 @@ def color_probability(
 _COLORS = _LEVELS**3
 
 
-def _colors(pixels: NDArray[np.uint8]) -> NDArray[np.intp]:
+def _colors(pixels: NDArray[Any]) -> NDArray[np.intp]:
     """(...,) indices of the colors of (..., 3) pixels."""
     levels = (pixels >> _SHIFT).astype(np.intp)
     return (levels[..., 0] * _LEVELS + levels[..., 1]) * _LEVELS + levels[..., 2]

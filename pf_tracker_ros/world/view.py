@@ -21,8 +21,8 @@ _EDGES_OF = np.array([[0, 1], [0, 2]])
 class View:
     """Foot and head of a box as seen by a camera.
 
-    The slope of a ray is the tangent of its angle below the horizon. Derivatives are by the errors of
-    the box's edges, in three independent parts of variance 1 each.
+    The slope of a ray is the tangent of its angle below the horizon. Derivatives are by the
+    errors of the box's edges, in three independent parts of variance 1 each.
 
     Attributes:
         plane: The ground; without a height, its direction down.
