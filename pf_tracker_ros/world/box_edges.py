@@ -94,7 +94,8 @@ class BoxEdges:
             edges[0, :] = edges[:, 0] = 0.0
             edges[0, 0] = (_HALF_WIDTH_SD * (lower - upper)) ** 2 + (right - left) ** 2 / 12.0
         inside = (left, upper, right - left, lower - upper)
-        root: NDArray[np.float64] = np.linalg.cholesky(edges).astype(np.float64, copy=False)
+        # Without a covariance it is diagonal.
+        root = np.sqrt(edges) if covariance is None else np.asarray(np.linalg.cholesky(edges))
         is_whole = has_lower and has_upper and not (cut_left or cut_right)
         return cls(inside, middle, lower, upper, edges, root, has_lower, has_upper, is_whole)
 

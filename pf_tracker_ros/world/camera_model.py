@@ -226,14 +226,12 @@ class CameraModel:
         ).reshape(-1, 2)
         for _ in range(_STEPS):
             projected, jacobian = self._distort(normalized)
-            (a, b), (c, d) = jacobian[:, 0].T, jacobian[:, 1].T
+            a, b, c, d = jacobian.reshape(-1, 4).T
             determinant = a * d - b * c
-            inverse = np.empty_like(jacobian)
-            inverse[:, 0, 0], inverse[:, 0, 1] = d, -b
-            inverse[:, 1, 0], inverse[:, 1, 1] = -c, a
+            adjugate = np.column_stack([d, -b, -c, a]).reshape(-1, 2, 2)
             with np.errstate(divide="ignore", invalid="ignore"):
-                inverse /= determinant[:, None, None]
-                step = np.einsum("nij,nj->ni", inverse, pixels - projected)
+                inverse = adjugate / determinant[:, None, None]
+                step = (inverse @ (pixels - projected)[:, :, None])[:, :, 0]
             if not (np.abs(step) > _TOLERANCE).any():
                 break
             normalized = normalized + step

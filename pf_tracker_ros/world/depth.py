@@ -192,10 +192,8 @@ def _choose_mode(
     total = float(weights.sum())
     if total <= 0.0:
         return None
-    histogram = np.bincount(_bins(depths), weights / total, _BINS)
-    ring = _window_sums(
-        np.bincount(_bins(around), np.full(len(around), 1.0 / max(len(around), 1)), _BINS)
-    )
+    histogram = _histogram(depths, weights / total)
+    ring = _window_sums(_histogram(around, np.full(len(around), 1.0 / max(len(around), 1))))
     modes, scores = [], []
     for _ in range(_MODES):
         shares = _window_sums(histogram)
@@ -217,8 +215,10 @@ def _choose_mode(
     return None if expected is not None and expected.excludes(mode) else mode
 
 
-def _bins(depths: NDArray[np.float64]) -> NDArray[np.intp]:
-    return (np.log(depths / _NEAREST) / _BIN).astype(np.intp)
+def _histogram(depths: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(_BINS,) sums of weights."""
+    bins = (np.log(depths / _NEAREST) / _BIN).astype(np.intp)
+    return np.bincount(bins, weights, _BINS).astype(np.float64, copy=False)
 
 
 def _window_sums(histogram: NDArray[np.float64]) -> NDArray[np.float64]:

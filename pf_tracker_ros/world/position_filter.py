@@ -51,8 +51,8 @@ class PositionFilter:
     """A filter of one target; `update` for each measurement, `predict` for the result.
 
     Attributes:
-        normalized_innovation: Of the last measurement, squared, over its two degrees of freedom;
-            None before the second.
+        normalized_innovation: Of the last measurement, squared, with two degrees of freedom; None
+            before the second.
         rejected_since: Stamp of the first of the rejected measurements since the last accepted one;
             None without.
 
