@@ -40,7 +40,7 @@ def test_the_table_lists_the_topics_of_the_localizer(graph):
     endpoints = {one.topic_name for one in (*node.publishers, *node.subscriptions)} - rclpy_own
     assert endpoints <= listed | {"/tf_static"}
     optional = {"/localizer/detections_3d", "/tf"}
-    optional |= {"/depth/compressed", "/depth/compressedDepth"}
+    optional |= {"/depth/compressed", "/depth/compressedDepth", "/pf_tracker/target_probability"}
     assert listed - endpoints <= optional
 
 

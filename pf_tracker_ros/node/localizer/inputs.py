@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, Imu
 
 from pf_tracker_ros.decoding.depth_decoding import decode_depth
+from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.node.localizer.problems import Problems
 from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
 from pf_tracker_ros.node.localizer.stamped_buffer import StampedBuffer
@@ -35,7 +36,7 @@ _MAX_DEPTHS, _MAX_POSES = 30, 2000
 _MAX_DEPTH_BYTES = 2**27
 # Longest gap between two poses to interpolate in, seconds.
 _MAX_POSE_GAP = 0.5
-_MAX_PIXELS = 2**24
+_MAX_PIXELS, _MAX_PROBABILITIES = 2**24, 2**16
 # Standard gravity, and how far the acceleration of a robot may be from it, m/s^2.
 _GRAVITY, _GRAVITY_TOLERANCE = 9.81, 1.0
 # Time constant of the low-pass filter of gravity, and least time between two samples, seconds.
@@ -252,6 +253,34 @@ class DepthInput(_Input):
         self._decoded = None
         self._buffer.limit(max(2, min(_MAX_DEPTHS, _MAX_DEPTH_BYTES // (len(message.data) + 1))))
         self._buffer.add(stamp, message)
+
+
+class ProbabilityInput(_Input):
+    """Which pixels of the selected target's box are its own, from the tracker.
+
+    The tracker computes it only for a subscriber.
+    """
+
+    def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
+        super().__init__(node, "pf_tracker/target_probability", problems, arrived)
+        self._buffer: StampedBuffer[NDArray[np.float64]] = StampedBuffer(_KEPT, _MAX_DEPTHS)
+
+    def open(self) -> None:
+        """Subscribe, unless it is subscribed."""
+        if self._subscription is None:
+            self._buffer.clear()
+            self._open(Image)
+
+    def find(self, stamp: int) -> NDArray[np.float64] | None:
+        """(rows, columns) probabilities, 0 to 1, over the box at a stamp; None without."""
+        found = self._buffer.nearest(stamp)
+        return found[1] if found and found[0] == stamp else None
+
+    def _take(self, message: Image) -> None:
+        pixels = decode_raw(message)
+        if pixels.ndim != 2 or pixels.dtype != np.uint8 or pixels.size > _MAX_PROBABILITIES:
+            raise ValueError("it is no small image of the encoding mono8")
+        self._buffer.add(self._stamp(message), pixels / 255.0)
 
 
 class OdometryInput(_Input):

@@ -10,12 +10,10 @@ import time
 import traceback
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import cv2
 from diagnostic_msgs.msg import DiagnosticArray
-from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.subscription import Subscription
@@ -24,7 +22,7 @@ from std_msgs.msg import Header
 
 from pf_tracker_ros.messages import ERROR, OK, WARN
 from pf_tracker_ros.node.graph_monitor import GraphMonitor
-from pf_tracker_ros.node.localizer.camera_pose import CameraPose, CameraPoses
+from pf_tracker_ros.node.localizer.camera_pose import CameraPoses
 from pf_tracker_ros.node.localizer.ground_learning import GroundLearning
 from pf_tracker_ros.node.localizer.inputs import (
     Arrivals,
@@ -32,6 +30,7 @@ from pf_tracker_ros.node.localizer.inputs import (
     DepthInput,
     GravityInput,
     OdometryInput,
+    ProbabilityInput,
 )
 from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node.localizer.localizer_status import (
@@ -44,7 +43,12 @@ from pf_tracker_ros.node.localizer.outputs import Outputs
 from pf_tracker_ros.node.localizer.problems import Problems
 from pf_tracker_ros.node.localizer.tracker_status import TrackerFrame, read_status
 from pf_tracker_ros.node.localizer.transforms import NotYetError, Transforms
-from pf_tracker_ros.node.localizer.world_tracks import LocatedTarget, WorldTracks, distrust
+from pf_tracker_ros.node.localizer.world_tracks import (
+    LocatedTarget,
+    Sensed,
+    WorldTracks,
+    distrust,
+)
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import ParameterValues
@@ -54,7 +58,6 @@ from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS, set_stamp
 from pf_tracker_ros.topics import StatusValues
-from pf_tracker_ros.world import CameraModel
 
 _STATUS_TOPIC = "pf_tracker/status"
 # Seconds that a frame waits for other inputs, and between two looks at them.
@@ -95,6 +98,7 @@ class LocalizerNode(ManagedNode):
         self._depth = DepthInput(*inputs)
         self._odometry = OdometryInput(*inputs)
         self._gravity = GravityInput(*inputs)
+        self._probability = ProbabilityInput(*inputs)
         self._statuses: Subscription | None = None
         self._arrivals = Arrivals()
         self._forget()
@@ -145,7 +149,7 @@ class LocalizerNode(ManagedNode):
     def deactivate(self) -> None:
         """Unsubscribe."""
         self._timer.cancel()
-        for one in self._inputs:
+        for one in (*self._inputs, self._probability):
             one.close()
         if self._statuses:
             self.destroy_subscription(self._statuses)
@@ -239,15 +243,13 @@ class LocalizerNode(ManagedNode):
         Raises:
             NotYetError: Something may still arrive, and it is not the last chance.
         """
-        sensed: _Sensed | None = None
+        sensed: Sensed | None = None
         targets: tuple[LocatedTarget, ...] = ()
         silence = self._skip_reason(frame)
         if not silence:
             try:
                 sensed = self._sense(frame, is_last_chance=is_last_chance)
-                targets = self._tracks.advance(
-                    frame, sensed.camera, sensed.pose, sensed.depth, self._settings
-                )
+                targets = self._tracks.advance(frame, sensed, self._settings)
             except NotYetError:
                 raise
             except ValueError as error:
@@ -264,7 +266,7 @@ class LocalizerNode(ManagedNode):
         frame: TrackerFrame,
         silence: str,
         waited: float,
-        sensed: _Sensed | None = None,
+        sensed: Sensed | None = None,
         targets: Sequence[LocatedTarget] = (),
     ) -> LocalizerStatus:
         """The status of a frame, and whether there is a pose from now on."""
@@ -303,7 +305,7 @@ class LocalizerNode(ManagedNode):
             return "the image is not newer than the last one"
         return ""
 
-    def _sense(self, frame: TrackerFrame, *, is_last_chance: bool) -> _Sensed:
+    def _sense(self, frame: TrackerFrame, *, is_last_chance: bool) -> Sensed:
         """The calibration, the camera's pose and the depth at a frame.
 
         Raises:
@@ -323,7 +325,7 @@ class LocalizerNode(ManagedNode):
             if not is_last_chance:
                 raise
             raise ValueError(str(error)) from None
-        sensed = _Sensed(camera, pose)
+        sensed = Sensed(camera, pose)
         if parameters.method in ("auto", "depth") and self._depth.is_used:
             try:
                 offset, depth = self._depth.find(frame.stamp, parameters.depth_tolerance)
@@ -335,7 +337,10 @@ class LocalizerNode(ManagedNode):
                 self._problems.set("depth image", str(error))
             else:
                 self._problems.set("depth image", "")
-                sensed = _Sensed(camera, pose, depth, offset)
+                # Which pixels are the target matters with depth alone.
+                self._probability.open()
+                probability = self._probability.find(frame.stamp)
+                sensed = Sensed(camera, pose, depth, offset, probability)
         return sensed
 
     def _publish(self, frame: TrackerFrame, targets: Sequence[LocatedTarget]) -> str:
@@ -398,23 +403,6 @@ class LocalizerNode(ManagedNode):
             if one.arrivals.count:
                 values[f"seconds_since_{one.name}"] = one.arrivals.silent_for
         return level, message, values | (last.values if last else {})
-
-
-@dataclass(frozen=True, eq=False)
-class _Sensed:
-    """What the sensors say at a frame.
-
-    Attributes:
-        camera: The calibration.
-        pose: Where the camera is.
-        depth: The depth image; None without.
-        depth_offset: Its stamp relative to the image's, seconds; None without.
-    """
-
-    camera: CameraModel
-    pose: CameraPose
-    depth: NDArray[Any] | None = None
-    depth_offset: float | None = None
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,26 @@ _PREDICTED_FOR = 0.5
 # Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
 # dimensions), from which a target has a heading.
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """What the sensors say at a frame.
+
+    Attributes:
+        camera: The calibration.
+        pose: Where the camera is.
+        depth: Depth image as for `Localizer.locate`; None without.
+        depth_offset: Its stamp relative to the image's, seconds; None without.
+        probability: (rows, columns) probability that a pixel in the selected target's box is its
+            own; None where that is unknown.
+    """
+
+    camera: CameraModel
+    pose: CameraPose
+    depth: NDArray[Any] | None = None
+    depth_offset: float | None = None
+    probability: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,20 +87,13 @@ class WorldTracks:
         self._tracks.clear()
 
     def advance(
-        self,
-        frame: TrackerFrame,
-        camera: CameraModel,
-        camera_pose: CameraPose,
-        depth: NDArray[np.generic] | None,
-        parameters: LocalizerParameters,
+        self, frame: TrackerFrame, sensed: Sensed, parameters: LocalizerParameters
     ) -> tuple[LocatedTarget, ...]:
-        """Take a frame.
+        """Locate the targets of a frame.
 
         Args:
             frame: Of the tracker, later than the last one.
-            camera: Its calibration.
-            camera_pose: At its stamp.
-            depth: Of its time, as for `Localizer.locate`; None without.
+            sensed: At its stamp.
             parameters: Of the node.
 
         Returns:
@@ -89,16 +103,16 @@ class WorldTracks:
         kept = {target.id for target in frame.targets if target.state != "lost"}
         self._tracks = {id: track for id, track in self._tracks.items() if id in kept}
         localizer = Localizer(
-            camera,
-            plane=camera_pose.plane,
+            sensed.camera,
+            plane=sensed.pose.plane,
             target_height=parameters.target.height,
             target_height_sd=parameters.target.height_sd,
         )
-        scene = _Scene(frame.stamp, localizer, camera_pose, depth, parameters)
+        scene = _Scene(frame, sensed, localizer, parameters)
         return tuple(self._locate(target, scene) for target in frame.targets)
 
     def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
-        stamp, localizer = scene.stamp, scene.localizer
+        stamp, localizer = scene.frame.stamp, scene.localizer
         track = self._tracks.get(target.id)
         place, problem = None, distrust(target, scene.parameters.min_confidence)
         if not problem:
@@ -107,7 +121,8 @@ class WorldTracks:
                 place = localizer.locate(
                     target.box,
                     target.box_covariance,
-                    depth=scene.depth,
+                    depth=scene.sensed.depth,
+                    target_probability=scene.probability_of(target),
                     predicted_range=track.predicted_range(scene),
                     methods=scene.methods,
                 )
@@ -139,11 +154,14 @@ def _bearing(localizer: Localizer, target: ReportedTarget) -> Bearing | None:
 class _Scene:
     """What all targets of a frame share; attributes as the arguments of `WorldTracks.advance`."""
 
-    stamp: int
+    frame: TrackerFrame
+    sensed: Sensed
     localizer: Localizer
-    camera_pose: CameraPose
-    depth: NDArray[np.generic] | None
     parameters: LocalizerParameters
+
+    def probability_of(self, target: ReportedTarget) -> NDArray[np.float64] | None:
+        """Which pixels of a target's box are its own, where that is known."""
+        return self.sensed.probability if target.id == self.frame.selected else None
 
     @property
     def methods(self) -> tuple[str, ...]:
@@ -175,11 +193,11 @@ class _Track:
 
     def predicted_range(self, scene: _Scene) -> tuple[float, float] | None:
         """Distance from the camera to half the height, and its standard deviation, meters."""
-        predicted = self.filter.predict(scene.stamp)
+        predicted = self.filter.predict(scene.frame.stamp)
         if predicted is None:
             return None
         middle = np.append(predicted.position, scene.parameters.target.height / 2)
-        offset = middle - scene.camera_pose.pose.translation
+        offset = middle - scene.sensed.pose.pose.translation
         distance = float(np.linalg.norm(offset))
         if distance <= 0.0:
             return None
@@ -189,15 +207,15 @@ class _Track:
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
-        pose, camera = scene.camera_pose.pose, scene.localizer.camera
+        pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
-        if not self.filter.update(scene.stamp, measured.mean, measured.covariance):
+        if not self.filter.update(scene.frame.stamp, measured.mean, measured.covariance):
             innovation = self.filter.normalized_innovation
             return (
                 f"the position of target {target.id} jumped (squared innovation "
                 f"{innovation or 0.0:.1f}), as if the box were on something else"
             )
-        self._measured_at = scene.stamp
+        self._measured_at = scene.frame.stamp
         if self._yaw is None:
             away = measured.mean[:2] - pose.translation[:2]
             self._yaw = math.atan2(away[1], away[0])

@@ -72,10 +72,9 @@ def camera_info(width=WIDTH, height=HEIGHT, focal=FOCAL):
     return CameraInfo(width=width, height=height, distortion_model="plumb_bob", d=[0.0] * 5, k=k)
 
 
-def depth_message(stamp, depth):
-    message = Image(height=depth.shape[0], width=depth.shape[1], encoding="32FC1")
-    if depth.dtype == np.uint16:
-        message.encoding = "16UC1"
+def depth_message(stamp, depth, encoding=""):
+    encoding = encoding or ("16UC1" if depth.dtype == np.uint16 else "32FC1")
+    message = Image(height=depth.shape[0], width=depth.shape[1], encoding=encoding)
     message.step = depth[0].nbytes
     message.data = array("B", depth.tobytes())
     set_stamp(message.header, stamp)
@@ -115,6 +114,7 @@ def given():
         target=target_values,
         camera_info=camera_info,
         depth=depth_message,
+        gray=lambda stamp, image: depth_message(stamp, image, "mono8"),
         odometry=odometry_message,
         imu=imu_message,
         stamp_of=stamp_of,
@@ -162,14 +162,15 @@ class Scene(Node):
 
     def meet(self, localizer):
         """Wait until all endpoints of both are connected."""
-        own = {f"/{name}" for name in ("pf_tracker/status", *self._senders)}
+        own = {s.topic_name: s for s in self._all_senders}
         theirs = [s for s in localizer.subscriptions if s.topic_name in own]
+        taken = [own[s.topic_name] for s in theirs]
         listened = {s.topic_name for s in self.subscriptions}
         outward = [p for p in localizer.publishers if p.topic_name in listened - {"/diagnostics"}]
 
         def is_connected():
             return (
-                all(p.get_subscription_count() for p in self._all_senders)
+                all(p.get_subscription_count() for p in taken)
                 and all(s.get_publisher_count() for s in theirs)
                 and all(p.get_subscription_count() for p in outward)
                 and all(s.get_publisher_count() for s in self.subscriptions)
