@@ -138,8 +138,7 @@ def _covariance(covariance: ArrayLike | None, height: float) -> NDArray[np.float
             f"box_covariance has shape {given.shape}; expected (4, 4) of center x, center y, width "
             "and height, or (2, 2) of the center"
         )
-    # Also false with NaN.
-    if not np.linalg.eigvalsh((full + full.T) / 2.0).min() > -1e-6:
+    if not np.isfinite(full).all() or np.linalg.eigvalsh((full + full.T) / 2.0).min() < -1e-6:
         raise ValueError("box_covariance must be finite, and positive semidefinite")
     edges = _FROM_CENTER_AND_SIZE @ full @ _FROM_CENTER_AND_SIZE.T + _IDENTITY * _MIN_SD**2
     return (edges + edges.T) / 2.0

@@ -235,10 +235,10 @@ class CameraModel:
             if not (np.abs(step) > _TOLERANCE).any():
                 break
             normalized = normalized + step
-        # Beyond the fold of the polynomial, pixels have no ray.
-        unsolved = ~((np.abs(step) <= _TOLERANCE).all(axis=1) & (determinant > 0.0))
-        normalized[unsolved] = np.nan
-        return normalized, inverse
+        # Beyond the fold of the polynomial, pixels have no ray, or one on the other side.
+        same_side = ((pixels - self._center) * self._scale * normalized).sum(axis=1) > -_TOLERANCE
+        solved = (np.abs(step) <= _TOLERANCE).all(axis=1) & (determinant > 0.0) & same_side
+        return np.where(solved[:, None], normalized, np.nan), inverse
 
     def _distorted_angle(
         self, angle: NDArray[np.float64]

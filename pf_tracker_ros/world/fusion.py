@@ -50,6 +50,7 @@ _UNSEEN_SHARE, _UNSEEN_SHARE_SD = 0.5, 0.25
 # Derivatives by three errors of edges, then tilt, height of the camera, height of the target, near
 # side of the foot, depth.
 _Error = list[float]
+_TILT, _NEAR_SIDE = 3, 6
 
 
 @dataclass(frozen=True)
@@ -159,14 +160,21 @@ def foot_position(
     """(3,) position of the lower center in camera coordinates, and (3, 3) covariance."""
     ray, slope = view.rays[0], view.slopes[0]
     cosine = float(view.horizontal[0])
-    length = fused.distance / cosine
-    # P = D / cosine * ray: by the distance, by the cosine through edges and tilt, and by the ray.
-    along = np.array(fused.error) / cosine
+    forward = (ray - slope * cosine * view.plane.down) / cosine
+    # On the ray to the near side, and from there level to the middle at the distance D:
+    # P = (D - to middle) / cosine * ray + to middle * forward.
+    length = (fused.distance - TO_MIDDLE) / cosine
+    along = np.array(fused.error)
+    along[_NEAR_SIDE] -= _TO_MIDDLE_SD
+    along /= cosine
+    # The cosine changes with the edges and with the tilt.
     along[:3] += length * slope * cosine * cosine * np.array(view.slope_errors[0])
-    along[3] += length * slope * view.plane.tilt_sd
+    along[_TILT] += length * slope * view.plane.tilt_sd
     by_errors = ray[:, None] * along
     by_errors[:, :3] += length * view.ray_errors[0]
-    return length * ray, by_errors @ by_errors.T + _SMALLEST_COVARIANCE
+    by_errors[:, _NEAR_SIDE] += _TO_MIDDLE_SD * forward
+    position = length * ray + TO_MIDDLE * forward
+    return position, by_errors @ by_errors.T + _SMALLEST_COVARIANCE
 
 
 def position_below(
