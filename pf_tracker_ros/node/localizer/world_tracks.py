@@ -27,6 +27,9 @@ from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
 
 # Seconds after the last measurement in which the prediction stands for the target.
 _PREDICTED_FOR = 0.5
+# A doubted target counts as the same after so many seconds with a confidence that is higher than
+# `min_confidence` by so much, or after so many seconds in which it is not below that.
+_HIGH_ABOVE, _HIGH_FOR, _FAIR_FOR = 0.2, 1.0, 5.0
 # Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
 # dimensions), from which a target has a heading.
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
@@ -65,6 +68,7 @@ class LocatedTarget:
         rejected_for: Seconds for which measurements are outside of the gate; None if the last one
             was not.
         problem: Why this frame has no measurement that was used; empty if it has.
+        doubt: Why it may be something else than before; empty if there is no reason.
     """
 
     reported: ReportedTarget
@@ -74,6 +78,7 @@ class LocatedTarget:
     normalized_innovation: float | None
     rejected_for: float | None
     problem: str
+    doubt: str
 
 
 class WorldTracks:
@@ -99,9 +104,8 @@ class WorldTracks:
         Returns:
             All targets of the frame.
         """
-        # A lost target may be somebody else when it is found again.
-        kept = {target.id for target in frame.targets if target.state != "lost"}
-        self._tracks = {id: track for id, track in self._tracks.items() if id in kept}
+        tracks = {target.id: self._tracks.get(target.id) or _Track() for target in frame.targets}
+        self._tracks = tracks
         localizer = Localizer(
             sensed.camera,
             plane=sensed.pose.plane,
@@ -113,10 +117,11 @@ class WorldTracks:
 
     def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
         stamp, localizer = scene.frame.stamp, scene.localizer
-        track = self._tracks.get(target.id)
-        place, problem = None, distrust(target, scene.parameters.min_confidence)
+        track, min_confidence = self._tracks[target.id], scene.parameters.min_confidence
+        place, problem = None, distrust(target, min_confidence)
+        if target.state == "lost":
+            track.filter.reset()
         if not problem:
-            track = track or self._tracks.setdefault(target.id, _Track())
             try:
                 place = localizer.locate(
                     target.box,
@@ -131,14 +136,16 @@ class WorldTracks:
                     problem = track.measure(target, place, scene)
             except ValueError as error:
                 problem = f"target {target.id} cannot be located: {error}"
+        doubt = track.trust.update(stamp, target, min_confidence)
         return LocatedTarget(
             reported=target,
             bearing=_bearing(localizer, target),
             place=place,
-            world=track.world(stamp, target) if track else None,
-            normalized_innovation=track.filter.normalized_innovation if track and place else None,
-            rejected_for=track.rejected_for(stamp) if track else None,
+            world=track.world(stamp, target),
+            normalized_innovation=track.filter.normalized_innovation if place else None,
+            rejected_for=track.rejected_for(stamp),
             problem=problem,
+            doubt=doubt,
         )
 
 
@@ -181,11 +188,51 @@ def distrust(target: ReportedTarget, min_confidence: float) -> str:
     return ""
 
 
+class _Trust:
+    """Whether a target is still the same.
+
+    A box that goes over to somebody else in a crowd soon has a fair confidence again. So after an
+    occlusion or a low confidence, a target is in doubt until its confidence has been high for some
+    time, or fair for a long time.
+    """
+
+    def __init__(self) -> None:
+        self._is_doubted = False
+        # Stamps since when the confidence is high, and since when it is fair; None while it is not.
+        self._high_since: int | None = None
+        self._fair_since: int | None = None
+
+    def update(self, stamp: int, target: ReportedTarget, min_confidence: float) -> str:
+        """Take a frame; why the target is in doubt, empty if it is not."""
+        if problem := distrust(target, min_confidence):
+            self._is_doubted, self._high_since, self._fair_since = True, None, None
+            return problem
+        if not self._is_doubted:
+            return ""
+        high = min(min_confidence + _HIGH_ABOVE, 1.0)
+        if self._fair_since is None:
+            self._fair_since = stamp
+        if target.confidence < high:
+            self._high_since = None
+        elif self._high_since is None:
+            self._high_since = stamp
+        fair_for = (stamp - self._fair_since) / NANOSECONDS
+        high_for = 0.0 if self._high_since is None else (stamp - self._high_since) / NANOSECONDS
+        self._is_doubted = high_for < _HIGH_FOR and fair_for < _FAIR_FOR
+        if not self._is_doubted:
+            return ""
+        return (
+            f"target {target.id} is tracked again for {fair_for:.1f} s; it counts as the same after "
+            f"{_HIGH_FOR:g} s with a confidence of {high:.2g}, or after {_FAIR_FOR:g} s"
+        )
+
+
 class _Track:
-    """Filter, heading and size of one target."""
+    """Filter, trust, heading and size of one target."""
 
     def __init__(self) -> None:
         self.filter = PositionFilter()
+        self.trust = _Trust()
         self._measured_at = 0
         self._yaw: float | None = None
         self._yaw_variance = UNKNOWN_ANGLE
