@@ -222,7 +222,7 @@ class _Trust:
         if not self._is_doubted:
             return ""
         return (
-            f"target {target.id} is tracked again for {fair_for:.1f} s; it counts as the same after "
+            f"target {target.id} is tracked again for {fair_for:.1f} s; it is the same after "
             f"{_HIGH_FOR:g} s with a confidence of {high:.2g}, or after {_FAIR_FOR:g} s"
         )
 
