@@ -44,7 +44,7 @@ _LEAST_SD = 0.02
 _MEAN_HEIGHT_SD = 0.03
 # Largest standard deviation of the logarithm of the height and of pitch, radians, of a usable
 # plane.
-_LARGEST_SD = 0.3, 0.1
+_LARGEST_SD = 0.15, 0.06
 
 
 @dataclass(frozen=True, eq=False)
