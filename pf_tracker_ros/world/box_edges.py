@@ -19,7 +19,7 @@ from pf_tracker_ros.boxes import Box
 # detectors set the edges of cut boxes a little inside.
 _CUT_WITHIN, _CUT_WITHIN_SHARE = 2.0, 0.02
 # Standard deviation of an edge's row and of the middle column of a detector's box, box heights.
-_EDGE_SD = 0.045
+_EDGE_SD = 0.043
 # Half the width of a target and its standard deviation, box heights, where an edge is cut.
 _HALF_WIDTH, _HALF_WIDTH_SD = 0.2, 0.12
 # Smallest standard deviation, pixels: boxes are rounded.

@@ -42,9 +42,9 @@ _HUBER, _AGREES_WITHIN = 1.5, 3.0
 _LEAST_SD = 0.02
 # Standard deviation of the logarithm of the people's true mean height.
 _MEAN_HEIGHT_SD = 0.03
-# Largest standard deviation of the logarithm of the height and of pitch, radians, of a usable
-# plane.
-_LARGEST_SD = 0.3, 0.1
+# Largest standard deviations in a usable fit: of the logarithm of the height, of the pitch (radians),
+# and of a residual.
+_LARGEST_SDS = 0.15, 0.06, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def fit_ground_plane(
     best = min(fits, key=lambda fit: fit.loss)
     height_sd, pitch_sd, _ = np.sqrt(np.diagonal(np.linalg.pinv(best.information)))
     at_bound = (best.parameters <= _BOUNDS[0]) | (best.parameters >= _BOUNDS[1])
-    if at_bound.any() or not (height_sd < _LARGEST_SD[0] and pitch_sd < _LARGEST_SD[1]):
+    if at_bound.any() or (np.array([height_sd, pitch_sd, best.scale]) > _LARGEST_SDS).any():
         raise ValueError(
             "the boxes do not determine the ground; expected people who stand on one plane, at "
             "various distances"

@@ -22,6 +22,7 @@ LAYERS = (
         "command_lines",
     },
     {"filter"},
+    {"world"},
     {"background"},
     {"frames"},
     {"appearances"},

@@ -18,13 +18,13 @@ def box_of():
     The foot is where the box ends; the edges are half a pixel more than in a CameraInfo.
     """
 
-    def box(camera, plane, distance, bearing=0.0, height=1.75, width=0.4, camera_height=None):
+    def box(camera, plane, distance, bearing=0.0, height=1.75, width=0.4):  # noqa: PLR0917
         down = plane.down
         forward = np.array([0.0, 0.0, 1.0]) - down[2] * down
         forward /= np.linalg.norm(forward)
         right = np.cross(down, forward)
         direction = np.cos(bearing) * forward + np.sin(bearing) * right
-        foot = distance * direction + (camera_height or plane.height) * down
+        foot = distance * direction + plane.height * down
         head = foot - height * down
         (u, lower), (_, upper) = camera.project([foot, head])
         half = width / height * (lower - upper) / 2.0
