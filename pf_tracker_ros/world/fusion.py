@@ -8,7 +8,7 @@ Gaussian at any distance:
 2. `height`: (s_foot - s_head) / (height of the target);
 3. `depth`: 1 / (horizontal distance of the point in the depth image).
 
-The first two are of the foot's near side, where the box ends; the middle is a little farther.
+All three are of the target's near side; the middle is a little farther.
 
 An error is linear in independent ones of variance 1: of the box's edges, the tilt of the ground,
 the heights of camera and target, the foot's near side, and the depth. So it is a vector, and the
@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.world.view import View
 
-# From the near side of the foot to the middle of the target and its standard deviation, meters:
-# part of a step.
+# From the near side of the target to its middle, meters, and for the foot its standard deviation:
+# people make steps.
 TO_MIDDLE, _TO_MIDDLE_SD = 0.05, 0.15
 # Least slope of a foot on the ground: 3 arc minutes below the horizon.
 _LEAST_SLOPE = 1e-3
@@ -87,7 +87,7 @@ class Surface:
 
     Attributes:
         point: (3,) in camera coordinates, meters.
-        distance: Horizontal distance of it, meters.
+        distance: Horizontal distance of it, meters; the target's middle is a little farther.
         sd: Standard deviation of that, meters.
         across: (3,) derivative of the point by the pixel's column, meters per pixel.
     """
@@ -209,7 +209,8 @@ def position_below(
             drop_sd * plane.down,
         ]
     )
-    return surface.point + drop * plane.down, by_errors @ by_errors.T + _SMALLEST_COVARIANCE
+    position = surface.point + TO_MIDDLE * forward + drop * plane.down
+    return position, by_errors @ by_errors.T + _SMALLEST_COVARIANCE
 
 
 def _errors(

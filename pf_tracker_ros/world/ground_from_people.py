@@ -42,8 +42,8 @@ _HUBER, _AGREES_WITHIN = 1.5, 3.0
 _LEAST_SD = 0.02
 # Standard deviation of the logarithm of the people's true mean height.
 _MEAN_HEIGHT_SD = 0.03
-# Largest standard deviations in a usable fit: of the logarithm of the height, of the pitch (radians),
-# and of a residual.
+# Largest standard deviations in a usable fit: of the logarithm of the height, of the pitch
+# (radians), and of a residual.
 _LARGEST_SDS = 0.15, 0.06, 0.2
 
 

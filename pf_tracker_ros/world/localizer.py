@@ -26,6 +26,7 @@ from pf_tracker_ros.world.depth import (
     read_depth,
 )
 from pf_tracker_ros.world.fusion import (
+    TO_MIDDLE,
     Surface,
     TargetHeight,
     box_measurements,
@@ -161,7 +162,7 @@ class Localizer:
                 occlusion = reading.occlusion
                 surface = self._surface(edges, view.plane, reading)
         if surface is not None and view.has_foot and surface.shows_distance:
-            usable["depth"], depth_sd = 1.0 / surface.distance, surface.sd
+            usable["depth"], depth_sd = 1.0 / (surface.distance + TO_MIDDLE), surface.sd
         if usable:
             fused = fuse(view, usable, self._target_height, depth_sd)
             position, covariance = foot_position(view, fused)

@@ -161,12 +161,12 @@ def test_depth_gives_the_distance(camera, box_of, level, dtype):
     depth = (depth * 1000 if dtype == np.uint16 else depth).astype(dtype)
     place = Localizer(camera, level.height).locate(box, depth=depth)
     assert place.method == "ground+height+depth"
-    assert place.range == pytest.approx(np.linalg.norm(foot), rel=0.01)
+    np.testing.assert_allclose(place.position, middle(foot, level), atol=0.01)
     assert place.occlusion == 0.0
     # Without anything else, a target of unknown height is as far, and lower center as high.
     alone = Localizer(camera, None).locate(box, depth=depth, methods=["depth"])
     assert alone.method == "depth"
-    np.testing.assert_allclose(alone.position, foot, atol=0.02)
+    np.testing.assert_allclose(alone.position, middle(foot, level), atol=0.01)
 
 
 def test_depth_in_another_resolution_is_the_same(camera, box_of, level):
@@ -182,17 +182,17 @@ def test_a_half_figure_is_as_far_as_its_depth(camera, level):
     depth = depth_of(box, 0.9)
     place = Localizer(camera, level.height).locate(box, depth=depth)
     assert place.method == "depth"
-    assert place.position[1:] == pytest.approx((level.height, 0.9), abs=0.01)
+    assert place.position[1:] == pytest.approx((level.height, 0.9 + TO_MIDDLE), abs=0.01)
     unknown = Localizer(camera, None).locate(box, depth=depth)
     # The head at 100 px is .206 m above the camera.
-    assert unknown.position[1:] == pytest.approx((1.75 - 0.206, 0.9), abs=0.01)
+    assert unknown.position[1:] == pytest.approx((1.75 - 0.206, 0.9 + TO_MIDDLE), abs=0.01)
     assert unknown.covariance[1, 1] > 0.01
 
 
 def test_depth_without_foot_and_head_leaves_the_height_open(camera):
     box = (200.0, 0.0, 240.0, 480.0)
     place = Localizer(camera, None).locate(box, depth=depth_of(box, 0.9))
-    assert place.position[2] == pytest.approx(0.9, abs=0.01)
+    assert place.position[2] == pytest.approx(0.9 + TO_MIDDLE, abs=0.01)
     assert place.covariance[1, 1] ** 0.5 > 0.3
 
 
@@ -201,7 +201,7 @@ def test_depth_wins_over_what_it_contradicts(camera, box_of, level):
     box, foot = box_of(camera, level, 4.0, height=1.0)
     place = Localizer(camera, level.height).locate(box, depth=depth_of(box, foot[2]))
     assert place.method == "ground+depth"
-    assert place.range == pytest.approx(np.linalg.norm(foot), rel=0.01)
+    np.testing.assert_allclose(place.position, middle(foot, level), atol=0.01)
 
 
 def test_holes_everywhere_leave_ground_and_height(camera, box_of, level):
