@@ -55,6 +55,12 @@ class CameraModel:
     Raises:
         ValueError: A number is not finite, a focal length or side is not positive, or the model
             does not have that many coefficients.
+
+    Example:
+        >>> from pf_tracker_ros.world import CameraModel
+        >>> camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480)
+        >>> camera.project([(0.0, 0.0, 5.0), (1.0, 0.0, 5.0)]).tolist()
+        [[320.0, 240.0], [420.0, 240.0]]
     """
 
     def __init__(  # noqa: PLR0917 (the fixed order of a calibration)

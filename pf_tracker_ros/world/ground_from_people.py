@@ -54,6 +54,14 @@ class PeopleGround:
     Attributes:
         plane: The ground, its `tilt_sd` and `height_sd` from the fit.
         boxes: Number of boxes that agree with it.
+
+    Example:
+        See `fit_ground_plane`:
+
+        >>> from pf_tracker_ros.world import GroundPlane, PeopleGround
+        >>> learned = PeopleGround(GroundPlane.from_angles(2.0), boxes=80)
+        >>> learned.plane.height, learned.boxes
+        (2.0, 80)
     """
 
     plane: GroundPlane
@@ -74,6 +82,21 @@ def fit_ground_plane(
     Raises:
         ValueError: Fewer than 50 whole boxes, an argument has a wrong shape or range, or the
             boxes do not determine a plane.
+
+    Example:
+        People of 1.75 m, 4 to 12 m before a level camera, 2 m above the ground:
+
+        >>> import numpy as np
+        >>> from pf_tracker_ros.world import CameraModel, fit_ground_plane
+        >>> camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480)
+        >>> random = np.random.default_rng(0)
+        >>> z, x = random.uniform(4.5, 12.0, 80), random.uniform(-2.0, 2.0, 80)
+        >>> top, bottom = 240 + 500 * 0.25 / z, 240 + 500 * 2.0 / z
+        >>> width = 500 * 0.5 / z
+        >>> boxes = np.column_stack([320 + 500 * x / z - width / 2, top, width, bottom - top])
+        >>> learned = fit_ground_plane(camera, boxes)
+        >>> bool(abs(learned.plane.height - 2.0) < 0.1)
+        True
     """
     if not 0.0 < target_height < math.inf:
         raise ValueError(

@@ -36,6 +36,14 @@ class GroundPlane:
 
     Raises:
         ValueError: A number is not finite, the height is not positive, or `down` has no direction.
+
+    Example:
+        Distances along rays from a level camera, 1.5 m above the ground:
+
+        >>> from pf_tracker_ros.world import GroundPlane
+        >>> plane = GroundPlane.from_angles(1.5)
+        >>> plane.distances([(0.0, 0.3, 1.0), (0.0, 0.15, 1.0)]).round(3).tolist()
+        [5.0, 10.0]
     """
 
     down: NDArray[np.float64]

@@ -61,6 +61,16 @@ class Localizer:
 
     Raises:
         ValueError: A number is not finite or out of its range.
+
+    Example:
+        A person of 1.75 m whose feet are 5 m before a level camera, 1.5 m above the ground:
+
+        >>> from pf_tracker_ros.world import CameraModel, Localizer
+        >>> camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480)
+        >>> localizer = Localizer(camera, camera_height=1.5)
+        >>> place = localizer.locate((300, 215, 40, 175))
+        >>> place.method, bool(abs(place.position - (0.0, 1.5, 5.0)).max() < 0.2)
+        ('ground+height', True)
     """
 
     def __init__(  # noqa: PLR0917 (the interface is fixed)

@@ -21,6 +21,15 @@ class Bearing:
         direction: (3,) unit vector.
         covariance: (2, 2), rad^2: of the angle along the camera's x axis (right), and of that
             across it (down).
+
+    Example:
+        The direction of a box in the middle of the image:
+
+        >>> from pf_tracker_ros.world import CameraModel, Localizer
+        >>> localizer = Localizer(CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480))
+        >>> bearing = localizer.bearing((300, 220, 40, 40))
+        >>> (bearing.direction.round(2) + 0.0).tolist(), bearing.covariance.shape
+        ([0.0, 0.0, 1.0], (2, 2))
     """
 
     direction: NDArray[np.float64]
@@ -63,6 +72,13 @@ class Place:
         bearing_covariance: (2, 2) of the bearing, rad^2; see `Bearing`.
         occlusion: Share, 0 to 1, of the box's depth pixels that are nearer than the target; None
             without depth.
+
+    Example:
+        >>> from pf_tracker_ros.world import CameraModel, Localizer
+        >>> camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480)
+        >>> place = Localizer(camera, camera_height=1.5).locate((300, 215, 40, 175))
+        >>> place.position.shape, place.covariance.shape, place.occlusion
+        ((3,), (3, 3), None)
     """
 
     position: NDArray[np.float64]
@@ -85,6 +101,17 @@ def in_fixed_frame(place: Place, rotation: ArrayLike, translation: ArrayLike) ->
         place: In camera coordinates.
         rotation: (3, 3) from the camera's optical frame to the fixed frame.
         translation: (3,) position of the camera in the fixed frame, meters.
+
+    Example:
+        A fixed frame with x forward, y to the left, z up, and the camera 1.5 m above its origin:
+
+        >>> from pf_tracker_ros.world import CameraModel, Localizer, in_fixed_frame
+        >>> camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480)
+        >>> place = Localizer(camera, camera_height=1.5).locate((300, 215, 40, 175))
+        >>> rotation = [(0, 0, 1), (-1, 0, 0), (0, -1, 0)]
+        >>> fixed = in_fixed_frame(place, rotation, (0.0, 0.0, 1.5))
+        >>> bool(abs(fixed.mean - (5.0, 0.0, 0.0)).max() < 0.2), fixed.covariance.shape
+        (True, (3, 3))
     """
     matrix = np.asarray(rotation, dtype=np.float64)
     return Gaussian(

@@ -39,6 +39,16 @@ class FilteredPosition:
         position: (2,) x and y in the fixed frame, meters.
         velocity: (2,) meters per second.
         covariance: (4, 4) of x, y and their velocities.
+
+    Example:
+        >>> import numpy as np
+        >>> from pf_tracker_ros.world import PositionFilter
+        >>> positions = PositionFilter()
+        >>> positions.update(1_000_000_000, (5.0, 0.0), 0.01 * np.eye(2))
+        True
+        >>> filtered = positions.predict(1_000_000_000)
+        >>> filtered.position.round(2).tolist(), filtered.covariance.shape
+        ([5.0, 0.0], (4, 4))
     """
 
     stamp: int
@@ -67,6 +77,19 @@ class PositionFilter:
 
     Raises:
         ValueError: A number is not finite or out of its range.
+
+    Example:
+        A target that walks along x at 1 m/s, measured ten times a second:
+
+        >>> import numpy as np
+        >>> from pf_tracker_ros.world import PositionFilter
+        >>> positions = PositionFilter(correlation_time=0.0)
+        >>> for step in range(50):
+        ...     stamp = 1_000_000_000 + step * 100_000_000
+        ...     accepted = positions.update(stamp, (5.0 + 0.1 * step, 0.0), 0.01 * np.eye(2))
+        >>> filtered = positions.predict(stamp)
+        >>> accepted, filtered.velocity.round(1).tolist()
+        (True, [1.0, 0.0])
     """
 
     def __init__(
