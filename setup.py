@@ -120,6 +120,7 @@ setup(
     entry_points={
         "console_scripts": [
             f"tracker = {PACKAGE}.commands:tracker",
+            f"localizer = {PACKAGE}.commands:localizer",
             f"replay = {PACKAGE}.commands:replay",
             f"console = {PACKAGE}.commands:console",
             f"evaluate = {PACKAGE}.commands:evaluate",

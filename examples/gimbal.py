@@ -1,37 +1,37 @@
 #!/usr/bin/env python3
-"""Turns a pan axis, or a robot, toward the target of the node `pf_tracker`.
+"""Turns a pan axis, or a robot, toward the target of the nodes `pf_tracker` and `localizer`.
 
-1. While the state is `tracking`, the angular velocity is proportional to the offset of the box from
-   the center of the image.
-2. It is divided by 1 + std / 0.05, where std is the standard deviation of the box center as a share
-   of the image width.
-3. It is 0 when the target is occluded or lost, and after half a second without a tracked frame.
+1. The localizer gives the direction of the target while the tracker is sure of it. The angular
+   velocity is proportional to its angle to the left of the optical axis.
+2. It is divided by 1 + std / 0.05, where std is the standard deviation of that angle in radians,
+   from the localizer's status.
+3. It is 0 when the target is occluded or lost, and after half a second without a direction.
 
 Start it in the namespace of the tracker:
 
-    python3 gimbal.py --ros-args -r camera_info:=/camera/camera_info -r cmd_vel:=/gimbal/cmd_vel
+    python3 gimbal.py --ros-args -r cmd_vel:=/gimbal/cmd_vel
 """
 
 from __future__ import annotations
 
+import math
 import time
 from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PolygonStamped, Twist
+from geometry_msgs.msg import Twist, Vector3Stamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.utilities import try_shutdown
-from sensor_msgs.msg import CameraInfo
 
-# Angular velocity for a target at the edge of the image, radians per second.
-FASTEST_TURN = 1.0
-# Standard deviation of the box center that halves the velocity, as a share of the image width.
+# Angular velocity for each radian of the angle, and the fastest one, radians per second.
+GAIN, FASTEST_TURN = 1.5, 1.0
+# Standard deviation of the angle that halves the velocity, radians.
 DOUBTFUL_SPREAD = 0.05
-# Seconds without a tracked frame after which to stop.
+# Seconds without a direction after which to stop.
 PATIENCE = 0.5
 WATCHDOG_PERIOD = 0.05
 
@@ -41,51 +41,47 @@ class Gimbal(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("gimbal", **options)
-        self._width = 0
-        self._center = (0, 0.0)
+        self._bearing = (0, 0.0)
         self._spread = (0, 0.0)
         self._steered_at = -PATIENCE
         self._turns = self.create_publisher(Twist, "cmd_vel", 10)
-        self.create_subscription(CameraInfo, "camera_info", self._on_camera, 10)
+        self.create_subscription(Vector3Stamped, "localizer/bearing", self._on_bearing, 10)
         # Volatile: a status from before the start of this node must not turn the axis.
-        self.create_subscription(DiagnosticArray, "pf_tracker/status", self._on_status, 10)
-        self.create_subscription(PolygonStamped, "pf_tracker/box", self._on_box, 10)
+        self.create_subscription(DiagnosticArray, "localizer/status", self._on_status, 10)
         # The steady clock runs on when the simulated time stops.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(WATCHDOG_PERIOD, self._watch, clock=steady)
 
-    def _on_camera(self, message: CameraInfo) -> None:
-        self._width = message.width
-
-    def _on_box(self, message: PolygonStamped) -> None:
-        corners = message.polygon.points
-        self._center = (_stamp(message), (corners[0].x + corners[2].x) / 2)
+    def _on_bearing(self, message: Vector3Stamped) -> None:
+        # In the optical frame x is to the right, z forward.
+        angle = -math.atan2(message.vector.x, message.vector.z)
+        self._bearing = (_stamp(message), angle)
         self._steer()
 
     def _on_status(self, message: DiagnosticArray) -> None:
-        values = {item.key: item.value for item in message.status[0].values}
-        if values["state"] == "tracking":
-            self._spread = (_stamp(message), float(values["covariance_xx"]) ** 0.5)
-            self._steer()
-        elif values["state"] != "skipped":
-            self._stop()
+        values = [{item.key: item.value for item in one.values} for one in message.status]
+        for target in values[1:]:
+            if target["id"] != values[0]["selected"]:
+                continue
+            if target["state"] == "tracking" and "bearing_covariance_xx" in target:
+                spread = float(target["bearing_covariance_xx"]) ** 0.5
+                self._spread = (_stamp(message), spread)
+                self._steer()
+            else:
+                self._turn(0.0)
 
     def _steer(self) -> None:
-        """Turn toward the target, once both box and status of a frame have arrived."""
-        (box_stamp, x), (status_stamp, spread) = self._center, self._spread
-        if box_stamp != status_stamp or not self._width:
+        """Turn toward the target, once both bearing and status of a frame have arrived."""
+        (bearing_stamp, angle), (status_stamp, spread) = self._bearing, self._spread
+        if bearing_stamp != status_stamp:
             return
-        error = x / (self._width / 2) - 1.0
-        care = 1.0 + spread / (DOUBTFUL_SPREAD * self._width)
+        turn = GAIN * angle / (1.0 + spread / DOUBTFUL_SPREAD)
         self._steered_at = time.monotonic()
-        self._turn(-FASTEST_TURN * error / care)
+        self._turn(min(max(turn, -FASTEST_TURN), FASTEST_TURN))
 
     def _watch(self) -> None:
         if time.monotonic() - self._steered_at > PATIENCE:
-            self._stop()
-
-    def _stop(self) -> None:
-        self._turn(0.0)
+            self._turn(0.0)
 
     def _turn(self, rate: float) -> None:
         turn = Twist()
@@ -93,7 +89,7 @@ class Gimbal(Node):
         self._turns.publish(turn)
 
 
-def _stamp(message: DiagnosticArray | PolygonStamped) -> int:
+def _stamp(message: DiagnosticArray | Vector3Stamped) -> int:
     return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
 
 

@@ -1,6 +1,6 @@
 """Entry points of the executables. Each parses its command line before the slow imports.
 
-SIGINT and SIGTERM end `tracker`, `replay` and `console` cleanly even during the imports.
+SIGINT and SIGTERM end the nodes (all but `evaluate` and `track`) cleanly even during the imports.
 """
 
 from __future__ import annotations
@@ -17,12 +17,21 @@ from pf_tracker_ros.opencv import require_opencv
 from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.signals import hold_signals
 
+# Nodes without a recording to play.
 _TRACKER_EXAMPLES = """\
 examples:
   tracker --ros-args -r image:=/camera/image_raw -p preset:=li2007
   tracker --ros-args --params-file my_tracker.yaml -p target_box:="[293.0, 97.0, 115.0, 82.0]"
 
 Every setting is a ROS parameter: see `ros2 param list /pf_tracker` and `ros2 param describe`.
+"""
+_LOCALIZER_EXAMPLES = """\
+examples:
+  localizer --ros-args -r camera_info:=/camera/camera_info -p camera.height:=1.2
+  localizer --ros-args -r camera_info:=/camera/camera_info -r depth:=/camera/depth/image_raw \\
+      -r odom:=/odom -p fixed_frame:=odom
+
+Every setting is a ROS parameter: see `ros2 param list /localizer` and `ros2 param describe`.
 """
 _REPLAY_EXAMPLES = """\
 examples:
@@ -41,7 +50,7 @@ examples:
 Then open the printed address. Other settings are ROS parameters: see `ros2 param list /console`
 and `ros2 param describe`.
 """
-_SOURCES = {"tracker": "", "replay": " [SOURCE]", "console": " [SOURCE ...]"}
+_SOURCES = {"tracker": "", "localizer": "", "replay": " [SOURCE]", "console": " [SOURCE ...]"}
 
 
 def tracker() -> None:
@@ -55,6 +64,21 @@ def tracker() -> None:
     parser.read(sys.argv[1:])
     _import_or_exit("tracker", "pf_tracker_ros.node")
     from pf_tracker_ros.node.tracker.tracker_node import main
+
+    main()
+
+
+def localizer() -> None:
+    """Run the localizer node."""
+    hold_signals()
+    parser = _Parser(
+        "localizer",
+        "Tell where the tracker's targets are, in meters (ROS node localizer).",
+        _LOCALIZER_EXAMPLES,
+    )
+    parser.read(sys.argv[1:])
+    _import_or_exit("localizer", "pf_tracker_ros.node")
+    from pf_tracker_ros.node.localizer.localizer_node import main
 
     main()
 

@@ -14,12 +14,26 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
+from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 PACKAGE = "pf_tracker_ros"
 # Launch arguments that are tracker parameters of the same names.
 TRACKER_PARAMETERS = ("preset", "image_reliability", "image_transport", "seed")
+# Launch arguments that are localizer parameters, with an underscore for the dot of a name.
+LOCALIZER_PARAMETERS = (
+    "method",
+    "fixed_frame",
+    "camera_height",
+    "camera_pitch",
+    "camera_roll",
+    "target_height",
+    "target_height_sd",
+    "depth_transport",
+    "depth_tolerance",
+    "min_confidence",
+)
 _LOG_LEVELS = "debug, info, warn, error, fatal"
 
 # Name to description and default of the arguments that several launch files declare.
@@ -209,3 +223,37 @@ def tracker_nodes(
             port = {"port": given.parameter("console_port", declared)}
         nodes.append(Node(executable="console", name="console", parameters=[port], **options))
     return nodes
+
+
+def localizer_node(given: LaunchArguments) -> Node:
+    """The localizer beside the tracker.
+
+    Args:
+        given: The launch arguments.
+
+    Raises:
+        ValueError: An argument is not allowed.
+    """
+    parameters: dict[str, Any] = {"use_sim_time": given.flag("use_sim_time")}
+    parameters["rectified"] = given.flag("rectified")
+    declared = {
+        name.replace(".", "_"): one for name, one in declarations(LocalizerParameters).items()
+    }
+    for name in LOCALIZER_PARAMETERS:
+        if given.text(name):
+            parameters[declared[name].name] = given.parameter(name, declared[name])
+    folder, slash, _ = given.text("image").rpartition("/")
+    remappings = {
+        "camera_info": given.text("camera_info") or f"{folder}{slash}camera_info",
+        "depth": given.text("depth"),
+        "odom": given.text("odom"),
+        "imu": given.text("imu"),
+    }
+    return Node(
+        executable="localizer",
+        name="localizer",
+        parameters=[parameters],
+        remappings=[*remappings.items()],
+        arguments=given.log_arguments(),
+        **given.common_node_options(),
+    )

@@ -26,6 +26,7 @@ POLYGON_TYPE = "geometry_msgs/msg/PolygonStamped"
 POINTS_TYPE = "sensor_msgs/msg/PointCloud2"
 MARKERS_TYPE = "visualization_msgs/msg/MarkerArray"
 DETECTIONS_TYPE = "vision_msgs/msg/Detection2DArray"
+DETECTIONS_3D_TYPE = "vision_msgs/msg/Detection3DArray"
 STATUS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 
 OK, WARN, ERROR = 0, 1, 2

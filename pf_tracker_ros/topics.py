@@ -38,6 +38,8 @@ from pf_tracker_ros.targets.tracked_target import (
 )
 from pf_tracker_ros.tracking.estimate import DESCRIPTIONS, Estimate
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
+from pf_tracker_ros.world.box_edges import BoxEdges
+from pf_tracker_ros.world.target_colors import color_probability
 
 _LINE_WIDTH = 2.0
 # Class of a target without a label.
@@ -88,6 +90,8 @@ class FrameResult:
     def values(self) -> StatusValues:
         """Values of the status for the frame and the selected target."""
         values = common_values(self.targets, self.selected, self.detector_runs, self.estimate)
+        if self.image is not None:
+            values["image_height"], values["image_width"] = self.image.shape[:2]
         return values | likelihood_values(self.likelihood) if self.likelihood else values
 
     def target_statuses(self, node: str) -> list[Status]:
@@ -208,6 +212,23 @@ def _likelihood(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     return image_message(new, header, result.likelihood.log_likelihood.astype(np.float32))
 
 
+def _target_probability(new: MessageFactory, header: Any, result: FrameResult) -> Any:
+    """Probability of each pixel of the selected target's box to be its own; 255 is 1.
+
+    The box is the part of the estimate inside the image, in a coarser resolution. Only color images
+    have one.
+    """
+    estimate, image = result.estimate, result.image
+    if estimate is None or estimate.state == "lost" or image is None or image.ndim != 3:
+        return None
+    size = image.shape[1], image.shape[0]
+    edges = BoxEdges.of(estimate.box, None, size)
+    if edges is None:
+        return None
+    probability = color_probability(image, edges.box, size)
+    return image_message(new, header, np.rint(255.0 * probability).astype(np.uint8))
+
+
 def likelihood_values(likelihood: LikelihoodMap) -> StatusValues:
     """Extent of the likelihood image and the cues' likelihoods, under the keys of the status."""
     x, y, side, _ = likelihood.extent
@@ -222,6 +243,7 @@ OUTPUT_TOPICS: Sequence[OutputTopic] = (
     OutputTopic("box", POLYGON_TYPE, _box),
     OutputTopic("boxes", MARKERS_TYPE, _boxes),
     OutputTopic("detections", DETECTIONS_TYPE, _detections),
+    OutputTopic("target_probability", IMAGE_TYPE, _target_probability),
     OutputTopic("likelihood", IMAGE_TYPE, _likelihood),
     OutputTopic("particles", POINTS_TYPE, _particles, is_visualization=True),
     OutputTopic("overlay", IMAGE_TYPE, _overlay, is_visualization=True),

@@ -20,7 +20,7 @@ def run(name, *arguments):
     )
 
 
-@pytest.mark.parametrize("name", ["tracker", "replay", "console"])
+@pytest.mark.parametrize("name", ["tracker", "localizer", "replay", "console"])
 def test_help_tells_what_it_is_and_how_ros_gives_it_parameters(name):
     outcome = run(name, "--help")
     assert outcome.returncode == 0
@@ -67,7 +67,7 @@ def test_the_console_reports_a_missing_package():
     assert "apt" in outcome.stderr
 
 
-@pytest.mark.parametrize("name", ["tracker", "replay", "console"])
+@pytest.mark.parametrize("name", ["tracker", "localizer", "replay", "console"])
 def test_without_ros_one_line_says_how_to_get_it(name):
     code = (
         "import importlib.util as u, sys\n"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
+from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameter_files import yaml_text
@@ -85,6 +86,8 @@ def _parameter_tables() -> str:
         "With `max_targets` above 1 the presets have the same values except for "
         f"{_multi_target_differences()}.",
         _table(_TRACKER, presets, "relearns"),
+        "## The localizer `localizer`",
+        _table(declarations(LocalizerParameters)),
         "## The replay publisher `replay`",
         _table(declarations(ReplayParameters)),
         "## The console `console`",

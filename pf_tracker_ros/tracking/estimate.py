@@ -134,8 +134,9 @@ class Estimate:
 
 
 def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
-    """Status keys and values of an estimate; covariance in px^2."""
+    """Status keys and values of an estimate; box in pixels, covariance in px^2."""
     covariance = estimate.box_covariance
+    x, y, width, height = (float(value) for value in estimate.box)
     background = {"background": str(estimate.background)} if estimate.background else {}
     cue_weights = {
         f"cue_weight_{name}": float(weight) for name, weight in estimate.cue_weights.items()
@@ -143,6 +144,7 @@ def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
     return (
         background
         | cue_weights
+        | {"box_x": x, "box_y": y, "box_width": width, "box_height": height}
         | {
             "confidence": float(estimate.confidence),
             "covariance_xx": float(covariance[0, 0]),

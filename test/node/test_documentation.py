@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS
+from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 
@@ -22,6 +23,23 @@ def test_the_table_lists_the_topics_and_services_of_the_node(graph):
     assert full - own <= {"image", "image/compressed", "detections", "/pf_tracker/detections"}
     services = set(re.findall(r"^\| service \| `(\S+)`", table, re.MULTILINE))
     assert services <= {service.srv_name for service in node.services}
+
+
+def test_the_table_lists_the_topics_of_the_localizer(graph):
+    node = LocalizerNode(context=graph.context())
+    graph.run(node)
+    text = (REPOSITORY / "docs" / "localizer.md").read_text()
+    listed = {
+        name.replace("~", "/localizer") if "~" in name else f"/{name.lstrip('/')}"
+        for row in re.findall(r"^\| (?:in|out) \| ([^|]+) \|", text, re.MULTILINE)
+        for name in re.findall(r"`(\S+)`", row)
+    }
+    rclpy_own = {"/rosout", "/parameter_events", "/clock", "/localizer/transition_event"}
+    endpoints = {one.topic_name for one in (*node.publishers, *node.subscriptions)} - rclpy_own
+    assert endpoints <= listed | {"/tf_static"}
+    optional = {"/localizer/detections_3d", "/tf"}
+    optional |= {"/depth/compressed", "/depth/compressedDepth", "/pf_tracker/target_probability"}
+    assert listed - endpoints <= optional
 
 
 def test_the_table_of_encodings_is_complete():

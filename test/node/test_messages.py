@@ -127,6 +127,10 @@ def test_numbers_of_a_status_read_back_unchanged(header):
     (status,) = status_message(new_message, header, [made]).status
     read = {item.key: float(item.value) for item in status.values}
     assert read == {
+        "box_x": 1.0,
+        "box_y": 2.0,
+        "box_width": 3.0,
+        "box_height": 4.0,
         "confidence": 0.1,
         "covariance_xx": 1 / 3,
         "covariance_xy": -0.5,

@@ -25,6 +25,7 @@ FOUND_AT_RUN_TIME = {
     "rosbag2_py",
     "rosbag2_storage_default_plugins",
     "rosbag2_storage_mcap",
+    "tf2_ros_py",
     "vision_msgs",
 }
 # Of the benchmarks, which have an environment of their own.

@@ -20,7 +20,7 @@ pytest.importorskip("furo", reason="needs the extra 'docs'")
 
 ROOT = Path(__file__).resolve().parents[2]
 # Modules whose public names are the library.
-LIBRARY = ["pf_tracker_ros"]
+LIBRARY = ["pf_tracker_ros", "pf_tracker_ros.world"]
 PUBLIC = [
     (module, name)
     for module in LIBRARY

@@ -1,4 +1,7 @@
-"""The example gimbal.py turns toward a visible target, and otherwise stands still."""
+"""The example gimbal.py turns toward a visible target, and otherwise stands still.
+
+Tracker, localizer and example run together.
+"""
 
 import importlib.util
 from pathlib import Path
@@ -6,6 +9,8 @@ from pathlib import Path
 import pytest
 from geometry_msgs.msg import Twist
 from sensor_msgs.msg import CameraInfo
+
+from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "gimbal.py"
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
@@ -28,17 +33,25 @@ def turns(client, gimbal, graph, images, box):
     turns = []
     client.create_subscription(Twist, "cmd_vel", lambda turn: turns.append(turn.angular.z), 100)
     cameras = client.create_publisher(CameraInfo, "camera_info", 10)
+    localizer = LocalizerNode(context=graph.context())
+    graph.run(localizer)
     graph.tracker(client, target_box=box, **QUICK)
+    inputs = [s for s in localizer.subscriptions if s.topic_name in ("/pf_tracker/status",)]
     subscriptions = [s for s in gimbal.subscriptions if "parameter_events" not in s.topic_name]
-    client.wait_for(lambda: all(s.get_publisher_count() for s in subscriptions), "connection")
+    client.wait_for(
+        lambda: all(s.get_publisher_count() for s in [*subscriptions, *inputs]), "connection"
+    )
     client.wait_for(lambda: len(turns) > 2, "the watchdog's standstill")
     assert set(turns) == {0.0}
-    cameras.publish(CameraInfo(width=images.shape[2], height=images.shape[1]))
-    assert cameras.wait_for_all_acked()
+    height, width = images.shape[1:3]
+    k = [150.0, 0.0, width / 2, 0.0, 150.0, height / 2, 0.0, 0.0, 1.0]
+    calibration = CameraInfo(width=width, height=height, k=k)
     index = 0
 
     def is_turning():
         nonlocal index
+        # Best effort: the first may be lost.
+        cameras.publish(calibration)
         client.show(images[index % 20], client.at(index))
         index += 1
         return turns[-1] > 0.0

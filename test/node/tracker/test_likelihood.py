@@ -1,4 +1,4 @@
-"""The topic `~/likelihood`, published only with a subscriber."""
+"""The topics `~/likelihood` and `~/target_probability`, published only with a subscriber."""
 
 import numpy as np
 from sensor_msgs.msg import Image
@@ -47,3 +47,16 @@ def test_without_a_target_nothing_is_published(graph, client, images):
     status = client.show(images[0], client.at(0))
     assert status.values["state"] == "idle"
     assert received == []
+
+
+def test_the_colors_of_the_target_are_told_from_its_surroundings(graph, client, images, box):
+    received = []
+    client.create_subscription(Image, "pf_tracker/target_probability", received.append, 10)
+    node = graph.tracker(client, target_box=box, preset="li2007", particles=50)
+    (publisher,) = [one for one in node.publishers if one.topic.endswith("/target_probability")]
+    client.wait_for(publisher.get_subscription_count, "connection")
+    client.show_all(images[:3])
+    message = client.answer(received, client.at(2))
+    assert message.encoding == "mono8"
+    probability = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
+    assert probability[message.height // 4 : -message.height // 4].mean() > 0.7 * 255

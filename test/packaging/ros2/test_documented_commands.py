@@ -177,9 +177,22 @@ DEPTH_CAMERA = [
         "ros2 launch realsense2_camera rs_launch.py align_depth.enable:=true", "needs a camera"
     ),
     GoesOn(
-        f"{LAUNCH} tracker.launch.py image:=/camera/camera/color/image_raw console:=true",
-        prints="images on /camera/camera/color/image_raw",
+        f"{LAUNCH} follow.launch.py image:=/camera/camera/color/image_raw "
+        "depth:=/camera/camera/aligned_depth_to_color/image_raw odom:=/odom camera_height:=0.6",
+        prints="camera_info on /camera/camera/color/camera_info, depth on "
+        "/camera/camera/aligned_depth_to_color/image_raw, odom on /odom",
     ),
+    Elsewhere("ros2 topic echo --once /localizer/pose", "test_launch_files.py"),
+]
+
+LOCALIZER = [
+    GoesOn(
+        f"{LAUNCH} follow.launch.py image:=/camera/image_raw camera_height:=1.2 "
+        "built_in_detector:=people",
+        node="/localizer",
+        prints="camera_info on /camera/camera_info",
+    ),
+    Elsewhere("ros2 topic echo --once /localizer/pose", "test_launch_files.py"),
 ]
 
 THERMAL_CAMERA = [
@@ -209,12 +222,27 @@ BAG = [
 ]
 
 RECIPES = [
+    GoesOn(
+        f"{RUN} localizer --ros-args -r camera_info:=/camera/camera_info",
+        node="/localizer",
+        prints="camera_info on /camera/camera_info",
+    ),
     Elsewhere(
-        "python3 examples/gimbal.py --ros-args -r camera_info:=/camera/camera_info "
-        "-r cmd_vel:=/gimbal/cmd_vel",
-        "test_gimbal.py",
+        "python3 examples/gimbal.py --ros-args -r cmd_vel:=/gimbal/cmd_vel", "test_gimbal.py"
+    ),
+    GoesOn(
+        f"{LAUNCH} follow.launch.py image:=/camera/image_raw odom:=/odom camera_height:=0.6 "
+        'target_box:="[62, 31, 53, 70]"',
+        prints="camera_info on /camera/camera_info",
+        ends=(f"{RUN} localizer",),
+    ),
+    Elsewhere(
+        "ros2 action send_goal /follow_object nav2_msgs/action/FollowObject "
+        '"{pose_topic: /localizer/pose}"',
+        "needs Nav2",
     ),
     Elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
+    Elsewhere(f"rviz2 -d {SHARE}/config/localizer.rviz", "opens a window; test_displays.py"),
 ]
 DOCUMENTS = {
     "README.md": README,
@@ -225,6 +253,7 @@ DOCUMENTS = {
     "docs/thermal_camera.md": THERMAL_CAMERA,
     "docs/yolo.md": YOLO,
     "docs/bag.md": BAG,
+    "docs/localizer.md": LOCALIZER,
     "docs/recipes.md": RECIPES,
     "docs/benchmarks.md": BENCHMARKS,
 }

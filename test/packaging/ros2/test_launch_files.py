@@ -12,6 +12,7 @@ DECLARING = ("DeclareLaunchArgument", "argument")
 TRACKER = "ros2 launch pf_tracker_ros tracker.launch.py"
 REPLAY = "ros2 launch pf_tracker_ros replay.launch.py"
 DETECTOR = "ros2 launch pf_tracker_ros detector.launch.py"
+FOLLOW = "ros2 launch pf_tracker_ros follow.launch.py"
 RUN_REPLAY = "ros2 run pf_tracker_ros replay"
 TARGET = 'target_box:="[62, 31, 53, 70]"'
 
@@ -93,8 +94,8 @@ def parameters_set(tree):
     }
 
 
-def test_there_are_launch_files_for_the_tracker_a_detector_and_the_replay_publisher():
-    names = ["detector.launch.py", "replay.launch.py", "tracker.launch.py"]
+def test_there_is_a_launch_file_for_each_use():
+    names = [f"{name}.launch.py" for name in ("detector", "follow", "replay", "tracker")]
     assert [path.name for path in LAUNCH_FILES] == names
 
 
@@ -105,9 +106,9 @@ def test_each_argument_that_is_read_is_declared_and_each_declared_one_is_read(pa
 
 
 def test_what_is_shared_is_read_where_it_is_called():
-    detector, replay, tracker = map(parsed, LAUNCH_FILES)
+    detector, follow, replay, tracker = map(parsed, LAUNCH_FILES)
     both = {"image_reliability", "params_file", "console", "use_sim_time", "log_level", "seed"}
-    assert both <= read(detector) & read(tracker)
+    assert both <= read(detector) & read(follow) & read(tracker)
     assert "large_images" in read(replay)
     assert "use_sim_time" not in read(replay)
     assert {"preset", "seed"} <= {*constants(parsed(SHARING))["TRACKER_PARAMETERS"]}
@@ -133,7 +134,7 @@ def test_each_shared_argument_is_described_and_declared_by_several_files():
 
 
 def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
-    _, replay, tracker = map(parsed, LAUNCH_FILES)
+    *_, replay, tracker = map(parsed, LAUNCH_FILES)
     (handed,) = [
         keyword.value.func.value
         for call in calls(replay)
@@ -146,14 +147,17 @@ def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
 
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     pytest.importorskip("rclpy")
+    from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
     from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
     from pf_tracker_ros.node_parameters import NodeParameters
     from pf_tracker_ros.parameters import declarations
     from pf_tracker_ros.tracking.parameters import TrackerParameters
 
     of_node = declarations(NodeParameters)
+    of_localizer = declarations(LocalizerParameters)
     of_each = (
         of_node | declarations(TrackerParameters),
+        of_node | of_localizer,
         declarations(ReplayParameters),
         of_node,
     )
@@ -166,6 +170,8 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
         assert all(known[name].type is bool for name in values.get("FLAGS", ()))
         assert {*values.get("EXTRA_TRACKER_PARAMETERS", ())} <= known.keys()
     assert {*shared["TRACKER_PARAMETERS"]} <= of_node.keys()
+    underscored = {name.replace(".", "_") for name in of_localizer}
+    assert {*shared["LOCALIZER_PARAMETERS"]} == underscored - {"autostart", "rectified"}
 
 
 # From here on the launch files are run.
@@ -326,6 +332,43 @@ def test_the_built_in_detector_of_people_needs_nothing_else(shell, heard, drive)
 )
 def test_a_wrong_argument_of_the_detector_ends_the_launch_too(shell, given, told):
     outcome = shell.run(f"{DETECTOR} {given}")
+    assert outcome.returncode != 0
+    assert told in outcome.stdout + outcome.stderr
+
+
+def test_the_selected_target_has_a_pose_in_meters(shell, heard, drive):
+    """A target of 70 px before a camera with a focal length of 500 px is 1.75 m high."""
+    from geometry_msgs.msg import PoseStamped
+
+    calibration = "{width: 640, height: 480, k: [500, 0, 320, 0, 500, 240, 0, 0, 1]}"
+    publish = "ros2 topic pub -r 5 /camera/camera_info sensor_msgs/msg/CameraInfo"
+    follow = f"{FOLLOW} image:=/camera/image_raw {TARGET} camera_height:=1.5 fixed_frame:=map"
+    # A box in the sky stands on no ground.
+    replay = f"{RUN_REPLAY} {drive} --ros-args -r image:=/camera/image_raw -p loop:=true"
+    with (
+        shell.started(f"{follow} method:=height min_confidence:=0.2") as launch,
+        shell.started(f'{publish} "{calibration}"'),
+        shell.started(replay),
+    ):
+        pose = heard(PoseStamped, "/localizer/pose")
+        assert pose.header.frame_id == "map"
+        assert 8.0 < pose.pose.position.x < 18.0
+        assert launch.end() == 0
+    assert "camera_info on /camera/camera_info" in launch.output
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("camera_height:=tall", "argument camera_height:=tall; allowed: a number, float"),
+        ("camera_height:=-1", "argument camera_height:=-1; allowed: float, 0 to 1000"),
+        ("method:=radar", "argument method:=radar; allowed: auto, ground, height, depth"),
+        ("rectified:=perhaps", "argument rectified:=perhaps; allowed: true or false"),
+        ("max_targets:=0", "argument max_targets:=0; allowed: int, 1 to 1000"),
+    ],
+)
+def test_a_wrong_argument_of_the_localizer_ends_the_launch_too(shell, given, told):
+    outcome = shell.run(f"{FOLLOW} {given}")
     assert outcome.returncode != 0
     assert told in outcome.stdout + outcome.stderr
 

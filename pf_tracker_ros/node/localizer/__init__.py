@@ -1,0 +1,1 @@
+"""The node `localizer`: the tracker's targets in meters."""

@@ -1,0 +1,307 @@
+"""Positions of the tracker's targets over time, without ROS: one filter for each target."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.node.localizer.camera_pose import CameraPose
+from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.node.localizer.tracker_status import ReportedTarget, TrackerFrame
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.world import (
+    METHODS,
+    Bearing,
+    CameraModel,
+    FilteredPosition,
+    Localizer,
+    Place,
+    PositionFilter,
+    in_fixed_frame,
+)
+from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
+
+# Seconds after the last measurement in which the prediction stands for the target.
+_PREDICTED_FOR = 0.5
+# A doubted target counts as the same after so many seconds with a confidence that is higher than
+# `min_confidence` by so much, or after so many seconds in which it is not below that.
+_HIGH_ABOVE, _HIGH_FOR, _FAIR_FOR = 0.2, 1.0, 5.0
+# Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
+# dimensions), from which a target has a heading.
+_MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensed:
+    """What the sensors say at a frame.
+
+    Attributes:
+        camera: The calibration.
+        pose: Where the camera is.
+        depth: Depth image as for `Localizer.locate`; None without.
+        depth_offset: Its stamp relative to the image's, seconds; None without.
+        probability: (rows, columns) probability that a pixel in the selected target's box is its
+            own; None where that is unknown.
+    """
+
+    camera: CameraModel
+    pose: CameraPose
+    depth: NDArray[Any] | None = None
+    depth_offset: float | None = None
+    probability: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedTarget:
+    """A target after a frame.
+
+    Attributes:
+        reported: As the tracker reported it.
+        bearing: Direction of the box in camera coordinates; None where there is none.
+        place: The measurement of this frame; None without.
+        world: Position and velocity; None without a recent measurement.
+        normalized_innovation: Squared, of the measurement; None without.
+        rejected_for: Seconds for which measurements are outside of the gate; None if the last one
+            was not.
+        problem: Why this frame has no measurement that was used; empty if it has.
+        doubt: Why it may be something else than before; empty if there is no reason.
+    """
+
+    reported: ReportedTarget
+    bearing: Bearing | None
+    place: Place | None
+    world: WorldTarget | None
+    normalized_innovation: float | None
+    rejected_for: float | None
+    problem: str
+    doubt: str
+
+
+class WorldTracks:
+    """Keeps a filter for each target of the tracker."""
+
+    def __init__(self) -> None:
+        self._tracks: dict[int, _Track] = {}
+
+    def clear(self) -> None:
+        """Forget all positions, as after a jump of the time."""
+        self._tracks.clear()
+
+    def advance(
+        self, frame: TrackerFrame, sensed: Sensed, parameters: LocalizerParameters
+    ) -> tuple[LocatedTarget, ...]:
+        """Locate the targets of a frame.
+
+        Args:
+            frame: Of the tracker, later than the last one.
+            sensed: At its stamp.
+            parameters: Of the node.
+
+        Returns:
+            All targets of the frame.
+        """
+        tracks = {target.id: self._tracks.get(target.id) or _Track() for target in frame.targets}
+        self._tracks = tracks
+        localizer = Localizer(
+            sensed.camera,
+            plane=sensed.pose.plane,
+            target_height=parameters.target.height,
+            target_height_sd=parameters.target.height_sd,
+        )
+        scene = _Scene(frame, sensed, localizer, parameters)
+        return tuple(self._locate(target, scene) for target in frame.targets)
+
+    def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
+        stamp, localizer = scene.frame.stamp, scene.localizer
+        track, min_confidence = self._tracks[target.id], scene.parameters.min_confidence
+        place, problem = None, distrust(target, min_confidence)
+        if target.state == "lost":
+            track.filter.reset()
+        if not problem:
+            try:
+                place = localizer.locate(
+                    target.box,
+                    target.box_covariance,
+                    depth=scene.sensed.depth,
+                    target_probability=scene.probability_of(target),
+                    predicted_range=track.predicted_range(scene),
+                    methods=scene.methods,
+                )
+                problem = f"the box of target {target.id} gives no range"
+                if place:
+                    problem = track.measure(target, place, scene)
+            except ValueError as error:
+                problem = f"target {target.id} cannot be located: {error}"
+        doubt = track.trust.update(stamp, target, min_confidence)
+        return LocatedTarget(
+            reported=target,
+            bearing=_bearing(localizer, target),
+            place=place,
+            world=track.world(stamp, target),
+            normalized_innovation=track.filter.normalized_innovation if place else None,
+            rejected_for=track.rejected_for(stamp),
+            problem=problem,
+            doubt=doubt,
+        )
+
+
+def _bearing(localizer: Localizer, target: ReportedTarget) -> Bearing | None:
+    try:
+        return localizer.bearing(target.box, target.box_covariance)
+    except ValueError:
+        # `Localizer.locate` has the same reason.
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Scene:
+    """What all targets of a frame share; attributes as the arguments of `WorldTracks.advance`."""
+
+    frame: TrackerFrame
+    sensed: Sensed
+    localizer: Localizer
+    parameters: LocalizerParameters
+
+    def probability_of(self, target: ReportedTarget) -> NDArray[np.float64] | None:
+        """Which pixels of a target's box are its own, where that is known."""
+        return self.sensed.probability if target.id == self.frame.selected else None
+
+    @property
+    def methods(self) -> tuple[str, ...]:
+        method = self.parameters.method
+        return METHODS if method == "auto" else (method,)
+
+
+def distrust(target: ReportedTarget, min_confidence: float) -> str:
+    """Why the box of a target is no measurement; empty if it is."""
+    if target.state != "tracking":
+        return f"target {target.id} is {target.state}"
+    if target.confidence < min_confidence:
+        return (
+            f"the confidence of target {target.id} is {target.confidence:.2f}, below "
+            f"min_confidence ({min_confidence:g})"
+        )
+    return ""
+
+
+class _Trust:
+    """Whether a target is still the same.
+
+    A box that goes over to somebody else in a crowd soon has a fair confidence again. So after an
+    occlusion or a low confidence, a target is in doubt until its confidence has been high for some
+    time, or fair for a long time.
+    """
+
+    def __init__(self) -> None:
+        self._is_doubted = False
+        # Stamps since when the confidence is high, and since when it is fair; None while it is not.
+        self._high_since: int | None = None
+        self._fair_since: int | None = None
+
+    def update(self, stamp: int, target: ReportedTarget, min_confidence: float) -> str:
+        """Take a frame; why the target is in doubt, empty if it is not."""
+        if problem := distrust(target, min_confidence):
+            self._is_doubted, self._high_since, self._fair_since = True, None, None
+            return problem
+        if not self._is_doubted:
+            return ""
+        high = min(min_confidence + _HIGH_ABOVE, 1.0)
+        if self._fair_since is None:
+            self._fair_since = stamp
+        if target.confidence < high:
+            self._high_since = None
+        elif self._high_since is None:
+            self._high_since = stamp
+        fair_for = (stamp - self._fair_since) / NANOSECONDS
+        high_for = 0.0 if self._high_since is None else (stamp - self._high_since) / NANOSECONDS
+        self._is_doubted = high_for < _HIGH_FOR and fair_for < _FAIR_FOR
+        if not self._is_doubted:
+            return ""
+        return (
+            f"target {target.id} is tracked again for {fair_for:.1f} s; it is the same after "
+            f"{_HIGH_FOR:g} s with a confidence of {high:.2g}, or after {_FAIR_FOR:g} s"
+        )
+
+
+class _Track:
+    """Filter, trust, heading and size of one target."""
+
+    def __init__(self) -> None:
+        self.filter = PositionFilter()
+        self.trust = _Trust()
+        self._measured_at = 0
+        self._yaw: float | None = None
+        self._yaw_variance = UNKNOWN_ANGLE
+        self._size = 0.0, 0.0
+
+    def predicted_range(self, scene: _Scene) -> tuple[float, float] | None:
+        """Distance from the camera to half the height, and its standard deviation, meters."""
+        predicted = self.filter.predict(scene.frame.stamp)
+        if predicted is None:
+            return None
+        middle = np.append(predicted.position, scene.parameters.target.height / 2)
+        offset = middle - scene.sensed.pose.pose.translation
+        distance = float(np.linalg.norm(offset))
+        if distance <= 0.0:
+            return None
+        along = offset[:2] / distance
+        variance = float(along @ predicted.covariance[:2, :2] @ along)
+        return distance, math.sqrt(max(variance, 0.0))
+
+    def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
+        """Take a measurement; why it is not used, empty if it is."""
+        pose, camera = scene.sensed.pose.pose, scene.sensed.camera
+        measured = in_fixed_frame(place, pose.rotation, pose.translation)
+        if not self.filter.update(scene.frame.stamp, measured.mean, measured.covariance):
+            innovation = self.filter.normalized_innovation
+            return (
+                f"the position of target {target.id} jumped (squared innovation "
+                f"{innovation or 0.0:.1f}), as if the box were on something else"
+            )
+        self._measured_at = scene.frame.stamp
+        if self._yaw is None:
+            away = measured.mean[:2] - pose.translation[:2]
+            self._yaw = math.atan2(away[1], away[0])
+        depth = float(place.position[2])
+        self._size = target.box[2] * depth / camera.fx, target.box[3] * depth / camera.fy
+        return ""
+
+    def rejected_for(self, stamp: int) -> float | None:
+        """Seconds in which all measurements were outside of the gate; None without."""
+        since = self.filter.rejected_since
+        return None if since is None else (stamp - since) / NANOSECONDS
+
+    def world(self, stamp: int, target: ReportedTarget) -> WorldTarget | None:
+        """The target at a stamp; None without a recent measurement, unless it is occluded."""
+        filtered = self.filter.predict(stamp)
+        is_recent = stamp - self._measured_at <= _PREDICTED_FOR * NANOSECONDS
+        if filtered is None or not (is_recent or target.state == "occluded"):
+            return None
+        self._turn(filtered)
+        return WorldTarget(
+            id=target.id,
+            label=target.label,
+            state=target.state,
+            confidence=target.confidence,
+            filtered=filtered,
+            yaw=self._yaw or 0.0,
+            yaw_variance=self._yaw_variance,
+            size=self._size,
+        )
+
+    def _turn(self, filtered: FilteredPosition) -> None:
+        """Take the heading of a target that moves for certain; else keep the last one."""
+        velocity, covariance = filtered.velocity, filtered.covariance[2:, 2:]
+        speed = float(np.linalg.norm(velocity))
+        distance = float(velocity @ np.linalg.solve(covariance, velocity))
+        self._yaw_variance = UNKNOWN_ANGLE
+        if speed < _MIN_SPEED or distance < _MIN_SPEED_DISTANCE:
+            return
+        self._yaw = math.atan2(velocity[1], velocity[0])
+        across = np.array([-velocity[1], velocity[0]]) / speed
+        variance = float(across @ covariance @ across) / speed**2
+        self._yaw_variance = min(variance, UNKNOWN_ANGLE)

@@ -1,0 +1,246 @@
+"""Distance of a target from a depth image.
+
+A box contains the target, background beside it, occluders before it, and holes.
+
+1. Sample the pixels on a grid. Each in the box has a weight: its probability to be the target's,
+   from colors, times its nearness to the middle column.
+2. A mode is a window of depth that holds the most weight. Remove it and find the next one.
+3. A mode that is also in the ring around the box is a background or an occluder that goes on there.
+4. Choose the mode with the most weight, contrast to the ring and likelihood of the predicted
+   distance. The prediction chooses between modes only: weighting pixels within one would confirm
+   itself.
+5. The distance is the weighted median of the pixels in the mode.
+
+The share of pixels that are clearly nearer than the target is evidence of an occlusion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.world.box_samples import BoxSamples
+
+# Width of a bin of the logarithm of depth, and depth of the first and beyond the last, meters.
+_BIN, _NEAREST, _FARTHEST = 0.02, 0.1, 200.0
+_BINS = math.ceil(math.log(_FARTHEST / _NEAREST) / _BIN)
+# Half the extent of a mode: that of a person, meters, and noise relative to the distance.
+_EXTENT, _RELATIVE_EXTENT = 0.12, 0.03
+# Most modes, and least share of the weight in one.
+_MODES, _MIN_SHARE = 4, 0.06
+# Fewest samples with depth in the box.
+_MIN_SAMPLES = 12
+# Power of a mode's contrast to the ring.
+_RING_POWER = 3.0
+# Samples nearer than the target by this share are of an occluder.
+_NEARER_BY = 0.12
+# Weight of a pixel at the left and right edge of the box.
+_EDGE_WEIGHT = 0.2
+# Standard deviation of a predicted distance's logarithm, beside its own.
+_PREDICTION_SD = 0.05
+# Distance in standard deviations beyond which no mode is the predicted target.
+_PREDICTION_GATE = 4.0
+# Largest difference in aspect ratio between image and depth.
+_ASPECT_TOLERANCE = 0.02
+# Standard deviation of the distance: a person's thickness, meters, and a share of the distance.
+_THICKNESS_SD, _RELATIVE_SD = 0.08, 0.01
+
+
+@dataclass(frozen=True)
+class ExpectedDepth:
+    """What other measurements say of a target's depth.
+
+    Attributes:
+        depth: Along the optical axis, meters.
+        sd: Standard deviation, meters.
+        floor: Likelihood, relative to the peak, that any depth has at least; 0 for a prediction,
+            which excludes depths.
+        is_farthest: Whether the target may also be nearer, as when a box contains a part of it.
+    """
+
+    depth: float
+    sd: float
+    floor: float = 0.0
+    is_farthest: bool = False
+
+    @property
+    def is_prediction(self) -> bool:
+        """Whether it excludes depths."""
+        return self.floor == 0.0
+
+    def log_likelihoods(self, depths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) log likelihoods of depths, up to a constant."""
+        sd = math.hypot(self.sd / self.depth, _PREDICTION_SD)
+        offsets = np.log(depths / self.depth) / sd
+        if self.is_farthest:
+            offsets = np.maximum(offsets, 0.0)
+        return np.log(np.exp(-0.5 * np.square(offsets)) + max(self.floor, 1e-300))
+
+    def excludes(self, depth: float) -> bool:
+        """Whether a depth cannot be the target's."""
+        sd = math.hypot(self.sd / self.depth, _PREDICTION_SD)
+        offset = math.log(depth / self.depth) / sd
+        return self.is_prediction and abs(offset) > _PREDICTION_GATE
+
+
+@dataclass(frozen=True)
+class DepthReading:
+    """What a depth image says of a target.
+
+    Attributes:
+        depth: Of the target along the optical axis, meters; None where it is not seen.
+        sd: Standard deviation, meters; NaN where it is not seen.
+        row: Mean row of its samples as a share of the box's height.
+        occlusion: Share of the samples that are nearer than the target; None where nothing says how
+            far the target is.
+    """
+
+    depth: float | None
+    sd: float
+    row: float
+    occlusion: float | None
+
+
+def check_depth(depth: object, image_size: tuple[int, int]) -> NDArray[np.generic]:
+    """The depth image of the camera's field of view.
+
+    Raises:
+        ValueError: It is not (H, W) float32, float64 or uint16, or has another aspect ratio.
+    """
+    if not isinstance(depth, np.ndarray) or depth.ndim != 2 or depth.size == 0:
+        shape = getattr(depth, "shape", type(depth).__name__)
+        raise ValueError(f"depth is {shape}; expected an array of rows and columns")
+    if depth.dtype not in (np.float32, np.float64, np.uint16):
+        raise ValueError(
+            f"depth is {depth.dtype}; expected float32 in meters or uint16 in millimeters"
+        )
+    width, height = image_size
+    if abs(depth.shape[1] * height / (depth.shape[0] * width) - 1.0) > _ASPECT_TOLERANCE:
+        raise ValueError(
+            f"depth is {depth.shape[1]} x {depth.shape[0]} px and the image {width} x {height}; "
+            "expected depth that is registered to the image"
+        )
+    return depth
+
+
+def read_depth(
+    depth: NDArray[np.generic],
+    samples: BoxSamples,
+    target_probability: NDArray[np.float64] | None = None,
+    expected: ExpectedDepth | None = None,
+) -> DepthReading | None:
+    """The depth of a target in a box.
+
+    Args:
+        depth: (H, W) float in meters or uint16 in millimeters; 0, NaN and infinity are holes.
+        samples: Of the box and a ring around it.
+        target_probability: (R, C) probability, 0 to 1, of each sample in the box to be the
+            target's.
+        expected: What else is known of its depth; chooses between modes.
+
+    Returns:
+        None where too few samples have a depth.
+    """
+    values = samples.take(depth).astype(np.float64)
+    if depth.dtype == np.uint16:
+        values *= 1e-3
+    # A comparison with NaN is false.
+    is_valid = (values > _NEAREST) & (values < _FARTHEST)
+    is_in_box = is_valid[samples.inside].copy()
+    depths = values[samples.inside][is_in_box]
+    if len(depths) < min(_MIN_SAMPLES, is_in_box.size):
+        return None
+    middle = 1.0 - (1.0 - _EDGE_WEIGHT) * np.abs(2.0 * samples.across - 1.0)
+    weights = np.broadcast_to(np.maximum(middle, _EDGE_WEIGHT), is_in_box.shape)
+    if target_probability is not None:
+        weights = weights * target_probability
+    weights = weights[is_in_box]
+    is_valid[samples.inside] = False
+    mode = _choose_mode(depths, weights, values[is_valid], expected)
+    if mode is None:
+        nearer = None if expected is None else _share_nearer(depths, expected.depth)
+        return DepthReading(None, math.nan, 0.5, nearer)
+    inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
+    median = _weighted_median(depths[inside], weights[inside])
+    is_predicted = expected is not None and expected.is_prediction
+    reference = expected.depth if expected is not None and is_predicted else median
+    return DepthReading(
+        median,
+        math.hypot(_THICKNESS_SD, _RELATIVE_SD * median),
+        float(samples.down[np.nonzero(is_in_box)[0][inside]].mean()),
+        _share_nearer(depths, reference),
+    )
+
+
+def _choose_mode(
+    depths: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    around: NDArray[np.float64],
+    expected: ExpectedDepth | None,
+) -> float | None:
+    """Middle of the target's mode; None where nothing there is the target.
+
+    Args:
+        depths: (N,) of the samples in the box, meters.
+        weights: (N,) of these.
+        around: (M,) of the samples in the ring.
+        expected: What else is known.
+    """
+    total = float(weights.sum())
+    if total <= 0.0:
+        return None
+    histogram = _histogram(depths, weights / total)
+    ring = _window_sums(_histogram(around, np.full(len(around), 1.0 / max(len(around), 1))))
+    modes, scores = [], []
+    for _ in range(_MODES):
+        shares = _window_sums(histogram)
+        share = float(shares.max())
+        if share < _MIN_SHARE:
+            break
+        # Several windows contain the same bins: the middle of these.
+        places = np.flatnonzero(shares > share - 1e-9)
+        place = int(places[len(places) // 2])
+        modes.append(float(_BIN_CENTERS[place]))
+        scores.append(share * (share / (share + float(ring[place]))) ** _RING_POWER)
+        histogram[_WINDOW_START[place] : _WINDOW_END[place]] = 0.0
+    if not modes:
+        return None
+    log_scores = np.log(scores)
+    if expected is not None:
+        log_scores += expected.log_likelihoods(np.array(modes))
+    mode = modes[int(np.argmax(log_scores))]
+    return None if expected is not None and expected.excludes(mode) else mode
+
+
+def _histogram(depths: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(_BINS,) sums of weights."""
+    bins = (np.log(depths / _NEAREST) / _BIN).astype(np.intp)
+    return np.bincount(bins, weights, _BINS).astype(np.float64, copy=False)
+
+
+def _window_sums(histogram: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(_BINS,) sum of the histogram over the window of each bin."""
+    cumulated = np.empty(_BINS + 1)
+    cumulated[0] = 0.0
+    np.cumsum(histogram, out=cumulated[1:])
+    return cumulated[_WINDOW_END] - cumulated[_WINDOW_START]
+
+
+def _weighted_median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
+    order = np.argsort(values)
+    cumulated = np.cumsum(weights[order])
+    return float(values[order[np.searchsorted(cumulated, cumulated[-1] / 2.0)]])
+
+
+def _share_nearer(depths: NDArray[np.float64], depth: float) -> float:
+    return float(np.count_nonzero(depths < (1.0 - _NEARER_BY) * depth)) / len(depths)
+
+
+_BIN_CENTERS = _NEAREST * np.exp((np.arange(_BINS) + 0.5) * _BIN)
+_REACH = _EXTENT + _RELATIVE_EXTENT * _BIN_CENTERS
+_BIN_EDGES = _NEAREST * np.exp(np.arange(_BINS + 1) * _BIN)
+_WINDOW_START = np.searchsorted(_BIN_EDGES, _BIN_CENTERS - _REACH)
+_WINDOW_END = np.searchsorted(_BIN_EDGES, _BIN_CENTERS + _REACH) - 1

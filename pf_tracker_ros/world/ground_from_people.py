@@ -1,0 +1,250 @@
+"""The ground plane from boxes of people of a known height.
+
+A person's distance follows from the foot's slope s_foot and the camera's height H, and from both
+ends' slopes and the person's height h (see `fusion`). Both are equal, so for each box
+
+    log((s_foot - s_head) / h) - log(s_foot / H) = 0,
+
+up to errors that are relative to the box. The slopes depend on pitch and roll. The
+Levenberg-Marquardt method finds H, pitch and roll with the least sum of Huber's loss, within
+bounds: without any, boxes at similar distances also agree with a camera that looks straight down.
+
+Sources: Hoiem, Efros and Hebert 2008, "Putting Objects in Perspective"; Huber 1964, "Robust
+Estimation of a Location Parameter".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pf_tracker_ros.world.box_edges import BoxEdges
+from pf_tracker_ros.world.camera_model import CameraModel
+from pf_tracker_ros.world.ground_plane import GroundPlane
+
+MIN_BOXES = 50
+# Bounds of height (meters), pitch and roll (radians).
+_BOUNDS = np.array([[math.log(0.2), -0.35, -0.26], [math.log(50.0), 1.2, 0.26]])
+# Standard deviation of a roll: cameras are mounted about level.
+_ROLL_SD = 0.05
+# Starting values of the pitch, and of the height in meters.
+_PITCHES, _HEIGHT = (0.0, 0.25, 0.6), 2.0
+_STEPS, _TOLERANCE = 60, 1e-7
+# Smallest slope of a foot, and difference of slopes.
+_LEAST_SLOPE = 1e-3
+# Residual beyond which Huber's loss grows linearly, in standard deviations, and beyond which a box
+# does not agree with the plane.
+_HUBER, _AGREES_WITHIN = 1.5, 3.0
+# Smallest standard deviation of a residual.
+_LEAST_SD = 0.02
+# Standard deviation of the logarithm of the people's true mean height.
+_MEAN_HEIGHT_SD = 0.03
+# Largest standard deviations in a usable fit: of the logarithm of the height, of the pitch
+# (radians), and of a residual.
+_LARGEST_SDS = 0.15, 0.06, 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class PeopleGround:
+    """A ground plane that was learned.
+
+    Attributes:
+        plane: The ground, its `tilt_sd` and `height_sd` from the fit.
+        boxes: Number of boxes that agree with it.
+
+    Example:
+        See `fit_ground_plane`:
+
+        >>> from pf_tracker_ros.world import GroundPlane, PeopleGround
+        >>> learned = PeopleGround(GroundPlane.from_angles(2.0), boxes=80)
+        >>> learned.plane.height, learned.boxes
+        (2.0, 80)
+    """
+
+    plane: GroundPlane
+    boxes: int
+
+
+def fit_ground_plane(
+    camera: CameraModel, boxes: ArrayLike, target_height: float = 1.75
+) -> PeopleGround:
+    """Fit height, pitch and roll of a camera to people who stand on the ground.
+
+    Args:
+        camera: Its calibration.
+        boxes: (N, 4) x, y, width, height in pixels, at least 50 that are whole, at various
+            distances, best of various people; boxes that the border cuts are left out.
+        target_height: Mean height of the people, meters.
+
+    Raises:
+        ValueError: Fewer than 50 whole boxes, an argument has a wrong shape or range, or the
+            boxes do not determine a plane.
+
+    Example:
+        People of 1.75 m, 4 to 12 m before a level camera, 2 m above the ground:
+
+        >>> import numpy as np
+        >>> from pf_tracker_ros.world import CameraModel, fit_ground_plane
+        >>> camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480)
+        >>> random = np.random.default_rng(0)
+        >>> z, x = random.uniform(4.5, 12.0, 80), random.uniform(-2.0, 2.0, 80)
+        >>> top, bottom = 240 + 500 * 0.25 / z, 240 + 500 * 2.0 / z
+        >>> width = 500 * 0.5 / z
+        >>> boxes = np.column_stack([320 + 500 * x / z - width / 2, top, width, bottom - top])
+        >>> learned = fit_ground_plane(camera, boxes)
+        >>> bool(abs(learned.plane.height - 2.0) < 0.1)
+        True
+    """
+    if not 0.0 < target_height < math.inf:
+        raise ValueError(
+            f"target_height is {target_height!r}; expected a positive number of meters"
+        )
+    values = np.asarray(boxes, dtype=np.float64)
+    if values.ndim != 2 or values.shape[1] != 4:
+        raise ValueError(f"boxes have shape {values.shape}; expected (N, 4)")
+    rays = _rays(camera, values)
+    if len(rays[0]) < MIN_BOXES:
+        raise ValueError(
+            f"{len(rays[0])} of {len(values)} boxes are whole; a plane needs at least {MIN_BOXES}"
+        )
+    fits = [_Fit.of(rays, target_height, pitch) for pitch in _PITCHES]
+    best = min(fits, key=lambda fit: fit.loss)
+    height_sd, pitch_sd, _ = np.sqrt(np.diagonal(np.linalg.pinv(best.information)))
+    at_bound = (best.parameters <= _BOUNDS[0]) | (best.parameters >= _BOUNDS[1])
+    if at_bound.any() or (np.array([height_sd, pitch_sd, best.scale]) > _LARGEST_SDS).any():
+        raise ValueError(
+            "the boxes do not determine the ground; expected people who stand on one plane, at "
+            "various distances"
+        )
+    log_height, pitch, roll = best.parameters.tolist()
+    height = math.exp(log_height)
+    plane = GroundPlane.from_angles(height, pitch, roll)
+    # Height and pitch correlate: at the boxes' distances their errors cancel, and each for itself
+    # is as sure as with the other one known.
+    alone = 1.0 / np.sqrt(np.diagonal(best.information))
+    tilt_sd = math.hypot(plane.tilt_sd, float(alone[1]))
+    height_sd = height * math.hypot(_MEAN_HEIGHT_SD, float(alone[0]))
+    return PeopleGround(
+        GroundPlane(plane.down, height, tilt_sd, height_sd),
+        int((np.abs(best.residuals) < _AGREES_WITHIN * best.scale).sum()),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A local minimum.
+
+    Attributes:
+        parameters: (3,) logarithm of the height, pitch, roll.
+        residuals: (N,).
+        scale: Standard deviation of a residual, from their median.
+        loss: Mean absolute residual, each at most 1, which compares minima.
+        information: (3, 3) inverse of the parameters' covariance.
+    """
+
+    parameters: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    scale: float
+    loss: float
+    information: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+        target_height: float,
+        pitch: float,
+    ) -> _Fit:
+        """The minimum that is reached from a pitch."""
+        parameters = np.array([math.log(_HEIGHT), pitch, 0.0])
+        # A level camera at the height that the boxes ask for.
+        parameters[0] -= float(np.median(_residuals(parameters, rays, target_height)))
+        parameters = np.clip(parameters, *_BOUNDS)
+        damping = 1e-3
+        prior = np.array([0.0, 0.0, 1.0 / _ROLL_SD])
+        residuals = _residuals(parameters, rays, target_height)
+        scale = _scale(residuals)
+        loss = _loss(residuals, scale) + float(np.square(prior * parameters).sum())
+        for _ in range(_STEPS):
+            jacobian = _jacobian(parameters, rays, target_height) / scale
+            weights = np.minimum(1.0, _HUBER * scale / np.maximum(np.abs(residuals), 1e-12))
+            normal = jacobian.T @ (weights[:, None] * jacobian) + np.diag(prior**2)
+            gradient = jacobian.T @ (weights * residuals / scale) + prior**2 * parameters
+            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), gradient)
+            tried = np.clip(parameters - step, *_BOUNDS)
+            tried_residuals = _residuals(tried, rays, target_height)
+            tried_loss = _loss(tried_residuals, scale) + float(np.square(prior * tried).sum())
+            if tried_loss < loss:
+                change = float(np.abs(tried - parameters).max())
+                parameters, residuals, damping = tried, tried_residuals, damping / 5.0
+                scale = _scale(residuals)
+                loss = _loss(residuals, scale) + float(np.square(prior * parameters).sum())
+                if change < _TOLERANCE:
+                    break
+            else:
+                damping *= 5.0
+                if damping > 1e6:
+                    break
+        jacobian = _jacobian(parameters, rays, target_height) / scale
+        information = jacobian.T @ jacobian + np.diag(prior**2)
+        mean = float(np.minimum(np.abs(residuals), 1.0).mean())
+        return cls(parameters, residuals, scale, mean, information)
+
+
+def _rays(
+    camera: CameraModel, boxes: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N, 3) unit vectors to the feet, and to the heads, of whole boxes."""
+    pixels = []
+    for box in boxes:
+        edges = BoxEdges.of(box, None, (camera.width, camera.height))
+        if edges is not None and edges.is_whole:
+            pixels.append(edges.points()[:2])
+    rays = camera.rays(np.array(pixels)).reshape(-1, 2, 3)
+    rays = rays[np.isfinite(rays).all(axis=(1, 2))]
+    return rays[:, 0], rays[:, 1]
+
+
+def _residuals(
+    parameters: NDArray[np.float64],
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+    target_height: float,
+) -> NDArray[np.float64]:
+    """(N,) logarithms of the distance by the ground over that by the height."""
+    log_height, pitch, roll = parameters.tolist()
+    down = GroundPlane.from_angles(None, pitch, roll, 0.0).down
+    foot, head = (_slopes(one @ down) for one in rays)
+    extent = np.maximum(foot - head, _LEAST_SLOPE) / target_height
+    return np.log(extent) - np.log(np.maximum(foot, _LEAST_SLOPE)) + log_height
+
+
+def _slopes(sines: NDArray[np.float64]) -> NDArray[np.float64]:
+    return sines / np.sqrt(np.maximum(1.0 - sines * sines, 1e-6))
+
+
+def _jacobian(
+    parameters: NDArray[np.float64],
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+    target_height: float,
+) -> NDArray[np.float64]:
+    """(N, 3) derivatives of the residuals by the parameters, by central differences."""
+    columns = [
+        _residuals(parameters + step, rays, target_height)
+        - _residuals(parameters - step, rays, target_height)
+        for step in 1e-5 * np.eye(3)
+    ]
+    return np.column_stack(columns) / 2e-5
+
+
+def _scale(residuals: NDArray[np.float64]) -> float:
+    """Standard deviation of residuals of which some are outliers."""
+    return max(1.4826 * float(np.median(np.abs(residuals))), _LEAST_SD)
+
+
+def _loss(residuals: NDArray[np.float64], scale: float) -> float:
+    """Twice the sum of Huber's loss."""
+    relative = np.abs(residuals) / scale
+    return float(np.where(relative < _HUBER, relative**2, _HUBER * (2.0 * relative - _HUBER)).sum())

@@ -1,0 +1,256 @@
+"""A live localizer, and a scene whose boxes, depth and odometry are worked out by hand."""
+
+import math
+import time
+from array import array
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image, Imu
+
+from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
+
+WIDTH, HEIGHT, FOCAL = 640, 480, 500.0
+CX, CY = 319.5, 239.5
+CAMERA_HEIGHT, TARGET_HEIGHT, TARGET_WIDTH = 1.5, 1.75, 0.5
+FRAME, START = 40_000_000, 1_700_000_000_000_000_000
+OPTICAL = "camera_optical_frame"
+DEADLINE = 30.0
+
+
+def stamp_of(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def set_stamp(header, stamp):
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
+
+
+def box_at(forward, left):
+    """The box of a target in front of a level camera: by similar triangles, in whole pixels' edges.
+
+    Pixel centers are whole numbers, so an edge is half a pixel further.
+    """
+    scale = FOCAL / forward
+    foot = CY + scale * CAMERA_HEIGHT + 0.5
+    middle = CX - scale * left + 0.5
+    height, width = scale * TARGET_HEIGHT, scale * TARGET_WIDTH
+    return (middle - width / 2, foot - height, width, height)
+
+
+def target_values(id=1, box=(0, 0, 1, 1), state="tracking", confidence=0.9, label="person"):
+    covariance = {"covariance_xx": 1.0, "covariance_yy": 1.0}
+    covariance |= {"covariance_ww": 4.0, "covariance_hh": 4.0}
+    sides = dict(zip(("box_x", "box_y", "box_width", "box_height"), box, strict=True))
+    common = {"id": id, "label": label, "state": state, "confidence": confidence}
+    return common | sides | covariance
+
+
+def status_message(stamp, targets, selected=1, **values):
+    """A status as the tracker publishes it, built without the project's own code."""
+    own = {"frame": "tracked", "state": "tracking", "selected": selected}
+    own |= {"image_width": WIDTH, "image_height": HEIGHT} | values
+    message = DiagnosticArray()
+    set_stamp(message.header, stamp)
+    message.header.frame_id = OPTICAL
+    for name, one in [("/pf_tracker", own), *((f"target {t['id']}", t) for t in targets)]:
+        pairs = [KeyValue(key=key, value=str(value)) for key, value in one.items()]
+        message.status.append(DiagnosticStatus(name=name, values=pairs))
+    return message
+
+
+def camera_info(width=WIDTH, height=HEIGHT, focal=FOCAL):
+    k = [focal, 0.0, CX, 0.0, focal, CY, 0.0, 0.0, 1.0 if focal else 0.0]
+    return CameraInfo(width=width, height=height, distortion_model="plumb_bob", d=[0.0] * 5, k=k)
+
+
+def depth_message(stamp, depth, encoding=""):
+    encoding = encoding or ("16UC1" if depth.dtype == np.uint16 else "32FC1")
+    message = Image(height=depth.shape[0], width=depth.shape[1], encoding=encoding)
+    message.step = depth[0].nbytes
+    message.data = array("B", depth.tobytes())
+    set_stamp(message.header, stamp)
+    return message
+
+
+def odometry_message(stamp, x=0.0, y=0.0, yaw=0.0, frame="odom"):
+    message = Odometry()
+    set_stamp(message.header, stamp)
+    message.header.frame_id = frame
+    message.pose.pose.position.x, message.pose.pose.position.y = x, y
+    turn = message.pose.pose.orientation
+    turn.z, turn.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return message
+
+
+def imu_message(stamp, up, frame=OPTICAL):
+    message = Imu()
+    set_stamp(message.header, stamp)
+    message.header.frame_id = frame
+    acceleration = message.linear_acceleration
+    acceleration.x, acceleration.y, acceleration.z = (9.81 * value for value in up)
+    return message
+
+
+@pytest.fixture(scope="session")
+def given():
+    """The scene's numbers, and the functions that make messages."""
+    return SimpleNamespace(
+        width=WIDTH,
+        height=HEIGHT,
+        start=START,
+        frame=FRAME,
+        optical=OPTICAL,
+        camera_height=CAMERA_HEIGHT,
+        box_at=box_at,
+        target=target_values,
+        camera_info=camera_info,
+        depth=depth_message,
+        gray=lambda stamp, image: depth_message(stamp, image, "mono8"),
+        odometry=odometry_message,
+        imu=imu_message,
+        stamp_of=stamp_of,
+    )
+
+
+@dataclass
+class Status:
+    """A status of the localizer: sentence, level and values, and those of each target by id."""
+
+    stamp: int
+    message: str
+    level: bytes
+    values: dict
+    targets: dict = field(default_factory=dict)
+
+
+def parsed(message):
+    own = message.status[0]
+    values = [{item.key: item.value for item in one.values} for one in message.status]
+    by_id = {int(one["id"]): one for one in values[1:]}
+    return Status(stamp_of(message), own.message, own.level, values[0], by_id)
+
+
+class Scene(Node):
+    """Publishes what a tracker and sensors would, and stores what the localizer publishes."""
+
+    def __init__(self, context):
+        super().__init__("scene", context=context)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self)
+        self.statuses, self.poses, self.health = [], [], []
+        self._tracker = self.create_publisher(DiagnosticArray, "pf_tracker/status", 10)
+        self._senders = {
+            "camera_info": self.create_publisher(CameraInfo, "camera_info", 10),
+        }
+        self.listen(PoseStamped, "localizer/pose", self.poses.append)
+        self.listen(DiagnosticArray, "localizer/status", lambda m: self.statuses.append(parsed(m)))
+
+    def listen(self, message_type, topic, receive):
+        self.create_subscription(message_type, topic, receive, 100)
+
+    def add_sensor(self, message_type, topic):
+        self._senders[topic] = self.create_publisher(message_type, topic, 10)
+
+    def meet(self, localizer):
+        """Wait until all endpoints of both are connected."""
+        own = {s.topic_name: s for s in self._all_senders}
+        theirs = [s for s in localizer.subscriptions if s.topic_name in own]
+        taken = [own[s.topic_name] for s in theirs]
+        listened = {s.topic_name for s in self.subscriptions}
+        outward = [p for p in localizer.publishers if p.topic_name in listened - {"/diagnostics"}]
+
+        def is_connected():
+            return (
+                all(p.get_subscription_count() for p in taken)
+                and all(s.get_publisher_count() for s in theirs)
+                and all(p.get_subscription_count() for p in outward)
+                and all(s.get_publisher_count() for s in self.subscriptions)
+            )
+
+        self.wait_for(is_connected, "connection")
+
+    @property
+    def _all_senders(self):
+        return [self._tracker, *self._senders.values()]
+
+    def wait_for(self, condition, what):
+        end = time.monotonic() + DEADLINE
+        while not (result := condition()):
+            assert time.monotonic() < end, f"no {what}"
+            self._executor.spin_once(timeout_sec=0.02)
+        return result
+
+    def send(self, topic, message):
+        """Publish a sensor's message."""
+        self._senders[topic].publish(message)
+
+    def calibrate(self, localizer, info=None):
+        """Send a calibration, and wait until the localizer has it."""
+        before = localizer._camera_info.arrivals.count
+        self.send("camera_info", info or camera_info())
+        self.wait_for(lambda: localizer._camera_info.arrivals.count > before, "calibration")
+
+    def publish(self, stamp, targets, selected=1, **values):
+        """Send a frame of the tracker."""
+        self.publish_message(status_message(stamp, targets, selected, **values))
+
+    def publish_message(self, message):
+        """Send a message in place of the tracker's status."""
+        self._tracker.publish(message)
+
+    def show(self, stamp, targets, selected=1, **values):
+        """Send a frame of the tracker, and return the localizer's status for it."""
+        before = len(self.statuses)
+        self.publish(stamp, targets, selected, **values)
+
+        def found():
+            return [one for one in self.statuses[before:] if one.stamp == stamp]
+
+        return self.wait_for(found, f"status for {stamp}")[0]
+
+    def show_all(self, given, count, where, start=0, **options):
+        """Show a target 1 at `where(index)`, forward and left in meters; returns the statuses."""
+        statuses = []
+        for index in range(start, start + count):
+            target = given.target(box=given.box_at(*where(index)))
+            statuses.append(self.show(START + index * FRAME, [target], **options))
+        return statuses
+
+    def close(self):
+        self._executor.shutdown()
+        self.destroy_node()
+
+
+@pytest.fixture
+def make_localizer(graph):
+    """A function that starts a localizer in a thread, with parameters by name."""
+
+    def make(**parameters):
+        node = LocalizerNode(
+            context=graph.context(),
+            parameter_overrides=[
+                Parameter(name.replace("__", "."), value=value)
+                for name, value in parameters.items()
+            ],
+        )
+        graph.run(node)
+        return node
+
+    return make
+
+
+@pytest.fixture
+def scene(graph):
+    """A scene."""
+    scene = Scene(graph.context())
+    yield scene
+    scene.close()

@@ -1,0 +1,408 @@
+"""Positions of a live localizer over DDS, with boxes that follow from a scene by hand."""
+
+import math
+from importlib import util
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from nav_msgs.msg import Odometry
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Image, Imu
+from visualization_msgs.msg import Marker, MarkerArray
+
+STILL = {"camera__height": 1.5}
+# A foot is seen where a target begins; its center, which is told, is behind that.
+FOOT_TO_CENTER = 0.1
+
+
+@pytest.fixture
+def listened(scene):
+    """The messages of the topics beside pose and status, by name."""
+    types = {
+        "pose_with_covariance": PoseWithCovarianceStamped,
+        "odometry": Odometry,
+        "bearing": Vector3Stamped,
+        "markers": MarkerArray,
+    }
+    received = {name: [] for name in types}
+    for name, message_type in types.items():
+        scene.listen(message_type, f"localizer/{name}", received[name].append)
+    return received
+
+
+def position(message):
+    point = message.pose.position
+    return [point.x, point.y]
+
+
+def walk(index):
+    """A target that walks to the left at 1 m/s, 6 m before the camera."""
+    return 6.0, -0.5 + 0.04 * index
+
+
+def test_a_walker_before_a_still_camera(scene, make_localizer, listened, given):
+    localizer = make_localizer(**STILL, method="ground")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    statuses = scene.show_all(given, 50, walk)
+    stamp = given.start + 49 * given.frame
+    last = scene.wait_for(lambda: [p for p in scene.poses if given.stamp_of(p) == stamp], "pose")[0]
+    assert last.header.frame_id == "odom"
+    assert position(last) == pytest.approx(walk(49), abs=FOOT_TO_CENTER)
+    assert last.pose.position.z == 0.0
+    # It walks along the y axis.
+    turn = last.pose.orientation
+    assert 2 * math.atan2(turn.z, turn.w) == pytest.approx(math.pi / 2, abs=0.2)
+    assert statuses[-1].values["pose"] == "published"
+    assert statuses[-1].values["camera_mounting"] == "parameters"
+    assert statuses[-1].targets[1]["method"] == "ground"
+    assert float(statuses[-1].targets[1]["velocity_y"]) == pytest.approx(1.0, abs=0.15)
+
+    for name in ("odometry", "bearing", "markers"):
+        scene.wait_for(lambda name=name: len(listened[name]) == 50, name)
+    odometry = listened["odometry"][-1]
+    # In the frame of the target, whose x axis is its heading.
+    assert odometry.child_frame_id == "target"
+    assert odometry.twist.twist.linear.x == pytest.approx(1.0, abs=0.15)
+    assert odometry.twist.twist.linear.y == pytest.approx(0.0, abs=1e-6)
+    covariance = np.reshape(odometry.pose.covariance, (6, 6))
+    assert np.allclose(covariance, covariance.T)
+    assert np.linalg.eigvalsh(covariance).min() > 0.0
+
+    bearing = listened["bearing"][-1]
+    assert bearing.header.frame_id == given.optical
+    # Left in the fixed frame is -x in the optical frame, and the middle of the target is above
+    # its foot by half of its height.
+    direction = np.array([-walk(49)[1], 1.5 - 1.75 / 2, 6.0])
+    direction /= np.linalg.norm(direction)
+    found = [bearing.vector.x, bearing.vector.y, bearing.vector.z]
+    assert found == pytest.approx(direction, abs=1e-6)
+
+    markers = listened["markers"][-1].markers
+    assert [m.ns for m in markers[1:]] == ["regions", "velocities", "labels"]
+    assert {m.id for m in markers[1:]} == {1}
+    assert markers[0].action == Marker.DELETEALL
+    assert markers[1].scale.x >= markers[1].scale.y > 0.0
+
+
+DOUBTS = [
+    ({"state": "occluded"}, "target 1 is occluded"),
+    ({"confidence": 0.3}, "the confidence of target 1 is 0.30, below min_confidence (0.5)"),
+]
+
+
+@pytest.mark.parametrize("doubt", DOUBTS)
+def test_it_is_silent_about_a_target_that_is_not_trusted(
+    scene, make_localizer, listened, given, doubt
+):
+    change, reason = doubt
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.show_all(given, 10, walk)
+    for index in range(10, 15):
+        target = given.target(box=given.box_at(*walk(index)), **change)
+        status = scene.show(given.start + index * given.frame, [target])
+    assert status.values["pose"] == "silent"
+    assert status.values["reason"] == reason
+    silent_since = given.start + 10 * given.frame
+    seconds, nanoseconds = divmod(silent_since, 10**9)
+    assert status.values["silent_since"] == f"{seconds}.{nanoseconds:09d}"
+    assert status.message.startswith("no pose for 0.2 s: ")
+    assert "method" not in status.targets[1]
+    # It may be somebody else until the confidence has been high for a second.
+    *_, before, again = scene.show_all(given, 26, walk, start=15)
+    assert before.values["pose"] == "silent"
+    assert before.values["reason"].startswith("target 1 is tracked again for 1.0 s")
+    assert again.values["pose"] == "published"
+    # The markers still show where it is assumed to be.
+    scene.wait_for(lambda: len(listened["markers"]) == 41, "markers")
+    scene.wait_for(lambda: len(listened["bearing"]) >= 36, "bearings")
+    assert (len(scene.poses), len(listened["bearing"])) == (11, 36)
+    assert len(listened["markers"][12].markers) == 4
+
+
+def test_it_is_silent_without_a_selected_target(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    reasons = [
+        scene.show(given.start, [], selected=0, state="idle").values["reason"],
+        *(
+            scene.show(
+                given.start + index * given.frame, [given.target()], selected=selected
+            ).values["reason"]
+            for index, selected in ((1, 0), (2, 7))
+        ),
+        scene.show(given.start + 3 * given.frame, [], state="skipped").values["reason"],
+        scene.show(given.start + given.frame, [given.target()]).values["reason"],
+    ]
+    assert reasons == [
+        "the tracker has no target",
+        "no target is selected",
+        "target 7 has ended",
+        "the tracker skipped the image",
+        "the image is not newer than the last one",
+    ]
+    assert scene.poses == []
+
+
+def test_a_jump_of_the_box_is_not_followed_at_once(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.show_all(given, 25, walk)
+    jumped = scene.show_all(given, 1, lambda index: (12.0, 3.0), start=25)[0]
+    assert jumped.values["pose"] == "silent"
+    assert "jumped" in jumped.values["reason"]
+    assert float(jumped.targets[1]["normalized_innovation"]) > 13.8
+    back = scene.show_all(given, 1, walk, start=26)[0]
+    assert back.values["pose"] == "published"
+
+
+def test_a_moving_robot_is_taken_at_the_stamp_of_the_image(scene, make_localizer, given):
+    """It drives along x at 2 m/s and turns; images are between the poses."""
+    scene.add_sensor(Odometry, "odom")
+    localizer = make_localizer(**STILL, method="ground")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+
+    def pose_at(seconds):
+        return 2.0 * seconds, 0.0, 0.5 * seconds
+
+    target = np.array([15.0, 1.0])
+    stamp = given.start
+    for index in range(30):
+        stamp = given.start + index * given.frame
+        seconds = index * 0.04
+        x, y, yaw = pose_at(seconds)
+        rotation = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+        forward, left = rotation.T @ (target - [x, y])
+        # The pose after the image comes after its status, as from a slower driver.
+        for later in (-0.013, 0.017):
+            message = given.odometry(stamp + int(later * 1e9), *pose_at(seconds + later))
+            scene.send("odom", message)
+        status = scene.show(stamp, [given.target(box=given.box_at(forward, left))])
+        assert status.values["camera_motion"] == "odometry"
+    last = scene.wait_for(lambda: [p for p in scene.poses if given.stamp_of(p) == stamp], "pose")[0]
+    assert position(last) == pytest.approx(target, abs=0.1)
+    assert abs(float(status.targets[1]["velocity_x"])) < 0.3
+
+    # Without a pose after the image, the last one does not stand for it.
+    late = scene.show(stamp + 2 * given.frame, [given.target(box=given.box_at(12.0, 0.0))])
+    assert late.values["pose"] == "silent"
+    assert "odometry ends 0.063 s before the image" in late.values["reason"]
+    assert float(late.values["waited_ms"]) >= 150.0
+    scene.send("odom", given.odometry(stamp + 3 * given.frame, frame="map"))
+    other = scene.show(stamp + 3 * given.frame, [given.target(box=given.box_at(12.0, 0.0))])
+    assert "odometry is in the frame 'map', but fixed_frame is 'odom'" in other.values["reason"]
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.float32])
+def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer, given, kind):
+    """The depth says 5.5 m while the box says 6 m: only what is of the image's time counts."""
+    scene.add_sensor(Image, "depth")
+    localizer = make_localizer(**STILL, method="depth")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    depth = np.full((given.height, given.width), 9.0)
+    box = given.box_at(6.0, 0.0)
+    x, y, width, height = (int(value) for value in box)
+    depth[y : y + height, x : x + width] = 5.5
+    depth[::3] = 0.0
+    values = (depth * 1e3).astype(kind) if kind is np.uint16 else depth.astype(kind)
+    if kind is np.float32:
+        values[1::7], values[2::7] = np.nan, np.inf
+    before = localizer._depth.arrivals.count
+    scene.send("depth", given.depth(given.start + 20_000_000, values))
+    scene.wait_for(lambda: localizer._depth.arrivals.count > before, "depth")
+    near = scene.show(given.start, [given.target(box=box)])
+    assert near.targets[1]["method"] == "depth"
+    assert float(near.values["depth_offset"]) == pytest.approx(0.02)
+    assert position(scene.poses[0]) == pytest.approx([5.5, 0.0], abs=0.2)
+
+    far = scene.show(given.start + 2 * given.frame, [given.target(box=box)])
+    assert far.values["pose"] == "published", "the last position is recent"
+    assert far.targets[1]["reason"] == "the box of target 1 gives no range"
+    assert "the nearest depth image is 0.060 s before the image" in far.message
+    assert "depth_offset" not in far.values
+
+
+def test_of_two_depths_in_a_box_that_of_the_targets_colors_counts(scene, make_localizer, given):
+    """A column of the target 6 m away, in a box that shows a wall at 9 m for the most part."""
+    scene.add_sensor(Image, "depth")
+    scene.add_sensor(Image, "pf_tracker/target_probability")
+    localizer = make_localizer(**STILL, method="depth")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    box = given.box_at(6.0, 0.0)
+    depth = np.full((given.height, given.width), 9.0, np.float32)
+    middle, half = int(box[0] + box[2] / 2), int(0.2 * box[2])
+    depth[:, middle - half : middle + half] = 6.0
+    probability = np.full((48, 20), 12, np.uint8)
+    probability[:, 6:14] = 243
+    # The first depth makes it subscribe to the colors.
+    scene.send("depth", given.depth(given.start, depth))
+    scene.wait_for(lambda: localizer._depth.arrivals.count, "depth")
+    scene.show(given.start, [given.target(box=box, state="occluded")])
+    colors = localizer._probability
+    scene.meet(localizer)
+    for index in range(1, 4):
+        stamp = given.start + index * given.frame
+        before = localizer._depth.arrivals.count, colors.arrivals.count
+        scene.send("depth", given.depth(stamp, depth))
+        scene.send("pf_tracker/target_probability", given.gray(stamp, probability))
+        scene.wait_for(
+            lambda before=before: (
+                localizer._depth.arrivals.count > before[0] and colors.arrivals.count > before[1]
+            ),
+            "depth and colors",
+        )
+        status = scene.show(stamp, [given.target(id=index, box=box)], selected=index)
+        assert float(status.targets[index]["x"]) == pytest.approx(6.0, abs=0.3)
+
+
+def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
+    """The camera looks down by 0.2 rad; the foot of the box at the principal point."""
+    scene.add_sensor(Imu, "imu")
+    localizer = make_localizer(**STILL, method="ground")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    pitch = 0.2
+    up = (0.0, -math.cos(pitch), -math.sin(pitch))
+    scene.send("imu", given.imu(given.start, up))
+    scene.wait_for(lambda: localizer._gravity.arrivals.count, "gravity")
+    target = given.target(box=(310.0, 140.0, 20.0, 100.0))
+    status = scene.show(given.start, [target])
+    assert status.values["camera_mounting"] == "imu"
+    assert float(status.values["camera_pitch"]) == pytest.approx(pitch, abs=1e-6)
+    # The optical axis meets the ground at height / tan(pitch).
+    assert float(status.targets[1]["x"]) == pytest.approx(1.5 / math.tan(pitch), abs=FOOT_TO_CENTER)
+    scene.send("imu", given.imu(given.start + given.frame, up, frame="base_link"))
+    scene.wait_for(lambda: localizer._gravity.arrivals.count > 1, "gravity")
+    other = scene.show(given.start + given.frame, [target])
+    if util.find_spec("tf2_ros") is None:
+        assert "gravity is in the frame 'base_link'" in other.values["reason"]
+
+
+def test_what_is_wrong_with_the_calibration_is_told_and_it_goes_on(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    target = given.target(box=given.box_at(6.0, 0.0))
+
+    def reason(index, info=None):
+        if info:
+            scene.calibrate(localizer, info)
+        return scene.show(given.start + index * given.frame, [target]).values.get("reason", "")
+
+    assert "no CameraInfo on /camera_info" in reason(0)
+    assert "the focal lengths are 0 and 0 px" in reason(1, given.camera_info(focal=0.0))
+    assert "not finite" in reason(2, given.camera_info(focal=math.nan))
+    assert "calibration is for images of 320 x 240" in reason(3, given.camera_info(320, 240))
+    assert reason(4, given.camera_info()) == ""
+
+
+def test_time_that_goes_back_starts_anew(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.show_all(given, 10, walk)
+    scene.show(given.start + 3600 * 10**9, [given.target(box=given.box_at(9.0, 1.0))])
+    first = scene.show_all(given, 1, lambda index: (12.0, 3.0))[0]
+    assert first.values["pose"] == "published"
+    assert float(first.targets[1]["x"]) == pytest.approx(12.0, abs=0.5)
+    assert localizer._time_jumps == 1
+
+
+def test_several_targets_have_their_ids(scene, make_localizer, listened, given):
+    localizer = make_localizer(**STILL, method="ground")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    places = {3: (5.0, 1.0), 8: (8.0, -2.0)}
+    for index in range(3):
+        targets = [given.target(id=id, box=given.box_at(*one)) for id, one in places.items()]
+        status = scene.show(given.start + index * given.frame, targets, selected=8)
+    found = {id: (float(one["x"]), float(one["y"])) for id, one in status.targets.items()}
+    assert found == {id: pytest.approx(one, abs=FOOT_TO_CENTER) for id, one in places.items()}
+    scene.wait_for(lambda: len(scene.poses) == 3, "poses")
+    assert position(scene.poses[-1]) == pytest.approx(places[8], abs=FOOT_TO_CENTER)
+    scene.wait_for(lambda: len(listened["markers"]) == 3, "markers")
+    labels = [m.text for m in listened["markers"][-1].markers if m.ns == "labels"]
+    assert labels == ["3 person", "8 person"]
+
+
+def test_detections_in_three_dimensions(scene, make_localizer, given):
+    messages = pytest.importorskip("vision_msgs.msg")
+    received = []
+    scene.listen(messages.Detection3DArray, "localizer/detections_3d", received.append)
+    localizer = make_localizer(**STILL, method="ground")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.show_all(given, 3, lambda index: (6.0, 0.0))
+    scene.wait_for(lambda: len(received) == 3, "detections")
+    (detection,) = received[-1].detections
+    assert (detection.id, detection.results[0].hypothesis.class_id) == ("1", "person")
+    assert detection.bbox.size.z == pytest.approx(1.75, abs=0.02)
+    assert detection.bbox.size.x == pytest.approx(0.5, abs=0.02)
+    assert detection.bbox.center.position.z == pytest.approx(detection.bbox.size.z / 2)
+
+
+def test_the_ground_is_learned_from_people_where_nobody_gives_it(scene, make_localizer, given):
+    localizer = make_localizer()
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    generator = np.random.default_rng(2)
+    statuses = []
+    for index in range(11):
+        targets = [
+            given.target(id=id, box=given.box_at(generator.uniform(4.0, 14.0), 0.4 * id - 1.2))
+            for id in range(1, 6)
+        ]
+        statuses.append(scene.show(given.start + index * 600_000_000, targets))
+    first, *_, status = statuses
+    assert first.values["camera_mounting"] == "assumed level"
+    assert first.values["camera_height"] == "unknown"
+    assert status.values["camera_mounting"] == "learned"
+    assert float(status.values["camera_height"]) == pytest.approx(1.5, rel=0.15)
+
+
+def test_parameters_apply_at_run_time_and_wrong_ones_are_refused(scene, make_localizer, given):
+    localizer = make_localizer(**STILL, method="height")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    target = given.target(box=given.box_at(6.0, 0.0))
+    assert scene.show(given.start, [target]).targets[1]["method"] == "height"
+    (refused,) = localizer.set_parameters([Parameter("camera.height", value=math.nan)])
+    assert not refused.successful
+    (accepted,) = localizer.set_parameters([Parameter("method", value="ground")])
+    assert accepted.successful
+    assert scene.show(given.start + given.frame, [target]).targets[1]["method"] == "ground"
+
+
+def test_with_an_invalid_parameter_it_says_why_there_is_no_position(scene, make_localizer, given):
+    localizer = make_localizer(camera__height=-1.0)
+    scene.listen(DiagnosticArray, "/diagnostics", scene.health.append)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
+    assert "parameter 'camera.height' is -1.0; allowed: float, 0 to 1000" in status.values["reason"]
+    scene.wait_for(lambda: [one for one in scene.health if one.status[0].level == b"\x02"], "error")
+
+
+def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.publish_message(DiagnosticArray())
+    incomplete = given.target()
+    del incomplete["box_x"]
+    scene.publish(given.start, [incomplete])
+    infinite = given.target(box=(0.0, 0.0, math.inf, 1.0))
+    scene.publish(given.start, [infinite])
+    scene.publish(0, [given.target()])
+    scene.wait_for(lambda: localizer._arrivals.count == 4, "messages")
+    assert scene.statuses == []
+    status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
+    assert status.values["pose"] == "published"

@@ -1,0 +1,90 @@
+"""Which edges of a box are the target's, and their covariance."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.world.box_edges import BoxEdges
+
+SIZE = (640, 480)
+
+
+@pytest.mark.parametrize(
+    ("box", "has_upper", "has_lower", "is_whole"),
+    [
+        ((300, 100, 40, 100), True, True, True),
+        ((300, 380, 40, 100), True, False, False),
+        ((300, 370, 40, 108), True, False, False),
+        ((300, -20, 40, 200), False, True, False),
+        ((300, -20, 40, 600), False, False, False),
+        ((-10, 100, 40, 100), True, True, False),
+        ((610, 100, 40, 100), True, True, False),
+    ],
+)
+def test_an_edge_at_the_border_is_cut(box, has_upper, has_lower, is_whole):
+    edges = BoxEdges.of(box, None, SIZE)
+    assert (edges.has_upper, edges.has_lower, edges.is_whole) == (has_upper, has_lower, is_whole)
+
+
+def test_the_edges_inside_the_image():
+    edges = BoxEdges.of((300, -20, 40, 120), None, SIZE)
+    assert edges.box == (300, 0, 40, 100)
+    # Half a pixel less: pixels of a calibration count from the first one's center.
+    np.testing.assert_allclose(
+        edges.points(), [(319.5, 99.5), (319.5, -0.5), (319.5, 49.5)], atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("box", [(700, 100, 40, 100), (-50, 100, 40, 100), (10, 480, 40, 100)])
+def test_a_box_outside_the_image_has_no_edges(box):
+    assert BoxEdges.of(box, None, SIZE) is None
+
+
+def test_a_box_cut_at_a_side_has_its_middle_where_a_whole_one_would():
+    # A person of 200 px height is about 80 px wide, of which 30 are visible at the left border.
+    left = BoxEdges.of((-50, 100, 80, 200), None, SIZE)
+    right = BoxEdges.of((610, 100, 80, 200), None, SIZE)
+    assert left.middle == pytest.approx(30 - 40)
+    assert right.middle == pytest.approx(610 + 40)
+    whole = BoxEdges.of((300, 100, 80, 200), None, SIZE)
+    assert left.covariance[0, 0] > 4.0 * whole.covariance[0, 0]
+
+
+def test_the_covariance_of_the_edges_is_that_of_samples():
+    root = np.random.default_rng(0).normal(size=(4, 4))
+    covariance = root @ root.T
+    samples = np.random.default_rng(1).multivariate_normal(np.zeros(4), covariance, 200_000)
+    x, y, _, height = samples.T
+    expected = np.cov([x, y + height / 2, y - height / 2]) + 0.25 * np.eye(3)
+    edges = BoxEdges.of((300, 100, 40, 100), covariance, SIZE)
+    np.testing.assert_allclose(edges.covariance, expected, atol=0.15)
+    np.testing.assert_allclose(edges.root @ edges.root.T, edges.covariance, atol=1e-9)
+    center = np.cov([x, y]) + np.diag([0.25, 0.125])
+    np.testing.assert_allclose(edges.center_covariance(), center, atol=0.15)
+
+
+def test_a_covariance_of_the_center_leaves_the_size_as_a_detector_has_it():
+    by_center = BoxEdges.of((300, 100, 40, 100), np.diag([9.0, 4.0]), SIZE)
+    default = BoxEdges.of((300, 100, 40, 100), None, SIZE).covariance[1, 1] - 0.25
+    assert by_center.covariance[0, 0] == pytest.approx(9.25)
+    assert by_center.covariance[1, 1] == pytest.approx(4.25 + default / 2.0)
+
+
+@pytest.mark.parametrize(
+    "box", [(0, 0, 0, 10), (0, 0, 10, -1), (np.nan, 0, 1, 1), (0, 0, np.inf, 1), (1, 2, 3)]
+)
+def test_a_box_that_is_none_is_rejected(box):
+    with pytest.raises(ValueError, match="four finite numbers"):
+        BoxEdges.of(box, None, SIZE)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "message"),
+    [
+        (np.eye(3), r"shape \(3, 3\)"),
+        (np.full((2, 2), np.nan), "finite"),
+        (-np.eye(4), "semidefinite"),
+    ],
+)
+def test_a_covariance_that_is_none_is_rejected(covariance, message):
+    with pytest.raises(ValueError, match=message):
+        BoxEdges.of((300, 100, 40, 100), covariance, SIZE)

@@ -1,0 +1,98 @@
+"""The plane of people who were placed on a known one."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.world import GroundPlane, fit_ground_plane
+
+
+def people(camera, box_of, plane, count, *, noise=0.0, height_sd=0.0, seed=0, distances=(5, 25)):
+    generator = np.random.default_rng(seed)
+    boxes = []
+    while len(boxes) < count:
+        height = 1.75 * math.exp(generator.normal(0.0, height_sd))
+        bearing = generator.uniform(-0.3, 0.3)
+        box, _ = box_of(camera, plane, generator.uniform(*distances), bearing, height)
+        x, y, width, height = box
+        upper, lower = generator.normal(0.0, noise * height, 2)
+        box = (x, y + upper, width, height + lower - upper)
+        if y > 10 and y + box[3] < camera.height - 10 and box[3] > 5:
+            boxes.append(box)
+    return np.array(boxes)
+
+
+@pytest.mark.parametrize(
+    ("height", "pitch", "roll"), [(7.0, 0.3, 0.0), (2.5, 0.05, 0.0), (1.0, -0.02, 0.0)]
+)
+def test_exact_boxes_give_the_plane(camera, box_of, height, pitch, roll):
+    boxes = people(camera, box_of, GroundPlane.from_angles(height, pitch, roll), 50)
+    fitted = fit_ground_plane(camera, boxes)
+    assert fitted.plane.height == pytest.approx(height, rel=0.01)
+    assert fitted.plane.pitch == pytest.approx(pitch, abs=0.003)
+    assert fitted.boxes == 50
+
+
+def test_noisy_boxes_give_it_within_its_uncertainty(camera, box_of):
+    true = GroundPlane.from_angles(5.0, 0.25)
+    errors = []
+    for seed in range(12):
+        boxes = people(camera, box_of, true, 60, noise=0.03, height_sd=0.05, seed=seed)
+        # A tenth are no people on the ground.
+        boxes[:6, 3] *= 2.5
+        plane = fit_ground_plane(camera, boxes).plane
+        rays = camera.rays([[320.0, 300.0]])
+        ratio = plane.distances(rays)[0] / true.distances(rays)[0]
+        slope = float(rays[0] @ true.down)
+        tilt = plane.tilt_sd / slope
+        errors.append(math.log(ratio) / math.hypot(plane.height_sd / plane.height, tilt))
+    assert np.abs(errors).max() < 3.0
+    assert np.abs(errors).mean() > 0.1
+
+
+def test_a_roll_is_found(camera, box_of):
+    """People at both sides: with a roll, those of one side are higher in the image."""
+    true = GroundPlane.from_angles(6.0, 0.3, 0.08)
+    plane = fit_ground_plane(camera, people(camera, box_of, true, 150)).plane
+    assert plane.roll == pytest.approx(0.08, abs=0.02)
+
+
+def test_the_height_of_people_sets_the_scale(camera, box_of):
+    boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 50)
+    assert fit_ground_plane(camera, boxes, 0.875).plane.height == pytest.approx(2.5, rel=0.01)
+
+
+def test_too_few_whole_boxes_say_so(camera, box_of):
+    boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 50)
+    boxes[0, 1] = 0.0
+    with pytest.raises(ValueError, match="49 of 50 boxes are whole; a plane needs at least 50"):
+        fit_ground_plane(camera, boxes)
+
+
+def test_boxes_that_determine_no_plane_say_so(camera, box_of):
+    plane = GroundPlane.from_angles(5.0, 0.25)
+    same = people(camera, box_of, plane, 50, noise=0.03, height_sd=0.05, distances=(15, 15.01))
+    generator = np.random.default_rng(0)
+    # The higher in the image, the larger.
+    rows = generator.uniform(20, 250, 60)
+    upside_down = np.column_stack(
+        [generator.uniform(50, 550, 60), rows, np.full(60, 40.0), 180.0 - rows / 2.0]
+    )
+    for boxes in (same, upside_down):
+        with pytest.raises(ValueError, match="do not determine the ground"):
+            fit_ground_plane(camera, boxes)
+
+
+@pytest.mark.parametrize(
+    ("boxes", "height", "message"),
+    [
+        (np.zeros((60, 3)), 1.75, r"expected \(N, 4\)"),
+        (np.ones((60, 4)), 0.0, "target_height"),
+        (np.full((60, 4), np.nan), 1.75, "four finite numbers"),
+        (np.empty((0, 4)), 1.75, "0 of 0"),
+    ],
+)
+def test_wrong_arguments_are_rejected(camera, boxes, height, message):
+    with pytest.raises(ValueError, match=message):
+        fit_ground_plane(camera, boxes, height)

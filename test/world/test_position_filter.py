@@ -1,0 +1,132 @@
+"""The filter over time against a batch estimate, and its covariance against simulated errors."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.world import PositionFilter
+
+SECOND = 1_000_000_000
+
+
+def test_without_acceleration_it_is_the_fitted_line():
+    """The Kalman filter's result is the weighted least squares fit of a line, with its prior."""
+    generator = np.random.default_rng(0)
+    stamps = [0, SECOND // 10, SECOND // 4, SECOND]
+    covariances = [np.diag(generator.uniform(0.01, 0.1, 2)) for _ in stamps]
+    places = [generator.normal(time * 1e-9, 0.1, 2) for time in stamps]
+    tracker = PositionFilter(0.0, 0.0, gate=1e9)
+    for stamp, place, covariance in zip(stamps, places, covariances, strict=True):
+        assert tracker.update(stamp, place, covariance)
+    result = tracker.predict(2 * SECOND)
+    for axis in (0, 1):
+        # Rows: measurements, and a velocity of 0 with a standard deviation of 1.2 m/s.
+        design = np.array([[1.0, stamp * 1e-9] for stamp in stamps] + [[0.0, 1.0]])
+        weights = [1.0 / covariance[axis, axis] for covariance in covariances] + [1.0 / 1.2**2]
+        normal = design.T @ np.diag(weights) @ design
+        values = [place[axis] for place in places] + [0.0]
+        start, velocity = np.linalg.solve(normal, design.T @ np.diag(weights) @ values)
+        assert result.velocity[axis] == pytest.approx(velocity)
+        assert result.position[axis] == pytest.approx(start + 2.0 * velocity)
+        expected = np.array([1.0, 2.0]) @ np.linalg.inv(normal) @ [1.0, 2.0]
+        assert result.covariance[axis, axis] == pytest.approx(expected)
+
+
+def walk(generator, steps, interval, density):
+    """(steps, 4) states of a white-noise acceleration, by its exact covariance over a step."""
+    one_axis = density * np.array([[interval**3 / 3, interval**2 / 2], [interval**2 / 2, interval]])
+    states = [np.concatenate([np.zeros(2), generator.normal(0.0, 1.0, 2)])]
+    for _ in range(steps - 1):
+        noise = generator.multivariate_normal(np.zeros(2), one_axis, 2)
+        moved = states[-1].copy()
+        moved[:2] += interval * moved[2:] + noise[:, 0]
+        moved[2:] += noise[:, 1]
+        states.append(moved)
+    return np.array(states)
+
+
+@pytest.mark.parametrize("rate", [7.0, 25.0])
+@pytest.mark.parametrize("correlation_time", [0.0, 0.2])
+def test_the_covariance_is_that_of_the_errors(rate, correlation_time):
+    generator = np.random.default_rng(1)
+    interval, noise = 1.0 / rate, 0.3
+    correlation = np.exp(-interval / correlation_time) if correlation_time else 0.0
+    nees = []
+    for _ in range(25):
+        states = walk(generator, 50, interval, 0.15)
+        tracker, error = PositionFilter(0.15, correlation_time), generator.normal(0, noise, 2)
+        for index, state in enumerate(states):
+            stamp = round(index * interval * 1e9)
+            tracker.update(stamp, state[:2] + error, noise**2 * np.eye(2))
+            fresh = generator.normal(0.0, noise, 2)
+            error = correlation * error + np.sqrt(1.0 - correlation**2) * fresh
+            if index > 25:
+                result = tracker.predict(stamp)
+                difference = np.concatenate([result.position, result.velocity]) - state
+                nees.append(difference @ np.linalg.solve(result.covariance, difference))
+    assert 0.7 < np.mean(nees) / 4.0 < 1.4
+
+
+def test_a_measurement_outside_the_gate_is_rejected_until_it_stays():
+    tracker = PositionFilter(reset_after=1.0)
+    for index in range(20):
+        assert tracker.update(index * SECOND // 10, (0.0, 0.0), 0.01 * np.eye(2))
+    assert not tracker.update(2 * SECOND, (5.0, 0.0), 0.01 * np.eye(2))
+    assert tracker.normalized_innovation > 13.8
+    assert tracker.rejected_since == 2 * SECOND
+    assert np.abs(tracker.predict(2 * SECOND).position).max() < 0.1
+    # One of the old place ends the rejections.
+    assert tracker.update(21 * SECOND // 10, (0.0, 0.0), 0.01 * np.eye(2))
+    assert tracker.rejected_since is None
+    later = 31 * SECOND // 10
+    assert not tracker.update(later - SECOND // 2, (9.0, 0.0), 0.01 * np.eye(2))
+    assert tracker.update(later, (9.0, 0.0), 0.01 * np.eye(2))
+    assert tracker.predict(later).position == pytest.approx((9.0, 0.0))
+
+
+def test_late_measurements_and_early_predictions():
+    tracker = PositionFilter()
+    assert tracker.predict(0) is None
+    assert tracker.update(SECOND, (1.0, 2.0, 3.0), np.eye(3))
+    assert not tracker.update(SECOND, (1.0, 2.0), np.eye(2))
+    assert not tracker.update(SECOND // 2, (1.0, 2.0), np.eye(2))
+    assert tracker.predict(0).stamp == SECOND
+    assert tracker.predict(0).position == pytest.approx((1.0, 2.0))
+    tracker.reset()
+    assert tracker.predict(SECOND) is None
+    assert tracker.update(0, (1.0, 2.0), np.eye(2))
+
+
+def test_the_uncertainty_grows_without_measurements():
+    tracker = PositionFilter()
+    for index in range(10):
+        tracker.update(index * SECOND // 10, (0.1 * index, 0.0), 0.01 * np.eye(2))
+    sds = [tracker.predict((10 + 10 * index) * SECOND // 10).covariance[0, 0] for index in range(4)]
+    assert sds == sorted(sds)
+    assert tracker.predict(3 * SECOND).position[0] > 2.0
+
+
+@pytest.mark.parametrize(
+    ("position", "covariance", "message"),
+    [
+        ((1.0,), np.eye(1), "shape"),
+        ((1.0, 2.0), np.eye(3), "shape"),
+        ((np.nan, 2.0), np.eye(2), "finite"),
+        ((1.0, 2.0), np.full((2, 2), np.inf), "finite"),
+        ((1.0, 2.0), np.zeros((2, 2)), "positive definite"),
+    ],
+)
+def test_a_wrong_measurement_leaves_the_filter_as_it_was(position, covariance, message):
+    tracker = PositionFilter()
+    tracker.update(0, (1.0, 2.0), np.eye(2))
+    with pytest.raises(ValueError, match=message):
+        tracker.update(SECOND, position, covariance)
+    assert tracker.predict(0).position == pytest.approx((1.0, 2.0))
+
+
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize(
+    "name", ["acceleration_density", "correlation_time", "gate", "reset_after"]
+)
+def test_wrong_parameters_are_rejected(name, value):
+    with pytest.raises(ValueError, match=name):
+        PositionFilter(**{name: value})
