@@ -191,7 +191,7 @@ def distrust(target: ReportedTarget, min_confidence: float) -> str:
 class _Trust:
     """Whether a target is still the same.
 
-    A box that goes over to somebody else in a crowd soon has a fair confidence again. So after an
+    A box that goes over to somebody else who crosses soon has a fair confidence again. So after an
     occlusion or a low confidence, a target is in doubt until its confidence has been high for some
     time, or fair for a long time.
     """
