@@ -131,8 +131,9 @@ class Localizer:
                 infinity are holes.
             target_probability: (rows, columns) probability, 0 to 1, of a pixel to be the target's,
                 over the box in any resolution.
-            predicted_range: Predicted distance from the camera and its standard deviation, meters:
-                chooses between modes of the depth, and is not in the result.
+            predicted_range: Predicted distance from the camera to the middle of the box, and its
+                standard deviation, meters: chooses between modes of the depth, and is not in the
+                result.
             methods: What to use of `METHODS`.
             plane: The ground in this frame, in place of the constructor's.
 
