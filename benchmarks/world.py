@@ -3,8 +3,8 @@ r"""Accuracy of positions in meters: errors, and whether the covariances are tru
     python benchmarks/world.py --kitti FOLDER --pets FOLDER --calibration View_001.xml \
         --depth FOLDER --output world.md
 
-Each option adds a table; `world_data.py` says what the folders contain. Two parts need no data:
-rendered depth images with exact positions, and the CPU time of a position.
+Each folder adds a table; `world_data.py` says what it contains. Two parts need no data: rendered
+depth images with exact positions, and the CPU time of a position.
 
 NEES: normalized estimation error squared over its degrees of freedom, 1 for a true covariance.
 Inside: share of the frames whose truth is in the 90 % region.
@@ -60,6 +60,7 @@ LOOSE = 0.15
 # Distance of a passing occluder, of that of the target; its width, of the target's; frames to pass.
 OCCLUDER_NEAR, OCCLUDER_WIDTH, OCCLUDER_FRAMES = 0.55, 0.3, 25
 RENDERED_FRAMES = 200
+PARTS = ("kitti", "pets", "plane", "depth", "rendered", "cost")
 # Standard deviation of center and size of the boxes of rendered people, pixels.
 BOX_SD = 3.0
 
@@ -490,32 +491,36 @@ def least_cpu_ms(run: Callable[[], object], rounds: int = 15, count: int = 100) 
 
 def measured(options: argparse.Namespace, on_progress: OnProgress) -> Iterable[Table]:
     """The tables that the options ask for."""
-    if options.kitti:
+    parts = options.only or PARTS
+    if options.kitti and "kitti" in parts:
         paths = sorted(options.kitti.glob("*.csv"))
         if not paths:
             raise ValueError(f"{options.kitti} has no tables of KITTI labels (*.csv)")
         yield kitti_table([read_kitti(path) for path in paths], on_progress)
-    if options.pets:
+    if options.pets and {"pets", "plane"}.intersection(parts):
         if not options.calibration:
             raise ValueError("--pets needs --calibration, the Tsai calibration of its view")
         camera = read_tsai(options.calibration)
         tracks = read_ground_tracks(options.pets, PETS_RATE)
-        yield pets_table(camera, tracks, on_progress)
-        yield plane_table(camera, tracks, on_progress)
-    if options.depth:
+        if "pets" in parts:
+            yield pets_table(camera, tracks, on_progress)
+        if "plane" in parts:
+            yield plane_table(camera, tracks, on_progress)
+    if options.depth and "depth" in parts:
         yield depth_table(options.depth, on_progress)
-    yield rendered_table(on_progress)
-    yield cost_table(on_progress)
+    if "rendered" in parts:
+        yield rendered_table(on_progress)
+    if "cost" in parts:
+        yield cost_table(on_progress)
 
 
 def arguments() -> argparse.ArgumentParser:
     """The command line."""
-    made = options_of.parser(__doc__)
+    made = options_of.parts_parser(__doc__, PARTS)
     made.add_argument("--kitti", type=Path, metavar="DIR", help="tables of KITTI tracking labels")
     made.add_argument("--pets", type=Path, metavar="DIR", help="gt.txt and det.txt of PETS09-S2L1")
     made.add_argument("--calibration", type=Path, metavar="FILE", help="Tsai calibration of PETS")
     made.add_argument("--depth", type=Path, metavar="DIR", help="frames of a depth camera")
-    made.add_argument("--output", type=Path, metavar="FILE", help="Markdown file for the tables")
     return made
 
 
