@@ -80,6 +80,15 @@ class LocatedTarget:
     problem: str
     doubt: str
 
+    @property
+    def silence(self) -> str:
+        """Why a robot gets no pose of it; empty if it does."""
+        if self.doubt:
+            return self.doubt
+        if self.rejected_for is not None or self.world is None:
+            return self.problem or f"target {self.reported.id} has no position"
+        return ""
+
 
 class WorldTracks:
     """Keeps a filter for each target of the tracker."""
