@@ -43,7 +43,10 @@ def test_the_command_writes_its_table(silence, moving_square_sequence, moving_sq
     rows = [[4 + index, 1, *box] for index, box in enumerate(moving_square.boxes)]
     np.savetxt(tmp_path / "gt.txt", rows, delimiter=",")
     options = [f"--people={tmp_path / 'gt.txt'}", f"--calibration={tmp_path / 'view.xml'}"]
-    assert silence.main([str(moving_square_sequence), *options, "--seeds=1", f"--output={tmp_path}"]) == 0
+    assert (
+        silence.main([str(moving_square_sequence), *options, "--seeds=1", f"--output={tmp_path}"])
+        == 0
+    )
     (row,) = [
         line
         for line in (tmp_path / "world_silence.md").read_text().splitlines()
