@@ -46,7 +46,7 @@ _PREDICTION_GATE = 4.0
 # Largest difference in aspect ratio between image and depth.
 _ASPECT_TOLERANCE = 0.02
 # Standard deviation of the distance: a person's thickness, meters, and a share of the distance.
-_THICKNESS_SD, _RELATIVE_SD = 0.08, 0.01
+_THICKNESS_SD, _RELATIVE_SD = 0.07, 0.01
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,9 @@ ends' slopes and the person's height h (see `fusion`). Both are equal, so for ea
 
     log((s_foot - s_head) / h) - log(s_foot / H) = 0,
 
-up to errors that are relative to the box. The slopes depend on pitch and roll. The
+up to an error of the variance p^2 + e^2 (1 + (1 - h / H)^2): p is the deviation of the person's
+height, e that of an edge, both relative; the foot's edge is in both terms. The slopes depend on
+pitch and roll. The
 Levenberg-Marquardt method finds H, pitch and roll with the least sum of Huber's loss, within
 bounds: without any, boxes at similar distances also agree with a camera that looks straight down.
 
@@ -29,7 +31,9 @@ MIN_BOXES = 50
 # Bounds of height (meters), pitch and roll (radians).
 _BOUNDS = np.array([[math.log(0.2), -0.35, -0.26], [math.log(50.0), 1.2, 0.26]])
 # Standard deviation of a roll: cameras are mounted about level.
-_ROLL_SD = 0.05
+_ROLL_SD = 0.1
+# Standard deviations of the logarithm of a person's height, and of a detector's edge, box heights.
+_PERSON_SD, _EDGE_SD = 0.05, 0.08
 # Starting values of the pitch, and of the height in meters.
 _PITCHES, _HEIGHT = (0.0, 0.25, 0.6), 2.0
 _STEPS, _TOLERANCE = 60, 1e-7
@@ -37,14 +41,14 @@ _STEPS, _TOLERANCE = 60, 1e-7
 _LEAST_SLOPE = 1e-3
 # Residual beyond which Huber's loss grows linearly, in standard deviations, and beyond which a box
 # does not agree with the plane.
-_HUBER, _AGREES_WITHIN = 1.5, 3.0
-# Smallest standard deviation of a residual.
-_LEAST_SD = 0.02
+_HUBER, _AGREES_WITHIN = 2.0, 3.0
+# Smallest standard deviation of a residual, in units of the expected one.
+_LEAST_SD = 0.2
 # Standard deviation of the logarithm of the people's true mean height.
 _MEAN_HEIGHT_SD = 0.03
 # Largest standard deviations in a usable fit: of the logarithm of the height, of the pitch
-# (radians), and of a residual.
-_LARGEST_SDS = 0.15, 0.06, 0.2
+# (radians), and of a residual in units of the expected one.
+_LARGEST_SDS = 0.15, 0.06, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,9 +143,9 @@ class _Fit:
 
     Attributes:
         parameters: (3,) logarithm of the height, pitch, roll.
-        residuals: (N,).
+        residuals: (N,) in units of the expected standard deviation.
         scale: Standard deviation of a residual, from their median.
-        loss: Mean absolute residual, each at most 1, which compares minima.
+        loss: Mean absolute residual, each at most 10, which compares minima.
         information: (3, 3) inverse of the parameters' covariance.
     """
 
@@ -161,7 +165,7 @@ class _Fit:
         """The minimum that is reached from a pitch."""
         parameters = np.array([math.log(_HEIGHT), pitch, 0.0])
         # A level camera at the height that the boxes ask for.
-        parameters[0] -= float(np.median(_residuals(parameters, rays, target_height)))
+        parameters[0] -= float(np.median(_log_ratios(parameters, rays, target_height)))
         parameters = np.clip(parameters, *_BOUNDS)
         damping = 1e-3
         prior = np.array([0.0, 0.0, 1.0 / _ROLL_SD])
@@ -190,7 +194,7 @@ class _Fit:
                     break
         jacobian = _jacobian(parameters, rays, target_height) / scale
         information = jacobian.T @ jacobian + np.diag(prior**2)
-        mean = float(np.minimum(np.abs(residuals), 1.0).mean())
+        mean = float(np.minimum(np.abs(residuals), 10.0).mean())
         return cls(parameters, residuals, scale, mean, information)
 
 
@@ -209,6 +213,17 @@ def _rays(
 
 
 def _residuals(
+    parameters: NDArray[np.float64],
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+    target_height: float,
+) -> NDArray[np.float64]:
+    """(N,) logarithms of the ratio of both distances, in expected standard deviations."""
+    share = target_height * math.exp(-float(parameters[0]))
+    sd = math.hypot(_PERSON_SD, _EDGE_SD, _EDGE_SD * (1.0 - share))
+    return _log_ratios(parameters, rays, target_height) / sd
+
+
+def _log_ratios(
     parameters: NDArray[np.float64],
     rays: tuple[NDArray[np.float64], NDArray[np.float64]],
     target_height: float,

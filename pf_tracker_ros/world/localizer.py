@@ -41,6 +41,8 @@ from pf_tracker_ros.world.view import View
 
 METHODS = ("ground", "height", "depth")
 
+# Width of a person's box and its standard deviation, shares of the person's height.
+_WIDTH, _WIDTH_SD = 0.29, 0.11
 # Likelihood that a target is not where its box says: it sits, or is partly hidden.
 _UNEXPECTED = 0.05
 
@@ -141,8 +143,9 @@ class Localizer:
                 infinity are holes.
             target_probability: (rows, columns) probability, 0 to 1, of a pixel to be the target's,
                 over the box in any resolution.
-            predicted_range: Predicted distance from the camera and its standard deviation, meters:
-                chooses between modes of the depth, and is not in the result.
+            predicted_range: Predicted distance from the camera to the middle of the box, and its
+                standard deviation, meters: chooses between modes of the depth, and is not in the
+                result.
             methods: What to use of `METHODS`.
             plane: The ground in this frame, in place of the constructor's.
 
@@ -210,7 +213,10 @@ class Localizer:
                 )
             return ExpectedDepth(mean * forward, sd * forward)
         if not inverses:
-            return None
+            # A part of a person is about as wide as the whole.
+            angle = view.edges.box[2] * float(np.linalg.norm(view.jacobians[2, :, 0]))
+            scale = self._target_height.mean / angle * forward
+            return ExpectedDepth(_WIDTH * scale, _WIDTH_SD * scale, _UNEXPECTED)
         fused = fuse(view, inverses, self._target_height)
         scale = forward / float(view.horizontal[2])
         # A box that contains a part of the target is of a nearer one than its height says.

@@ -8,6 +8,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
+
 REPOSITORY = Path(__file__).resolve().parents[2]
 # Only with vision_msgs, simulated time or another transport.
 OPTIONAL = {
@@ -16,26 +18,39 @@ OPTIONAL = {
     "/clock",
     "/image/compressed",
     "/parameter_events",
+    "/localizer/detections_3d",
+    "/depth/compressed",
+    "/depth/compressedDepth",
+    # Once there is depth.
+    "/pf_tracker/target_probability",
+    "/tf",
+    "/tf_static",
 }
 
 
-def allowed(kind, permission):
+def allowed(name, kind, permission):
     """Full names that the policy allows a node in the root namespace."""
     root = ElementTree.parse(REPOSITORY / "config" / "sros2_policy.xml").getroot()
+    (profile,) = [one for one in root.iter("profile") if one.get("node") == name]
     names = {
         item.text.strip()
-        for group in root.iter(f"{kind}s")
+        for group in profile.iter(f"{kind}s")
         if group.get(permission) == "ALLOW"
         for item in group.iter(kind)
     }
     assert all(name for name in names)
-    return {
-        name.replace("~", "/pf_tracker") if "~" in name else "/" + name.lstrip("/")
-        for name in names
-    }
+    return {one.replace("~", f"/{name}") if "~" in one else "/" + one.lstrip("/") for one in names}
 
 
-@pytest.mark.parametrize(
+def used(node, query):
+    """Full names that a node uses, as it sees itself in the graph."""
+    if node.get_name() not in node.get_node_names():
+        return set()
+    found = getattr(node, query)(node.get_name(), node.get_namespace())
+    return {name for name, _ in found}
+
+
+each_kind = pytest.mark.parametrize(
     ("kind", "permission", "query"),
     [
         ("topic", "publish", "get_publisher_names_and_types_by_node"),
@@ -43,19 +58,26 @@ def allowed(kind, permission):
         ("service", "reply", "get_service_names_and_types_by_node"),
     ],
 )
+
+
+@each_kind
 def test_the_policy_allows_what_the_node_uses(graph, kind, permission, query):
     client = graph.client()
     node = graph.tracker(client, image_reliability="reliable")
-    names = allowed(kind, permission)
+    names = allowed("pf_tracker", kind, permission)
 
-    def used():
-        if node.get_name() not in node.get_node_names():
-            return set()
-        found = getattr(node, query)(node.get_name(), node.get_namespace())
-        return {name for name, _ in found}
+    client.wait_for(lambda: names - OPTIONAL <= used(node, query), "endpoints")
+    assert used(node, query) <= names
 
-    client.wait_for(lambda: names - OPTIONAL <= used(), "endpoints")
-    assert used() <= names
+
+@each_kind
+def test_the_policy_allows_what_the_localizer_uses(graph, kind, permission, query):
+    client = graph.client()
+    node = LocalizerNode(context=graph.context())
+    graph.run(node)
+    names = allowed("localizer", kind, permission)
+    client.wait_for(lambda: names - OPTIONAL <= used(node, query), "endpoints")
+    assert used(node, query) <= names
 
 
 def test_a_node_does_not_start_without_the_required_security(ros_domain, tmp_path):

@@ -29,7 +29,6 @@ LAYERS = (
     {"cues"},
     {"tracking"},
     {"targets"},
-    {"world"},
     {"footage"},
     {"yaml_files", "node_parameters", "parameter_files"},
     {"formats"},

@@ -189,6 +189,16 @@ def test_a_half_figure_is_as_far_as_its_depth(camera, level):
     assert unknown.covariance[1, 1] > 0.01
 
 
+def test_the_width_of_a_half_figure_tells_it_from_an_occluder(camera):
+    """A pole before the middle of a person whose box is cut at the foot."""
+    box = (200.0, 100.0, 300.0, 380.0)
+    depth = depth_of(box, 1.0)
+    depth[90:, 270:420] = 0.4
+    place = Localizer(camera, None).locate(box, depth=depth)
+    assert place.position[2] == pytest.approx(1.0 + TO_MIDDLE, abs=0.01)
+    assert place.occlusion == pytest.approx(0.5, abs=0.05)
+
+
 def test_depth_without_foot_and_head_leaves_the_height_open(camera):
     box = (200.0, 0.0, 240.0, 480.0)
     place = Localizer(camera, None).locate(box, depth=depth_of(box, 0.9))

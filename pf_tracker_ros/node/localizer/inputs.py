@@ -70,22 +70,25 @@ class Arrivals:
 class _Input:
     """A subscription with its arrivals and problems.
 
+    Attributes:
+        name: Name of the topic, of the class.
+        arrivals: The messages since it was opened.
+
     Args:
         node: The subscribing node.
-        name: Name of the topic.
         problems: Where it tells its problems, under its name.
         arrived: Called after each message.
     """
 
-    def __init__(
-        self, node: Node, name: str, problems: Problems, arrived: Callable[[], None]
-    ) -> None:
-        self.name = name
+    name: str
+
+    def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
         self.arrivals = Arrivals()
         self._node = node
         self._problems = problems
         self._arrived = arrived
         self._subscription: Subscription | None = None
+        self._forget()
 
     @property
     def topic(self) -> str:
@@ -105,6 +108,7 @@ class _Input:
 
     def _open(self, message_type: Any) -> None:
         self.arrivals = Arrivals()
+        self._forget()
         self._subscription = subscribe(
             self._node,
             message_type,
@@ -124,6 +128,10 @@ class _Input:
             self._problems.set(self.name, "")
         self._arrived()
 
+    def _forget(self) -> None:
+        """Forget all messages."""
+        raise NotImplementedError
+
     def _take(self, message: Any) -> None:
         """Store a message, or raise ValueError."""
         raise NotImplementedError
@@ -141,15 +149,15 @@ class _Input:
 class CameraInfoInput(_Input):
     """The calibration on `camera_info`."""
 
-    def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
-        super().__init__(node, "camera_info", problems, arrived)
+    name = "camera_info"
+
+    def _forget(self) -> None:
         self._latest: CameraInfo | None = None
         self._key: Any = None
         self._model: CameraModel | ValueError | None = None
 
     def open(self) -> None:
         """Subscribe."""
-        self._latest = None
         self._open(CameraInfo)
 
     def model(self, image_size: tuple[int, int] | None, *, rectified: bool) -> CameraModel:
@@ -183,10 +191,11 @@ class CameraInfoInput(_Input):
 class DepthInput(_Input):
     """Depth images on `depth`, found by stamp."""
 
-    def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
-        super().__init__(node, "depth", problems, arrived)
-        self._transport = "raw"
-        self._images: ImageSubscription | None = None
+    name = "depth"
+    _transport = "raw"
+    _images: ImageSubscription | None = None
+
+    def _forget(self) -> None:
         self._buffer: StampedBuffer[Image | CompressedImage] = StampedBuffer(_KEPT, _MAX_DEPTHS)
         self._decoded: tuple[int, NDArray[Any]] | None = None
 
@@ -204,7 +213,7 @@ class DepthInput(_Input):
         """
         self.close()
         self.arrivals = Arrivals()
-        self._buffer.clear()
+        self._forget()
         self._transport = transport
         self._images = ImageSubscription(
             self._node,
@@ -261,14 +270,14 @@ class ProbabilityInput(_Input):
     The tracker computes it only for a subscriber.
     """
 
-    def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
-        super().__init__(node, "pf_tracker/target_probability", problems, arrived)
+    name = "pf_tracker/target_probability"
+
+    def _forget(self) -> None:
         self._buffer: StampedBuffer[NDArray[np.float64]] = StampedBuffer(_KEPT, _MAX_DEPTHS)
 
     def open(self) -> None:
         """Subscribe, unless it is subscribed."""
         if self._subscription is None:
-            self._buffer.clear()
             self._open(Image)
 
     def find(self, stamp: int) -> NDArray[np.float64] | None:
@@ -286,14 +295,14 @@ class ProbabilityInput(_Input):
 class OdometryInput(_Input):
     """Poses of the robot's base on `odom`, interpolated at a stamp."""
 
-    def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
-        super().__init__(node, "odom", problems, arrived)
+    name = "odom"
+
+    def _forget(self) -> None:
         self._frame_id = ""
         self._buffer: StampedBuffer[RigidPose] = StampedBuffer(_KEPT, _MAX_POSES)
 
     def open(self) -> None:
         """Subscribe."""
-        self._buffer.clear()
         self._open(Odometry)
 
     def pose_at(self, stamp: int, fixed_frame: str) -> RigidPose:
@@ -343,15 +352,15 @@ class GravityInput(_Input):
     An accelerometer at rest measures an acceleration upward (REP 145).
     """
 
-    def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
-        super().__init__(node, "imu", problems, arrived)
+    name = "imu"
+
+    def _forget(self) -> None:
         self._stamp_of_last = 0
         self._down: NDArray[np.float64] | None = None
         self._frame_id = ""
 
     def open(self) -> None:
         """Subscribe."""
-        self._down, self._stamp_of_last = None, 0
         self._open(Imu)
 
     def down(self, camera_frame: str, transforms: Transforms | None) -> NDArray[np.float64] | None:

@@ -368,11 +368,7 @@ class LocalizerNode(ManagedNode):
             return "no target is selected" if frame.targets else "the tracker has no target"
         if selected is None:
             return f"target {frame.selected} has ended"
-        is_rejected = selected.rejected_for is not None
-        if selected.doubt or is_rejected or selected.world is None:
-            no_position = f"target {frame.selected} has no position"
-            return selected.doubt or selected.problem or no_position
-        return ""
+        return selected.silence
 
     # Health
 

@@ -73,7 +73,9 @@ class Transforms:
             may_come = self._buffer.get_latest_common_time(*names).nanoseconds < stamp
             raise (NotYetError if may_come else ValueError)(reason) from None
         except self._tf2.TransformException as error:
-            raise NotYetError(f"no transform from {child} to {parent}: {error}") from None
+            raise NotYetError(
+                f"no transform from {child} to {parent}: {error}; publish it, or set camera.height"
+            ) from None
         try:
             return RigidPose.of_message(found.translation, found.rotation)
         except ValueError as error:

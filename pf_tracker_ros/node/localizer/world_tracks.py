@@ -80,6 +80,15 @@ class LocatedTarget:
     problem: str
     doubt: str
 
+    @property
+    def silence(self) -> str:
+        """Why a robot gets no pose of it; empty if it does."""
+        if self.doubt:
+            return self.doubt
+        if self.rejected_for is not None or self.world is None:
+            return self.problem or f"target {self.reported.id} has no position"
+        return ""
+
 
 class WorldTracks:
     """Keeps a filter for each target of the tracker."""
@@ -191,7 +200,7 @@ def distrust(target: ReportedTarget, min_confidence: float) -> str:
 class _Trust:
     """Whether a target is still the same.
 
-    A box that goes over to somebody else in a crowd soon has a fair confidence again. So after an
+    A box that goes over to somebody else who crosses soon has a fair confidence again. So after an
     occlusion or a low confidence, a target is in doubt until its confidence has been high for some
     time, or fair for a long time.
     """

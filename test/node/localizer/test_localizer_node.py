@@ -1,15 +1,19 @@
 """Positions of a live localizer over DDS, with boxes that follow from a scene by hand."""
 
 import math
+from array import array
 from importlib import util
 
+import cv2
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import Image, Imu
+from sensor_msgs.msg import CompressedImage, Image, Imu
 from visualization_msgs.msg import Marker, MarkerArray
 
 STILL = {"camera__height": 1.5}
@@ -230,6 +234,21 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer
     assert "depth_offset" not in far.values
 
 
+def test_depth_that_is_compressed_is_used(scene, make_localizer, given):
+    scene.add_sensor(CompressedImage, "depth/compressedDepth")
+    localizer = make_localizer(**STILL, method="depth", depth_transport="compressedDepth")
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    png = cv2.imencode(".png", np.full((48, 64), 5500, np.uint16))[1].tobytes()
+    message = CompressedImage(format="16UC1; compressedDepth png", data=array("B", bytes(12) + png))
+    message.header = given.odometry(given.start).header
+    scene.send("depth/compressedDepth", message)
+    scene.wait_for(lambda: localizer._depth.arrivals.count, "depth")
+    status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
+    assert status.targets[1]["method"] == "depth"
+    assert float(status.targets[1]["x"]) == pytest.approx(5.5, abs=0.2)
+
+
 def test_of_two_depths_in_a_box_that_of_the_targets_colors_counts(scene, make_localizer, given):
     """A column of the target 6 m away, in a box that shows a wall at 9 m for the most part."""
     scene.add_sensor(Image, "depth")
@@ -406,3 +425,41 @@ def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_locali
     assert scene.statuses == []
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert status.values["pose"] == "published"
+
+
+def test_it_works_only_while_it_is_active(scene, make_localizer, services_of, given):
+    localizer = make_localizer(**STILL, autostart=False)
+    services = services_of(scene, "localizer", scene.wait_for)
+
+    def change(*transitions):
+        for id in transitions:
+            future = services.ask(ChangeState, "change_state", transition=Transition(id=id))
+            scene.wait_for(future.done, "transition")
+            assert future.result().success
+
+    scene.listen(DiagnosticArray, "/diagnostics", scene.health.append)
+    target = given.target(box=given.box_at(6.0, 0.0))
+    assert localizer.lifecycle_state == "unconfigured"
+    for index in range(2):
+        change(Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+        scene.meet(localizer)
+        scene.calibrate(localizer)
+        status = scene.show(given.start + index * given.frame, [target])
+        assert status.values["pose"] == "published"
+        change(Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
+    assert [s for s in localizer.subscriptions if "pf_tracker" in s.topic_name] == []
+    before = len(scene.health)
+    scene.wait_for(lambda: len(scene.health) > before, "diagnostics")
+    (health,) = scene.health[-1].status
+    assert health.name == "localizer: localizer"
+    assert health.message == "unconfigured, not locating"
+
+
+def test_its_health_names_the_tracker_that_is_missing(scene, make_localizer):
+    localizer = make_localizer(**STILL)
+    scene.listen(DiagnosticArray, "/diagnostics", scene.health.append)
+    scene.meet(localizer)
+    missing = "no status of the tracker on /pf_tracker/status"
+    scene.wait_for(lambda: [h for h in scene.health if h.status[0].message == missing], "warning")
+    values = {item.key: item.value for item in scene.health[-1].status[0].values}
+    assert {"camera_info_rate", "depth_rate", "odom_rate", "imu_rate"} <= values.keys()

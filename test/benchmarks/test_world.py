@@ -1,0 +1,166 @@
+"""The benchmark of positions: what it reads, what it renders, its figures by hand."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.world import CameraModel, GroundPlane
+
+
+@pytest.fixture
+def world(benchmark):
+    return benchmark("world")
+
+
+@pytest.fixture
+def data(benchmark):
+    return benchmark("world_data")
+
+
+@pytest.fixture
+def scenes(benchmark):
+    return benchmark("world_scenes")
+
+
+KITTI = (
+    "# fx 700 fy 700 cx 600 cy 180 offset_x 0.06\n"
+    "frame,id,class,truncated,occluded,x,y,width,height,height_m,width_m,length_m,X,Y,Z\n"
+    "0,1,Pedestrian,0,0,600,176.5,30,120,1.75,0.5,0.5,0.1,1.65,10\n"
+    "0,2,Pedestrian,0,1,640,176.5,30,120,1.75,0.5,0.5,0.6,1.65,10\n"
+    "1,3,Cyclist,1,0,1180,176.5,44,120,1.75,0.5,0.5,6.6,1.65,8\n"
+)
+
+
+def test_kitti_labels(data, tmp_path):
+    (tmp_path / "0001.csv").write_text(KITTI)
+    labels = data.read_kitti(tmp_path / "0001.csv")
+    assert labels.is_whole.tolist() == [True, False, False]
+    assert labels.at_border.tolist() == [False, False, True]
+    # Moved from the left reference to this camera.
+    np.testing.assert_allclose(labels.positions[0], (0.16, 1.65, 10.0))
+    assert (labels.camera.fx, labels.camera.width) == (700.0, 1225)
+
+
+TSAI = (
+    '<Camera><Geometry width="768" height="576" dpx="0.005" dpy="0.004"/>'
+    '<Intrinsic focal="5" kappa1="{kappa}" cx="380" cy="290" sx="1.1"/>'
+    '<Extrinsic tx="0" ty="0" tz="7000" rx="3.141592653589793" ry="0" rz="0"/></Camera>'
+)
+
+
+def test_a_tsai_calibration_that_looks_down(data, tmp_path):
+    path = tmp_path / "view.xml"
+    path.write_text(TSAI.format(kappa=0.005))
+    camera = data.read_tsai(path)
+    # Half a turn about x: the optical axis points down from 7 m.
+    np.testing.assert_allclose(camera.translation, (0.0, 0.0, 7.0), atol=1e-9)
+    plane = GroundPlane.from_pose(camera.rotation, camera.translation)
+    np.testing.assert_allclose(plane.down, (0.0, 0.0, 1.0), atol=1e-9)
+    # Tsai's equations by hand: on the sensor 200 * .005 / 1.1 and 100 * .004 mm.
+    x, y = 200 * 0.005 / 1.1, 100 * 0.004
+    factor = 1.0 + 0.005 * (x * x + y * y)
+    ray = camera.model.rays([[580.0, 390.0]])[0]
+    np.testing.assert_allclose(ray[:2] / ray[2], (x * factor / 5.0, y * factor / 5.0), atol=1e-6)
+
+
+def test_detections_on_people(data, tmp_path):
+    truth = "".join(f"{frame},1,{100 + frame},50,20,60,1,{frame},0,0\n" for frame in range(1, 9))
+    found = "".join(f"{frame},-1,{101 + frame},50,20,60,0.9\n" for frame in range(1, 9))
+    (tmp_path / "gt.txt").write_text(truth)
+    (tmp_path / "det.txt").write_text(found + "1,-1,500,50,20,60,0.9\n")
+    tracks = data.read_ground_tracks(tmp_path, 7.0)
+    assert len(tracks.frames) == 8
+    np.testing.assert_allclose(tracks.boxes[0], (101, 49, 20, 60))
+    # A meter a frame; the ends have no frames before or after.
+    assert np.isnan(tracks.velocities[:, 0]).tolist() == [True] * 3 + [False] * 2 + [True] * 3
+    np.testing.assert_allclose(tracks.velocities[3], (7.0, 0.0))
+
+
+def test_a_rendered_person_is_where_it_was_put(scenes):
+    camera = CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480)
+    renderer = scenes.Renderer(camera, GroundPlane.from_angles(1.2, 0.05), 9.0)
+    rays, depth = renderer.background()
+    assert depth.max() < 9.5
+    person = scenes.Person(4.0, 0.0, 1.75, 0.0)
+    mask = renderer.add(rays, depth, person)
+    foot = renderer.position(person)
+    x, y, width, height = scenes.box_around(mask)
+    # Its near side, half a thickness nearer, has its foot lower and its head higher.
+    near = renderer.position(scenes.Person(3.88, 0.0, 1.75, 0.0))
+    head = near - 1.75 * renderer.plane.down
+    (_, lower), (_, upper) = camera.project([near, head])
+    assert (y, y + height) == pytest.approx((upper, lower), abs=1.5)
+    assert x + width / 2 == pytest.approx(camera.project([foot])[0, 0] + 0.5, abs=1.0)
+    assert depth[mask].min() == pytest.approx(3.88, abs=0.15)
+    holed = scenes.corrupted(depth, 0.3, np.random.default_rng(0))
+    assert np.isnan(holed).mean() == pytest.approx(0.3, abs=0.03)
+    known = np.isfinite(holed)
+    assert np.std(holed[known] - depth[known]) < 0.15
+
+
+def test_figures_by_hand(world):
+    errors = world.Errors.of(
+        np.array([[3.0, 4.0], [0.0, 1.0]]), np.array([np.eye(2) * 5.0, np.eye(2)]), 10.0
+    )
+    np.testing.assert_allclose(errors.sizes, (0.5, 0.1))
+    np.testing.assert_allclose(errors.nees, (5.0, 1.0))
+    # The 90 % region of two dimensions ends at 4.61.
+    assert errors.cells() == ["2", "0.30", "0.46", "1.50", "0.500"]
+    assert world.auroc(np.array([0.1, 0.4, 0.4, 0.9]), np.array([0, 0, 1, 1], bool)) == "0.875"
+    assert world.auroc(np.ones(2), np.zeros(2, bool)) == "-"
+    points = np.random.default_rng(0).normal(size=(20, 2))
+    turned = points @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + (3.0, 4.0)
+    np.testing.assert_allclose(world.aligned(points, turned), turned, atol=1e-9)
+
+
+def test_rendered_people_are_located(world):
+    table = world.rendered_table(lambda name, done: None, frames=3)
+    for row in table.groups[0]:
+        assert row[1] == "3"
+        assert float(row[2]) < 5.0
+
+
+def test_the_command_writes_its_tables(world, tmp_path, capsys):
+    (tmp_path / "0001.csv").write_text(KITTI)
+    output = tmp_path / "world.md"
+    arguments = ["--only", "kitti", "--kitti", str(tmp_path), "--output", str(output)]
+    assert world.main(arguments) == 0
+    assert "KITTI" in capsys.readouterr().out
+    row = next(line for line in output.read_text().splitlines() if "ground and height" in line)
+    assert row.split("|")[2].strip() == "1"
+
+
+def test_frames_of_a_depth_camera(world, tmp_path):
+    depth = np.full((480, 640), 3000, np.uint16)
+    mask = np.zeros((480, 640), np.uint8)
+    mask[100:400, 250:400] = 255
+    depth[mask > 0] = 1500
+    image = np.full((480, 640, 3), 90, np.uint8)
+    for index in range(3):
+        cv2.imwrite(str(tmp_path / f"{index}.jpg"), image)
+        cv2.imwrite(str(tmp_path / f"{index}_depth.png"), depth)
+        cv2.imwrite(str(tmp_path / f"{index}_mask.jpg"), mask)
+    rows = world.depth_table(tmp_path, lambda name, done: None).groups[0]
+    assert [row[1] for row in rows[:2]] == ["0.0", "0.0"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--kitti", "."], "no tables of KITTI labels"),
+        (["--pets", "."], "needs --calibration"),
+    ],
+)
+def test_missing_data_is_told(world, tmp_path, monkeypatch, capsys, arguments, message):  # noqa: PLR0917
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit):
+        world.main(arguments)
+    assert message in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_calibration_is_told(data, tmp_path):
+    path = tmp_path / "view.xml"
+    for text in ("no xml", "<Camera/>", TSAI.format(kappa="much")):
+        path.write_text(text)
+        with pytest.raises(ValueError, match="no Tsai calibration"):
+            data.read_tsai(path)
