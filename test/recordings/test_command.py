@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -408,7 +409,8 @@ def test_frames_skipped_for_their_stamps_are_reported_with_the_reason(
         )  # fmt: skip
         rows.append(("/eye", "sensor_msgs/msg/Image", 5 * 10**9 + index, message))
     bag = write_bag(tmp_path / "drive", rows)
-    code, said, errors = track(bag, "--output", tmp_path / "out", *BOX, *QUICK)
+    as_recorded = ("--as-recorded", *QUICK)
+    code, said, errors = track(bag, "--output", tmp_path / "out", *BOX, *as_recorded)
     assert code == 0
     assert "75% skipped" in said
     reason = "is earlier than" if step else "equals"
@@ -470,7 +472,7 @@ def test_the_second_ctrl_c_discards_unfinished_files(start_track, long_sequence,
     assert not (output / "report.html").exists()
 
 
-def test_a_truncated_video_is_reported(track, moving_square, tmp_path):
+def test_a_truncated_video_is_reported(track, rows, moving_square, tmp_path):
     video = tmp_path / "whole.avi"
     height, width = moving_square.images[0].shape[:2]
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 25, (width, height))
@@ -482,9 +484,19 @@ def test_a_truncated_video_is_reported(track, moving_square, tmp_path):
     cut.write_bytes(octets[: len(octets) // 2])
     assert track(video, *BOX, "--output", tmp_path / "whole")[::2] == (0, "")
     code, said, errors = track(cut, *BOX, "--output", tmp_path / "cut")
-    count = int(said.partition(": ")[2].split()[0])
-    assert 0 < count < 20
+    assert (code, said) == (3, "")
+    found = re.fullmatch(
+        rf"track: error: video {cut} is damaged: it contains (\d+) of its 20 frames; (\d+) frames "
+        "were tracked\n",
+        errors,
+    )
+    contained, tracked = map(int, found.groups())
+    assert 0 < tracked <= contained < 20
+    assert len(rows(tmp_path / "cut")) == tracked
+    allowed = ("--output", tmp_path / "allowed", "--allow-partial")
+    code, said, errors = track(cut, *BOX, *allowed)
     assert code == 0
-    assert errors.splitlines()[-1] == (
-        f"track: only {count} of 20 frames of {cut} could be read: it is damaged or truncated"
+    assert f": {tracked} frames (" in said
+    assert errors == (
+        f"track: video {cut} is damaged: it contains {contained} of its 20 frames\n"
     )
