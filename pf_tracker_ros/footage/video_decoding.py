@@ -53,7 +53,7 @@ def open_video(path: Path) -> Video:
     Raises:
         FootageError: It is no video.
     """
-    if _has_pyav():
+    if has_pyav():
         from pf_tracker_ros.footage.video_decoding_pyav import PyavVideo
 
         return PyavVideo(path)
@@ -63,7 +63,7 @@ def open_video(path: Path) -> Video:
 
 
 @functools.cache
-def _has_pyav() -> bool:
+def has_pyav() -> bool:
     """Whether PyAV is installed, in a version with the index of a file."""
     try:
         import av

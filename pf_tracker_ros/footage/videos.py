@@ -138,7 +138,9 @@ class _RisingStamps:
             gap = time - self._last_time
             if gap < 0:
                 gap = self._interval
-                self.damage = self.damage or f"is damaged: its time goes back at frame {self._count}"
+                self.damage = (
+                    self.damage or f"is damaged: its time goes back at frame {self._count}"
+                )
         self._elapsed += gap
         self._last_time = time
         self._count += 1

@@ -116,7 +116,8 @@ def test_images_with_names_that_are_not_utf_8_are_read(tmp_path):
     np.testing.assert_array_equal(frame.image, picture)
 
 
-def test_opencv_refuses_a_video_whose_name_is_not_utf_8(tmp_path, without_pyav):
+@pytest.mark.parametrize("video_decoder", ["OpenCV"], indirect=True)
+def test_opencv_refuses_a_video_whose_name_is_not_utf_8(tmp_path, video_decoder):
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xe4.mp4"))
     path.write_bytes(bytes(100))
     with pytest.raises(FootageError, match="needs a file name in UTF-8"):

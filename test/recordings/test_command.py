@@ -497,6 +497,4 @@ def test_a_truncated_video_is_reported(track, rows, moving_square, tmp_path):
     code, said, errors = track(cut, *BOX, *allowed)
     assert code == 0
     assert f": {tracked} frames (" in said
-    assert errors == (
-        f"track: video {cut} is damaged: it contains {contained} of its 20 frames\n"
-    )
+    assert errors == (f"track: video {cut} is damaged: it contains {contained} of its 20 frames\n")

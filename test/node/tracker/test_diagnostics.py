@@ -3,6 +3,7 @@
 import itertools
 import time
 
+import numpy as np
 import pytest
 
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
