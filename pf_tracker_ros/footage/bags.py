@@ -6,7 +6,7 @@ message) and bare .mcap and .db3 files. Messages keep their recorded bytes.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,7 +67,7 @@ class ImageBag:
         """Short name for messages and tables."""
         return self.path.stem
 
-    def images(self) -> Iterator[BagImage]:
+    def images(self) -> Generator[BagImage, None, None]:
         """Read the images in the order of recording; each call starts from the first.
 
         Yields:

@@ -29,7 +29,7 @@ from pf_tracker_ros.plurals import counted
 # Nothing but the file itself is opened, whatever is written in it.
 _OPTIONS = {"protocol_whitelist": "file"}
 # Declared durations are rounded, and may end with the sound.
-_DURATION_TOLERANCE = Fraction(1, 2)
+_DURATION_TOLERANCE = Fraction(1, 5)
 _MICROSECONDS = 1_000_000
 # FFmpeg's decoder of texts, which it may also choose by the file name.
 _TERMINAL_CODEC = "ansi"

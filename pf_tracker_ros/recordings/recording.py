@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from itertools import count, islice, pairwise
 from pathlib import Path
@@ -19,6 +20,7 @@ from pf_tracker_ros.footage import (
     Footage,
     FootageError,
     ImageBag,
+    PartialFootageError,
     existing_path,
     is_bag,
     open_bag,
@@ -156,7 +158,10 @@ class BagRecording:
         self._bag = bag
         self._as_recorded = as_recorded
         self._decoder = ImageDecoder(_MAX_IMAGE_PIXELS)
-        stamps = [image.stamp for image in islice(bag.images(), _INTERVAL_STAMPS)]
+        stamps: list[int] = []
+        # Missing images are reported when all are read.
+        with suppress(PartialFootageError), closing(bag.images()) as images:
+            stamps.extend(image.stamp for image in islice(images, _INTERVAL_STAMPS))
         gaps = [after - before for before, after in pairwise(stamps) if after > before]
         self.interval = median(gaps) / NANOSECONDS if gaps else 1.0 / DEFAULT_FRAME_RATE
 
