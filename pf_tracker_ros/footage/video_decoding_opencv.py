@@ -28,6 +28,8 @@ class OpencvVideo:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.damage = ""
+        # Its number of frames is compared.
+        self.has_frame_list = True
         capture = self._open()
         rate = capture.get(cv2.CAP_PROP_FPS)
         count = capture.get(cv2.CAP_PROP_FRAME_COUNT)

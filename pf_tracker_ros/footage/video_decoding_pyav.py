@@ -40,6 +40,7 @@ class PyavVideo:
 
     Attributes:
         frame_count: Number of frames that are to be shown, according to the file.
+        has_frame_list: Whether the file has a list of its frames, so that missing ones are noticed.
         interval: Mean seconds from one frame to the next, None if unknown.
         damage: After `pictures` has ended: what is missing or damaged, as "is damaged: ...", or
             empty.
@@ -60,7 +61,8 @@ class PyavVideo:
             self.interval = float(1 / rate) if rate else None
             # Tuple: the index belongs to the container.
             listed = tuple(entry.is_discard for entry in stream.index_entries)
-            if stream.frames and len(listed) >= stream.frames:
+            self.has_frame_list = 0 < stream.frames <= len(listed)
+            if self.has_frame_list:
                 self.frame_count = listed.count(False)
             else:
                 self._count(container, stream)

@@ -23,6 +23,8 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
 
 _FRAME_RATES = (0.01, 10_000.0)
+# A single gap is this many times as long as those around it.
+_LONG_GAP = 2.5
 
 
 class VideoFootage:
@@ -30,6 +32,9 @@ class VideoFootage:
 
     Stamps are the container's times, counted from the first frame. The constructor decodes the
     first frame, to report errors early.
+
+    Attributes:
+        note: After reading: where frames may be missing, as a sentence, or empty.
 
     Args:
         path: The file.
@@ -59,9 +64,10 @@ class VideoFootage:
         with closing(video.pictures()) as pictures:
             if next(pictures, None) is None:
                 raise FootageError(f"video {path}: no frame can be decoded")
+        self.note = ""
         slowest, fastest = _FRAME_RATES
-        is_rated = video.interval is not None and slowest <= 1.0 / video.interval <= fastest
-        self.nominal_interval = video.interval if is_rated and video.interval else 1.0 / frame_rate
+        self._has_times = bool(video.interval and slowest <= 1.0 / video.interval <= fastest)
+        self.nominal_interval = (self._has_times and video.interval) or 1.0 / frame_rate
         self.name = path.stem
         declared = None if video.frame_count is None else video.frame_count - first_frame
         self.frame_count = frame_count if frame_count is not None else declared
@@ -76,10 +82,17 @@ class VideoFootage:
         with closing(video.pictures(first)) as pictures:
             for image, time in islice(pictures, first, last):
                 assert image is not None
-                yield Frame(image, stamps.next(time))
+                yield Frame(image, stamps.next(time if self._has_times else None))
                 count += 1
         if count < (required or 1):
             raise self._too_short(count)
+        if stamps.gaps and not video.has_frame_list:
+            index, seconds = stamps.gaps[0]
+            more = f" (first of {len(stamps.gaps)} gaps)" if len(stamps.gaps) > 1 else ""
+            self.note = (
+                f"frame {index} of {self._path.name} comes {seconds:.2f} s after the one before"
+                f"{more}: the camera paused, or frames are missing"
+            )
         damage = video.damage or stamps.damage
         if required is None and damage:
             raise PartialFootageError(f"video {self._path} {damage}")
@@ -117,6 +130,8 @@ class _RisingStamps:
 
     Attributes:
         damage: Where the time first went back, or empty.
+        gaps: Index of a frame and seconds since the one before, where this is much longer than both
+            before and after it.
 
     Args:
         interval: Nominal seconds from one frame to the next.
@@ -129,7 +144,9 @@ class _RisingStamps:
         # Seconds from the first frame to the last one.
         self._elapsed = Fraction(0)
         self._stamp = 0
+        self._last_gaps = (Fraction(0), Fraction(0))
         self.damage = ""
+        self.gaps: list[tuple[int, float]] = []
 
     def next(self, time: Fraction | None) -> int:
         """The stamp of the next frame in nanoseconds."""
@@ -142,6 +159,10 @@ class _RisingStamps:
                     self.damage or f"is damaged: its time goes back at frame {self._count}"
                 )
         self._elapsed += gap
+        earlier, last = self._last_gaps
+        if self._count > 2 and last > _LONG_GAP * max(earlier, gap):
+            self.gaps.append((self._count - 1, float(last)))
+        self._last_gaps = (last, gap)
         self._last_time = time
         self._count += 1
         self._stamp = max(self._stamp + 1, FIRST_STAMP + round(self._elapsed * NANOSECONDS))

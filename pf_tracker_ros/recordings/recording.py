@@ -34,6 +34,7 @@ from pf_tracker_ros.footage.cdr import (
     deserialize_polygon,
 )
 from pf_tracker_ros.footage.stamp_order import StampOrder
+from pf_tracker_ros.footage.videos import VideoFootage
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
@@ -111,14 +112,12 @@ class FootageRecording:
         frame_count: Number of frames if the source states it, else None.
         interval: Approximate frame interval, seconds.
         has_ground_truth: Whether there are true boxes.
-        note: After reading: what was changed in it, as a sentence, or empty.
+        note: After reading: what is unusual in it, as a sentence, or empty.
 
     Args:
         path: As the attribute.
         footage: The opened footage.
     """
-
-    note = ""
 
     def __init__(self, path: Path, footage: Footage) -> None:
         self.path = path
@@ -126,6 +125,10 @@ class FootageRecording:
         self.interval = footage.nominal_interval
         self.has_ground_truth = footage.ground_truth is not None
         self._footage = footage
+
+    @property
+    def note(self) -> str:  # noqa: D102
+        return self._footage.note if isinstance(self._footage, VideoFootage) else ""
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
         """Read the frames in order; each call starts from the first.

@@ -187,6 +187,21 @@ def test_a_video_whose_time_goes_back_is_read_on(tmp_path, shifts, write_clip):
     assert all(after > before for before, after in pairwise(frame.stamp for frame in frames))
 
 
+@pytest.mark.parametrize(("suffix", "times"), [("mkv", GAP), ("mkv", SLOWER), ("mp4", GAP)])
+def test_a_gap_is_noted_where_no_list_tells_whether_frames_are_missing(
+    tmp_path, shifts, write_clip, suffix, times
+):
+    footage = open_footage(write_clip(tmp_path / f"clip.{suffix}", shifts[:50], times))
+    assert len(list(footage.frames())) == 50
+    expected = ""
+    if suffix == "mkv" and times is GAP:
+        expected = (
+            "frame 25 of clip.mkv comes 4.04 s after the one before: the camera paused, or frames "
+            "are missing"
+        )
+    assert footage.note == expected
+
+
 def test_a_file_with_sound_alone_is_refused(tmp_path):
     av = pytest.importorskip("av")
     path = tmp_path / "sound.mka"
