@@ -3,8 +3,9 @@
 What the container promises is compared with what was read:
 
 1. A file with a list of its frames (MP4, MOV, AVI) has to contain as many packets.
-2. Packets of another file have to reach its declared duration.
-3. Each packet has to be decoded without an error, into frames that are not marked as corrupt.
+2. From the first frame that is shown, each H.264 and H.265 packet of such a file has to be shown.
+3. Packets of another file have to reach its declared duration.
+4. Each packet has to be decoded without an error, into frames that are not marked as corrupt.
 
 Frames that an edit list excludes, and leading frames whose references were cut off, are not shown
 by any player, and are not missing here.
@@ -21,6 +22,7 @@ from typing import Any
 import av
 import numpy as np
 from av.container import InputContainer
+from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
 from pf_tracker_ros.footage.video_decoding import A_TEXT, Picture, Pictures, not_a_video
@@ -31,6 +33,8 @@ _OPTIONS = {"protocol_whitelist": "file"}
 # Declared durations are rounded, and may end with the sound.
 _DURATION_TOLERANCE = Fraction(1, 5)
 _MICROSECONDS = 1_000_000
+# Each packet is a frame: others may split one, or contain one that is not shown.
+_COUNTED_CODECS = ("h264", "hevc")
 # FFmpeg's decoder of texts, which it may also choose by the file name.
 _TERMINAL_CODEC = "ansi"
 
@@ -78,11 +82,14 @@ class PyavVideo:
             stream.thread_type = "AUTO"
             # The times in AVI are those of decoding, a constant before those of display.
             has_decoding_times = container.format.name == "avi"
-            reading = _Reading(container, stream)
+            # One for all frames, because a new one is slow to prepare.
+            converter = VideoReformatter()
+            reading = _Reading(container, stream, has_frame_list=self.has_frame_list)
             for index, frame in enumerate(reading.frames()):
                 number = frame.dts if has_decoding_times else frame.pts
                 time = None if number is None else number * Fraction(frame.time_base or 0)
-                yield Picture(_image(frame) if index >= first else None, time)
+                image = _image(frame, converter) if index >= first else None
+                yield Picture(image, time)
             if damage := reading.damage:
                 self.damage = f"is damaged: {damage}"
 
@@ -121,12 +128,18 @@ class PyavVideo:
 class _Reading:
     """One pass through a file."""
 
-    def __init__(self, container: InputContainer, stream: av.VideoStream) -> None:
+    def __init__(
+        self, container: InputContainer, stream: av.VideoStream, *, has_frame_list: bool
+    ) -> None:
         self._container = container
+        self._has_frame_list = has_frame_list
         self._stream = stream
         self._packet_count = 0
         self._frame_count = 0
         self._end = Fraction(0)
+        # Times of packets that are to be shown, and of the first frame.
+        self._times: list[int] = []
+        self._first_time: int | None = None
         self._error = ""
         # Numbers of frames at which packets failed, and of damaged frames.
         self._failed: list[int] = []
@@ -139,28 +152,33 @@ class _Reading:
                 if frame.is_corrupt:
                     self._corrupt.append(self._frame_count)
                 self._frame_count += 1
+                if self._first_time is None:
+                    self._first_time = frame.pts
                 yield frame
 
     @property
     def damage(self) -> str:
         """What is missing or damaged, or empty."""
+        return next(self._findings(), "")
+
+    def _findings(self) -> Iterator[str]:
         shown = counted(self._frame_count, "frame")
         if self._error:
-            return f"it cannot be read after {shown} ({self._error})"
+            yield f"it cannot be read after {shown} ({self._error})"
         if self._packet_count < self._stream.frames:
             listed = counted(self._stream.frames, "frame")
-            return f"it contains {self._packet_count} of its {listed}"
-        declared = self._declared_end()
+            yield f"it contains {self._packet_count} of its {listed}"
+        declared = Fraction(self._container.duration or 0, _MICROSECONDS)
         if not self._stream.frames and self._end < declared - _DURATION_TOLERANCE:
-            return f"it ends after {float(self._end):.2f} of {float(declared):.2f} s"
+            yield f"it ends after {float(self._end):.2f} of {float(declared):.2f} s"
         if self._failed:
             failed = counted(len(self._failed), "frame")
-            return f"{failed} could not be decoded, the first near frame {self._failed[0]}"
+            yield f"{failed} could not be decoded, the first near frame {self._failed[0]}"
+        if missing := self._missing_count():
+            yield f"{counted(missing, 'frame')} could not be decoded"
         if self._corrupt:
-            verb = "is" if len(self._corrupt) == 1 else "are"
-            corrupt = counted(len(self._corrupt), "frame")
-            return f"{corrupt} of {shown} {verb} damaged, the first is frame {self._corrupt[0]}"
-        return ""
+            corrupt = counted(len(self._corrupt), "damaged frame")
+            yield f"it has {corrupt}, the first is frame {self._corrupt[0]}"
 
     def _packets(self) -> Iterator[av.Packet[Any]]:
         """The packets of the video; those of the sound only count for the duration."""
@@ -171,6 +189,8 @@ class _Reading:
                     self._end = max(self._end, end)
                 if packet.stream_index == self._stream.index:
                     self._packet_count += bool(packet.size)
+                    if packet.size and packet.pts is not None and not packet.is_discard:
+                        self._times.append(packet.pts)
                     yield packet
         except (av.FFmpegError, OSError) as error:
             self._error = getattr(error, "strerror", None) or str(error)
@@ -182,11 +202,16 @@ class _Reading:
             self._failed.append(self._frame_count)
             return []
 
-    def _declared_end(self) -> Fraction:
-        return Fraction(self._container.duration or 0, _MICROSECONDS)
+    def _missing_count(self) -> int:
+        """Number of packets without a frame."""
+        is_counted = self._has_frame_list and self._stream.codec_context.name in _COUNTED_CODECS
+        if not is_counted or self._first_time is None:
+            return 0
+        first = self._first_time
+        return max(0, sum(time >= first for time in self._times) - self._frame_count)
 
 
-def _image(frame: av.VideoFrame) -> NDArray[Any]:
-    image = frame.to_ndarray(format="bgr24")
+def _image(frame: av.VideoFrame, converter: VideoReformatter) -> NDArray[Any]:
+    image = converter.reformat(frame, format="bgr24", threads=1).to_ndarray()
     turns = round(frame.rotation / 90) % 4
     return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
