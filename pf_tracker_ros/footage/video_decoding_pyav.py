@@ -25,6 +25,7 @@ from av.container import InputContainer
 from av.video.reformatter import VideoReformatter
 from numpy.typing import NDArray
 
+from pf_tracker_ros.footage.base import FootageError
 from pf_tracker_ros.footage.video_decoding import A_TEXT, Picture, Pictures, not_a_video
 from pf_tracker_ros.plurals import counted
 
@@ -88,7 +89,7 @@ class PyavVideo:
             for index, frame in enumerate(reading.frames()):
                 number = frame.dts if has_decoding_times else frame.pts
                 time = None if number is None else number * Fraction(frame.time_base or 0)
-                image = _image(frame, converter) if index >= first else None
+                image = self._image(frame, converter) if index >= first else None
                 yield Picture(image, time)
             if damage := reading.damage:
                 self.damage = f"is damaged: {damage}"
@@ -96,7 +97,8 @@ class PyavVideo:
     def _open(self) -> InputContainer:
         try:
             # With a prefix, no file name is taken for a network address.
-            return av.open(f"file:{self._path.absolute()}", options=_OPTIONS)
+            name = f"file:{self._path.absolute()}"
+            return av.open(name, options=_OPTIONS, metadata_errors="replace")
         except (av.FFmpegError, OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise not_a_video(self._path, reason) from error
@@ -109,6 +111,18 @@ class PyavVideo:
                 raise not_a_video(self._path, A_TEXT)
             return stream
         raise not_a_video(self._path, "it has no pictures")
+
+    def _image(self, frame: av.VideoFrame, converter: VideoReformatter) -> NDArray[Any]:
+        """The image of a frame, as it is to be shown."""
+        try:
+            image = converter.reformat(frame, format="bgr24", threads=1).to_ndarray()
+        except (av.FFmpegError, ValueError, MemoryError) as error:
+            raise FootageError(
+                f"video {self._path}: a frame ({frame.width}x{frame.height}, {frame.format.name}) "
+                f"cannot be converted: {error}"
+            ) from error
+        turns = round(frame.rotation / 90) % 4
+        return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
     def _count(self, container: InputContainer, stream: av.VideoStream) -> None:
         """Count the frames of a file without a list of them, without decoding it."""
@@ -209,9 +223,3 @@ class _Reading:
             return 0
         first = self._first_time
         return max(0, sum(time >= first for time in self._times) - self._frame_count)
-
-
-def _image(frame: av.VideoFrame, converter: VideoReformatter) -> NDArray[Any]:
-    image = converter.reformat(frame, format="bgr24", threads=1).to_ndarray()
-    turns = round(frame.rotation / 90) % 4
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image

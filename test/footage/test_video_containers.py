@@ -202,6 +202,24 @@ def test_a_gap_is_noted_where_no_list_tells_whether_frames_are_missing(
     assert footage.note == expected
 
 
+def test_a_title_that_is_not_utf_8_does_not_matter(tmp_path, shifts, write_clip):
+    av = pytest.importorskip("av")
+    source = write_clip(tmp_path / "clip.avi", shifts[:5], STEADY[:5])
+    titled = tmp_path / "titled.avi"
+    with av.open(str(source)) as whole, av.open(str(titled), "w") as copy:
+        stream = copy.add_stream_from_template(whole.streams.video[0])
+        copy.metadata["title"] = "stra_e"
+        for packet in whole.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                copy.mux(packet)
+    content = titled.read_bytes()
+    assert b"stra_e" in content
+    titled.write_bytes(content.replace(b"stra_e", "stra\xdfe".encode("latin-1")))
+    frames, error = read(titled)
+    assert (len(frames), error) == (5, "")
+
+
 def test_a_file_with_sound_alone_is_refused(tmp_path):
     av = pytest.importorskip("av")
     path = tmp_path / "sound.mka"
