@@ -28,6 +28,9 @@ BAGS = [
     "apsw!=3.54.0.0; python_version < '3.11'",
 ]
 
+# Decodes videos with the times of the container; OpenCV does too, but reports no damage.
+VIDEOS = ["av>=17,<19"]
+
 # Assignment of detections to tracks, for several targets.
 TARGETS = ["scipy>=1.8"]
 
@@ -42,16 +45,19 @@ EXTRAS = {
         "pyyaml",
         *OPENCV,
         *BAGS,
+        *VIDEOS,
         *TARGETS,
     ],
     "opencv": OPENCV,
     "bags": BAGS,
+    "videos": VIDEOS,
     "targets": TARGETS,
     # The console; Ubuntu 24.04 has this version.
     "console": ["aiohttp>=3.9,<4"],
-    "evaluation": ["rich>=13", "matplotlib>=3.6", "jinja2>=3"],
-    # The command `track`. With ROS from apt, rosdep has all of these except rosbags (writes bags).
-    "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS],
+    "evaluation": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", *VIDEOS],
+    # The command `track`. With ROS from apt, rosdep has all of these except rosbags (writes bags)
+    # and av.
+    "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS, *VIDEOS],
     "parquet": ["pyarrow>=14"],
     # Archives at URLs; for s3://, gs:// and so on, fsspec names the package that it needs.
     "archives": ARCHIVES,

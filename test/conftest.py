@@ -11,6 +11,7 @@ import subprocess
 import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -18,6 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+from pf_tracker_ros.footage import video_decoding
 from pf_tracker_ros.ros_domains import unused_domain
 
 pytest_plugins = ["pf_tracker_ros.testing"]
@@ -224,6 +226,40 @@ def write_bag(typestore):
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def write_clip():
+    """Write images at times, multiples of 40 ms, as a video by PyAV; returns its path."""
+    av = pytest.importorskip("av")
+
+    def write(path, images, times, codec="mpeg4", *, codec_options=None, container_options=None):
+        height, width = images[0].shape[:2]
+        with av.open(str(path), "w", options=container_options or {}) as container:
+            stream = container.add_stream(codec, rate=25)
+            stream.width, stream.height = width, height
+            stream.pix_fmt = "bgr0" if codec == "ffv1" else "yuv420p"
+            stream.time_base = stream.codec_context.time_base = Fraction(1, 25)
+            stream.bit_rate = 4_000_000
+            stream.options = codec_options or {}
+            for image, time in zip(images, times, strict=True):
+                frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="bgr24")
+                frame.pts, frame.time_base = time // 40, Fraction(1, 25)
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode())
+        return path
+
+    return write
+
+
+@pytest.fixture(params=["PyAV", "OpenCV"])
+def video_decoder(request, monkeypatch):
+    """Decode videos by PyAV, or by OpenCV as without PyAV."""
+    if request.param == "PyAV":
+        pytest.importorskip("av")
+    else:
+        monkeypatch.setattr(video_decoding, "has_pyav", lambda: False)
+    return request.param
 
 
 @pytest.fixture(scope="session")

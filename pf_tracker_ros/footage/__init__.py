@@ -2,7 +2,7 @@
 
 from pf_tracker_ros.footage.bag_writing import BagWriter, write_footage
 from pf_tracker_ros.footage.bags import BagImage, ImageBag, is_bag, open_bag
-from pf_tracker_ros.footage.base import Footage, FootageError
+from pf_tracker_ros.footage.base import Footage, FootageError, PartialFootageError
 from pf_tracker_ros.footage.opening import existing_path, open_footage
 from pf_tracker_ros.footage.sequences import read_sequence
 from pf_tracker_ros.frames import Frame
@@ -14,6 +14,7 @@ __all__ = [
     "FootageError",
     "Frame",
     "ImageBag",
+    "PartialFootageError",
     "existing_path",
     "is_bag",
     "open_bag",

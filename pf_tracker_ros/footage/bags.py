@@ -6,7 +6,7 @@ message) and bare .mcap and .db3 files. Messages keep their recorded bytes.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,9 +18,10 @@ from pf_tracker_ros.footage.bag_reading import (
     BagTopic,
     reading,
 )
-from pf_tracker_ros.footage.base import FootageError
+from pf_tracker_ros.footage.base import FootageError, PartialFootageError
 from pf_tracker_ros.footage.cdr import header_stamp
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE
+from pf_tracker_ros.plurals import counted
 
 COMPRESSED_IMAGE_TYPE = "sensor_msgs/msg/CompressedImage"
 GROUND_TRUTH_SUFFIX = "ground_truth"
@@ -66,7 +67,7 @@ class ImageBag:
         """Short name for messages and tables."""
         return self.path.stem
 
-    def images(self) -> Iterator[BagImage]:
+    def images(self) -> Generator[BagImage, None, None]:
         """Read the images in the order of recording; each call starts from the first.
 
         Yields:
@@ -74,16 +75,23 @@ class ImageBag:
 
         Raises:
             FootageError: The bag is corrupt or holds no image on this topic.
+            PartialFootageError: It holds fewer than it declares.
         """
+        count = 0
         with reading(self.path) as reader:
             ground_truth = self._read_ground_truth(reader)
-            is_empty = True
             for log_time, message in reader.messages(self.image_topic):
                 stamp = header_stamp(message)
                 yield BagImage(stamp, log_time, message, ground_truth.get(stamp))
-                is_empty = False
-        if is_empty:
+                count += 1
+        if not count:
             raise FootageError(f"bag {self.path} has no message on topic {self.image_topic}")
+        if count < self.image_count:
+            declared = counted(self.image_count, "image")
+            raise PartialFootageError(
+                f"bag {self.path} is damaged: it contains {count} of its {declared} on "
+                f"{self.image_topic}"
+            )
 
     def _read_ground_truth(self, reader: BagReader) -> dict[int, bytes]:
         if self.ground_truth_topic is None:

@@ -21,6 +21,10 @@ class FootageError(ValueError):
     """A source that cannot be read; the message has the reason and what is accepted."""
 
 
+class PartialFootageError(FootageError):
+    """A source was read to its end, but frames are missing or damaged; raised after the others."""
+
+
 class Footage(Protocol):
     """A source of frames: a video, a folder of images, a sequence folder or a bag.
 
@@ -47,10 +51,11 @@ class Footage(Protocol):
         """Read the frames in order; each call starts from the first.
 
         Yields:
-            Frames of one size and type with rising stamps.
+            Frames with rising stamps. Size and type may change, as with a camera.
 
         Raises:
-            FootageError: A frame cannot be read, or differs from the first in size or type.
+            FootageError: A frame cannot be read.
+            PartialFootageError: After the last frame, if others are missing or damaged.
         """
         ...
 

@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
+from contextlib import closing
+from fractions import Fraction
+from itertools import islice
 from pathlib import Path
 
-import cv2
-
 from pf_tracker_ros.footage.access import check_file, unreadable
-from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, FootageError, frame_stamp
+from pf_tracker_ros.footage.base import (
+    DEFAULT_FRAME_RATE,
+    FIRST_STAMP,
+    FootageError,
+    PartialFootageError,
+)
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES
 from pf_tracker_ros.footage.text_files import is_text
+from pf_tracker_ros.footage.video_decoding import A_TEXT, Video, not_a_video, open_video
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.stamps import NANOSECONDS
 
-_ACCEPTED = (
-    "accepted are video files (mp4, avi, mkv, ...), folders of images, sequence folders and bags"
-)
-
-# FFmpeg's decoder of texts, which it may also choose by the file name.
-_TERMINAL_CODEC = int.from_bytes(b"ansi", "little")
+_FRAME_RATES = (0.01, 10_000.0)
+# A single gap is this many times as long as those around it.
+_LONG_GAP = 2.5
 
 
 class VideoFootage:
     """The frames of a video file, or a range of them.
 
-    Stamps are index x interval instead of the container's, so that all decoders agree. The
-    constructor decodes the first frame, to report errors early.
+    Stamps are the container's times, counted from the first frame. The constructor decodes the
+    first frame, to report errors early.
+
+    Attributes:
+        note: After reading: where frames may be missing, as a sentence, or empty.
 
     Args:
         path: The file.
@@ -36,7 +43,7 @@ class VideoFootage:
         frame_rate: Frames per second if the file has no rate.
 
     Raises:
-        FootageError: The file cannot be read, or OpenCV cannot decode it.
+        FootageError: The file cannot be read or decoded.
     """
 
     ground_truth = None
@@ -53,60 +60,50 @@ class VideoFootage:
         self._path = path
         self._first_frame = first_frame
         self._required_count = frame_count
-        capture = self._open()
-        try:
-            rate = capture.get(cv2.CAP_PROP_FPS)
-            count = capture.get(cv2.CAP_PROP_FRAME_COUNT)
-            if not capture.grab():
+        video = self._open()
+        with closing(video.pictures()) as pictures:
+            if next(pictures, None) is None:
                 raise FootageError(f"video {path}: no frame can be decoded")
-        finally:
-            capture.release()
-        rate_is_known = math.isfinite(rate) and 0.01 <= rate <= 10_000
-        self.nominal_interval = 1.0 / (rate if rate_is_known else frame_rate)
+        self.note = ""
+        slowest, fastest = _FRAME_RATES
+        self._has_times = bool(video.interval and slowest <= 1.0 / video.interval <= fastest)
+        self.nominal_interval = (self._has_times and video.interval) or 1.0 / frame_rate
         self.name = path.stem
-        declared = int(count) - first_frame if math.isfinite(count) and count > 0 else None
+        declared = None if video.frame_count is None else video.frame_count - first_frame
         self.frame_count = frame_count if frame_count is not None else declared
 
     def frames(self) -> Iterator[Frame]:
         """Read the frames in order; see `Footage.frames`."""
-        capture = self._open()
-        try:
-            for _ in range(self._first_frame):
-                if not capture.grab():
-                    raise self._too_short(0)
-            index = 0
-            while self._required_count is None or index < self._required_count:
-                is_decoded, image = capture.read()
-                if not is_decoded:
-                    if self._required_count is not None or index == 0:
-                        raise self._too_short(index)
-                    return
-                yield Frame(image, frame_stamp(index, self.nominal_interval))
-                index += 1
-        finally:
-            capture.release()
+        video = self._open()
+        first, required = self._first_frame, self._required_count
+        last = None if required is None else first + required
+        stamps = _RisingStamps(self.nominal_interval)
+        count = 0
+        with closing(video.pictures(first)) as pictures:
+            for image, time in islice(pictures, first, last):
+                assert image is not None
+                yield Frame(image, stamps.next(time if self._has_times else None))
+                count += 1
+        if count < (required or 1):
+            raise self._too_short(count)
+        if stamps.gaps and not video.has_frame_list:
+            index, seconds = stamps.gaps[0]
+            more = f" (first of {len(stamps.gaps)} gaps)" if len(stamps.gaps) > 1 else ""
+            self.note = (
+                f"frame {index} of {self._path.name} comes {seconds:.2f} s after the one before"
+                f"{more}: the camera paused, or frames are missing"
+            )
+        damage = video.damage or stamps.damage
+        if required is None and damage:
+            raise PartialFootageError(f"video {self._path} {damage}")
 
-    def _open(self) -> cv2.VideoCapture:
+    def _open(self) -> Video:
         try:
             if is_text(self._path):
                 raise self._is_text()
         except OSError as error:
             raise unreadable(self._path, "video", error) from error
-        # FFmpeg takes an absolute path for no network address.
-        name = str(self._path.absolute())
-        try:
-            name.encode()
-        except UnicodeEncodeError as error:
-            raise FootageError(
-                f"video {name!a}: OpenCV needs a file name in UTF-8; rename the file"
-            ) from error
-        capture = cv2.VideoCapture(name)
-        if not capture.isOpened():
-            raise FootageError(f"{self._path} is not a video that OpenCV can open; {_ACCEPTED}")
-        if capture.get(cv2.CAP_PROP_FOURCC) == _TERMINAL_CODEC:
-            capture.release()
-            raise self._is_text()
-        return capture
+        return open_video(self._path)
 
     def _is_text(self) -> FootageError:
         if self._path.name in GROUND_TRUTH_FILES:
@@ -114,10 +111,7 @@ class VideoFootage:
                 f"{self._path} is the ground truth of a sequence, not a video; give its folder, "
                 f"{self._path.parent}"
             )
-        return FootageError(
-            f"{self._path} is not a video that OpenCV can open: it is a text or a playlist; "
-            f"{_ACCEPTED}"
-        )
+        return not_a_video(self._path, A_TEXT)
 
     def _too_short(self, frames_read: int) -> FootageError:
         count = self._required_count
@@ -126,3 +120,50 @@ class VideoFootage:
             f"video {self._path}: {expected} expected from frame {self._first_frame} "
             f"(counted from 0), only {frames_read} could be decoded"
         )
+
+
+class _RisingStamps:
+    """Stamps of frames from their times, which may be missing or go back.
+
+    Such a frame follows the last one by the nominal interval. A frame at the time of the last one
+    is a nanosecond later.
+
+    Attributes:
+        damage: Where the time first went back, or empty.
+        gaps: Index of a frame and seconds since the one before, where this is much longer than both
+            before and after it.
+
+    Args:
+        interval: Nominal seconds from one frame to the next.
+    """
+
+    def __init__(self, interval: float) -> None:
+        self._interval = Fraction(interval)
+        self._count = 0
+        self._last_time: Fraction | None = None
+        # Seconds from the first frame to the last one.
+        self._elapsed = Fraction(0)
+        self._stamp = 0
+        self._last_gaps = (Fraction(0), Fraction(0))
+        self.damage = ""
+        self.gaps: list[tuple[int, float]] = []
+
+    def next(self, time: Fraction | None) -> int:
+        """The stamp of the next frame in nanoseconds."""
+        gap = self._interval if self._count else Fraction(0)
+        if time is not None and self._last_time is not None:
+            gap = time - self._last_time
+            if gap < 0:
+                gap = self._interval
+                self.damage = (
+                    self.damage or f"is damaged: its time goes back at frame {self._count}"
+                )
+        self._elapsed += gap
+        earlier, last = self._last_gaps
+        if self._count > 2 and last > _LONG_GAP * max(earlier, gap):
+            self.gaps.append((self._count - 1, float(last)))
+        self._last_gaps = (last, gap)
+        self._last_time = time
+        self._count += 1
+        self._stamp = max(self._stamp + 1, FIRST_STAMP + round(self._elapsed * NANOSECONDS))
+        return self._stamp

@@ -63,15 +63,15 @@ _SKIP_REASONS = {
 class _Summary:
     """The summary that is printed at the end of a recording."""
 
-    name: str
     target_source: str = ""
     is_multi_target: bool = False
     states: Counter[str] = field(default_factory=Counter)
     skip_reason: str = ""
     first_warning: str = ""
     warning_count: int = 0
+    # Warnings about the recording as a whole.
+    notes: list[str] = field(default_factory=list)
     ids: set[int] = field(default_factory=set)
-    expected_frames: int | None = None
     seconds: float = 0.0
     keyframes: KeyframeSummary = field(default_factory=KeyframeSummary)
 
@@ -196,7 +196,7 @@ def _run_one(
 
 def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -> int:
     outputs = open_outputs(options, plan, name)
-    summary = _Summary(name, _target_source(options, plan), plan.max_targets > 1)
+    summary = _Summary(_target_source(options, plan), plan.max_targets > 1)
     failures: list[Exception] = []
     try:
         try:
@@ -207,7 +207,10 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
             if not summary.frames or (is_idle and not plan.detection_source):
                 raise
             name_source_in(error, name, plan.recording.path)
-            failures.append(error)
+            if options.allow_partial and isinstance(error, FootageError):
+                summary.notes.append(str(error))
+            else:
+                failures.append(error)
         for folder in outputs:
             failures += folder.close()
     except BaseException:
@@ -277,7 +280,6 @@ def _track(
     stop: _Stop,
 ) -> None:
     started_at = time.monotonic()
-    summary.expected_frames = recording.frame_count
     try:
         with (
             progress_bar(recording.frame_count, name=recording.path.name) as on_progress,
@@ -292,6 +294,8 @@ def _track(
                     return
     finally:
         summary.seconds = time.monotonic() - started_at
+        if recording.note:
+            summary.notes.append(recording.note)
 
 
 def _report(
@@ -319,12 +323,7 @@ def _report(
             f"{stop.word}; {counted(summary.frames, 'frame')} saved", stop.exit_code
         )
     if exit_code == errors.DONE:
-        warnings = []
-        if summary.expected_frames is not None and summary.frames < summary.expected_frames:
-            warnings.append(
-                f"only {summary.frames} of {counted(summary.expected_frames, 'frame')} of "
-                f"{summary.name} could be read: it is damaged or truncated"
-            )
+        warnings = [*summary.notes]
         if summary.skip_reason:
             warnings.append(f"frames were skipped, the first because {summary.skip_reason}")
         if summary.first_warning:

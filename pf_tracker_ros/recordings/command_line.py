@@ -88,6 +88,18 @@ def parser() -> argparse.ArgumentParser:
         "--bag-topic", default="", metavar="TOPIC", help="image topic, if the bag has several"
     )
     parser.add_argument(
+        "--as-recorded",
+        action="store_true",
+        help="keep the images of a bag in the order of recording, as the node receives them; by "
+        "default they are sorted by their stamps",
+    )
+    parser.add_argument(
+        "--allow-partial",
+        action="store_true",
+        help="exit with 0 although a damaged recording could be read only in part; its damage is "
+        "then a warning",
+    )
+    parser.add_argument(
         "--frame-rate",
         type=_rate,
         metavar="HZ",

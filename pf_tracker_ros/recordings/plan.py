@@ -105,7 +105,9 @@ def open_from_options(path: Path, options: argparse.Namespace) -> Recording:
         FootageError: It cannot be read.
     """
     rate = options.frame_rate or DEFAULT_FRAME_RATE
-    return open_recording(path, bag_topic=options.bag_topic, frame_rate=rate)
+    return open_recording(
+        path, bag_topic=options.bag_topic, frame_rate=rate, as_recorded=options.as_recorded
+    )
 
 
 def check_applies(options: argparse.Namespace, recording: Recording) -> None:
@@ -115,8 +117,12 @@ def check_applies(options: argparse.Namespace, recording: Recording) -> None:
         RecordingError: One does not.
     """
     path = recording.path
-    if options.bag_topic and not is_bag(path):
-        raise RecordingError(f"--bag-topic applies to bags, and {path} is not a bag; leave it out")
+    for name, value in (
+        ("--bag-topic", options.bag_topic),
+        ("--as-recorded", options.as_recorded),
+    ):
+        if value and not is_bag(path):
+            raise RecordingError(f"{name} applies to bags, and {path} is not a bag; leave it out")
     rate = 1.0 / recording.interval
     # The recording's own frame rate is no error.
     if options.frame_rate and not math.isclose(rate, options.frame_rate, rel_tol=1e-3):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from contextlib import closing, suppress
 from dataclasses import dataclass
-from itertools import islice, pairwise
+from itertools import count, islice, pairwise
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -19,6 +20,7 @@ from pf_tracker_ros.footage import (
     Footage,
     FootageError,
     ImageBag,
+    PartialFootageError,
     existing_path,
     is_bag,
     open_bag,
@@ -31,7 +33,10 @@ from pf_tracker_ros.footage.cdr import (
     deserialize_image,
     deserialize_polygon,
 )
+from pf_tracker_ros.footage.stamp_order import StampOrder
+from pf_tracker_ros.footage.videos import VideoFootage
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
 
 # Default of the node's parameter `max_image_pixels`.
@@ -76,6 +81,7 @@ def open_recording(
     bag_topic: str = "",
     bag_ground_truth_topic: str = "",
     frame_rate: float = DEFAULT_FRAME_RATE,
+    as_recorded: bool = False,
 ) -> Recording:
     """Open a bag, a video, a folder of images or a sequence folder.
 
@@ -85,13 +91,16 @@ def open_recording(
         bag_ground_truth_topic: Topic of the true boxes in a bag; empty selects the only one whose
             name ends with `ground_truth`, if any.
         frame_rate: Hertz, for sources without a frame rate of their own.
+        as_recorded: Whether the images of a bag keep the order of recording, in which the node
+            receives them, instead of being sorted by their stamps.
 
     Raises:
         FootageError: The recording cannot be read.
     """
     source = existing_path(path)
     if is_bag(source):
-        return BagRecording(open_bag(source, bag_topic, bag_ground_truth_topic))
+        bag = open_bag(source, bag_topic, bag_ground_truth_topic)
+        return BagRecording(bag, as_recorded=as_recorded)
     return FootageRecording(source, open_footage(source, frame_rate=frame_rate))
 
 
@@ -103,6 +112,7 @@ class FootageRecording:
         frame_count: Number of frames if the source states it, else None.
         interval: Approximate frame interval, seconds.
         has_ground_truth: Whether there are true boxes.
+        note: After reading: what is unusual in it, as a sentence, or empty.
 
     Args:
         path: As the attribute.
@@ -116,11 +126,16 @@ class FootageRecording:
         self.has_ground_truth = footage.ground_truth is not None
         self._footage = footage
 
+    @property
+    def note(self) -> str:  # noqa: D102
+        return self._footage.note if isinstance(self._footage, VideoFootage) else ""
+
     def frames(self) -> Generator[RecordedFrame, None, None]:
         """Read the frames in order; each call starts from the first.
 
         Raises:
             FootageError: The recording cannot be read, or only in part.
+            PartialFootageError: After the last frame, if others are missing or damaged.
         """
         boxes = self._footage.ground_truth
         for index, frame in enumerate(self._footage.frames()):
@@ -135,22 +150,37 @@ class BagRecording:
 
     Args:
         bag: The opened bag.
+        as_recorded: As for `open_recording`.
     """
 
-    def __init__(self, bag: ImageBag) -> None:
+    def __init__(self, bag: ImageBag, *, as_recorded: bool = False) -> None:
         self.path = bag.path
         self.frame_count = bag.image_count or None
         self.has_ground_truth = bag.ground_truth_topic is not None
+        self.note = ""
         self._bag = bag
+        self._as_recorded = as_recorded
         self._decoder = ImageDecoder(_MAX_IMAGE_PIXELS)
-        stamps = [image.stamp for image in islice(bag.images(), _INTERVAL_STAMPS)]
+        stamps: list[int] = []
+        # Missing images are reported when all are read.
+        with suppress(PartialFootageError), closing(bag.images()) as images:
+            stamps.extend(image.stamp for image in islice(images, _INTERVAL_STAMPS))
         gaps = [after - before for before, after in pairwise(stamps) if after > before]
         self.interval = median(gaps) / NANOSECONDS if gaps else 1.0 / DEFAULT_FRAME_RATE
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
         """Read the frames in order; see `FootageRecording.frames`."""
-        for index, recorded in enumerate(self._bag.images()):
-            yield self._decode(index, recorded)
+        if self._as_recorded:
+            yield from map(self._decode, count(), self._bag.images())
+            return
+        order = StampOrder()
+        yield from map(self._decode, count(), order.sort(self._bag.images()))
+        if order.moved_count:
+            self.note = (
+                f"{counted(order.moved_count, 'frame')} of {self.path.name} were recorded out of "
+                "order and sorted by their stamps; with --as-recorded they are skipped, as in the "
+                "node"
+            )
 
     def _decode(self, index: int, recorded: BagImage) -> RecordedFrame:
         is_compressed = self._bag.image_type == COMPRESSED_IMAGE_TYPE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -165,15 +165,12 @@ def recording_page(
 
 def _page(recording: Recording, contents: Sequence[SequenceContent], **header: Any) -> str:
     def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
-        with closing(recording.frames()) as frames:
+        # The recording may be damaged, or gone by now: the page has the images that can be read.
+        with suppress(FootageError), closing(recording.frames()) as frames:
             for frame in frames:
                 yield frame.index, frame.image
 
-    # If the recording is gone by now, the page has no images.
-    try:
-        thumbnails = make_thumbnails(contents, images())
-    except FootageError:
-        thumbnails = [{} for _ in contents]
+    thumbnails = make_thumbnails(contents, images())
     sections = list(map(Section, contents, thumbnails))
     return render(Report(title=f"{recording.path.name}, tracked", sections=sections, **header))
 

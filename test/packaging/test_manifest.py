@@ -17,7 +17,7 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 # Imported only where an extra of setup.py has brought it, as the build farm takes no package of
 # pip, or, for the plugin of pytest, by pytest.
-OPTIONAL = {"fsspec", "optuna", "playwright", "pyarrow", "pytest", "ray", "rosbags"}
+OPTIONAL = {"av", "fsspec", "optuna", "playwright", "pyarrow", "pytest", "ray", "rosbags"}
 # What no import statement names: what reads bags where ROS is, found once a bag is opened, and the
 # messages that only `node.messages.new_message` makes, by the names of their types.
 FOUND_AT_RUN_TIME = {

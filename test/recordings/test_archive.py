@@ -39,7 +39,9 @@ def test_each_recording_is_tracked_and_broken_ones_are_reported(
     for part in ("0013.png cannot be decoded", "noise.mp4", "shots.target.yaml: target refused"):
         assert sum(part in line for line in lines) == 1
     found = watch.boxes(output)
-    assert set(found) == {f"day_{number % 2}/drive_{number}" for number in range(10)}
+    # Of the damaged one, what was tracked is kept.
+    assert set(found) == {*(f"day_{number % 2}/drive_{number}" for number in range(10)), "broken"}
+    assert found["broken"].count(b"\n") == 13
     assert track(archive / "day_1" / "drive_3", "--output", tmp_path / "alone", *QUICK)[0] == 0
     assert found["day_1/drive_3"] == (tmp_path / "alone" / "boxes.csv").read_bytes()
     manifest = json.loads((output / "archive.json").read_text())
@@ -48,7 +50,9 @@ def test_each_recording_is_tracked_and_broken_ones_are_reported(
         "noise.mp4": 3,
         "shots": 7,
     }
-    assert all(entry["states"] == {"tracking": 20} for entry in manifest if not entry["error"])
+    states = {entry["name"]: entry["states"] for entry in manifest if entry["states"]}
+    assert states.pop("broken") == {"tracking": 12}
+    assert list(states.values()) == [{"tracking": 20}] * 10
 
 
 @pytest.fixture
@@ -117,7 +121,8 @@ def test_only_changed_recordings_are_tracked_again(serial, archive, track):
     output, _ = serial
 
     def written():
-        return {path: path.stat().st_mtime_ns for path in output.rglob("boxes.csv")}
+        # The damaged one is tried again each time.
+        return {path: path.stat().st_mtime_ns for path in output.glob("day_?/*/boxes.csv")}
 
     before = written()
     _, said, _ = track("--archive", archive, "--output", output, *QUICK)
@@ -351,14 +356,21 @@ def test_damaged_and_unreadable_recordings_are_reported_and_do_not_stop_the_othe
     make_unreadable(folder / "lost+found")
     code, said, errors = track("--archive", folder, "--output", output, *QUICK)
     assert code == 1
-    assert "3 recordings: 2 tracked, 0 up to date, 1 failed" in said
-    (line,) = (line for line in errors.splitlines() if line.startswith("track: error: "))
-    assert "lost+found" in line
-    warning = f"of 20 frames of {path} could be read"
-    assert re.search(rf"track: cut\.avi: only \d+ {re.escape(warning)}", errors)
+    assert "3 recordings: 1 tracked, 0 up to date, 2 failed" in said
+    lines = [line for line in errors.splitlines() if line.startswith("track: error: ")]
+    assert len(lines) == 2
+    damage = f"video {path} is damaged: it contains "
+    assert [damage in line or "lost+found" in line for line in lines] == [True, True]
     entries = {entry["name"]: entry for entry in json.loads((output / "archive.json").read_text())}
-    assert warning in entries["cut.avi"]["warnings"][0]
-    assert entries["sound"]["warnings"] == []
+    cut = entries["cut.avi"]
+    assert cut["exit_code"] == 3
+    assert damage in cut["error"]
+    assert 0 < cut["frames"] < 20
+    assert (output / "cut.avi" / "boxes.csv").read_bytes().count(b"\n") == 1 + cut["frames"]
+    allowed = ("--allow-partial", *QUICK)
+    code, said, errors = track("--archive", folder, "--output", output, *allowed)
+    assert "3 recordings: 2 tracked, 0 up to date, 1 failed" in said
+    assert f"track: cut.avi: {damage}" in errors
 
 
 @pytest.mark.parametrize(

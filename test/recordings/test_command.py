@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -408,7 +409,8 @@ def test_frames_skipped_for_their_stamps_are_reported_with_the_reason(
         )  # fmt: skip
         rows.append(("/eye", "sensor_msgs/msg/Image", 5 * 10**9 + index, message))
     bag = write_bag(tmp_path / "drive", rows)
-    code, said, errors = track(bag, "--output", tmp_path / "out", *BOX, *QUICK)
+    as_recorded = ("--as-recorded", *QUICK)
+    code, said, errors = track(bag, "--output", tmp_path / "out", *BOX, *as_recorded)
     assert code == 0
     assert "75% skipped" in said
     reason = "is earlier than" if step else "equals"
@@ -416,6 +418,56 @@ def test_frames_skipped_for_their_stamps_are_reported_with_the_reason(
         f"track: frames were skipped, the first because its stamp {reason} that of the previous "
         "frame\n"
     )
+
+
+def test_a_bag_in_another_order_is_tracked_by_its_stamps_and_told_once(
+    track, rows, moving_square, write_images_bag, tmp_path
+):
+    sorted_bag = write_images_bag("sorted", moving_square.images, range(20))
+    swapped = write_images_bag("swapped", moving_square.images, [i ^ 1 for i in range(20)])
+    outputs = [tmp_path / name for name in ("a", "b", "c")]
+    assert track(sorted_bag, "--output", outputs[0], *BOX, *QUICK)[::2] == (0, "")
+    code, _, errors = track(swapped, "--output", outputs[1], *BOX, *QUICK, "--bag")
+    assert code == 0
+    assert errors == (
+        "track: 10 frames of swapped were recorded out of order and sorted by their stamps; with "
+        "--as-recorded they are skipped, as in the node\n"
+    )
+    assert rows(outputs[1]) == rows(outputs[0])
+    code, said, _ = track(swapped, "--output", outputs[2], *BOX, *QUICK, "--as-recorded")
+    assert code == 0
+    assert "50% skipped" in said
+
+
+def test_an_image_of_another_size_is_tracked_on_in_every_kind_of_recording(
+    track, rows, moving_square, write_images_bag, tmp_path
+):
+    images = [*moving_square.images[:10], *moving_square.images[10:, :112, :152]]
+    folder = tmp_path / "cropped.images"
+    folder.mkdir()
+    for index, image in enumerate(images):
+        assert cv2.imwrite(str(folder / f"{index}.png"), image)
+    bag = write_images_bag("cropped_bag", images, range(20))
+    for source in (folder, bag):
+        code, _, errors = track(source, "--output", tmp_path / source.stem, *BOX, *QUICK)
+        assert code == 0
+        assert errors == (
+            "track: frames were skipped, the first because image is (112, 152, 3) uint8, but the "
+            "targets are tracked in images of (120, 160, 3) uint8\n"
+        )
+    assert rows(tmp_path / "cropped") == rows(tmp_path / "cropped_bag")
+
+
+def test_a_bag_with_fewer_images_than_it_declares_is_read_in_part(
+    track, rows, moving_square, write_images_bag, tmp_path
+):
+    bag = write_images_bag("drive", moving_square.images, range(20))
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 20", "message_count: 23"))
+    code, _, errors = track(bag, "--output", tmp_path / "out", *BOX, *QUICK)
+    assert code == 3
+    assert "is damaged: it contains 20 of its 23 images on /eye; 20 frames were" in errors
+    assert len(rows(tmp_path / "out")) == 20
 
 
 def test_the_image_topic_of_a_bag_can_be_named(track, rows, moving_square_sequence, tmp_path):
@@ -470,7 +522,7 @@ def test_the_second_ctrl_c_discards_unfinished_files(start_track, long_sequence,
     assert not (output / "report.html").exists()
 
 
-def test_a_truncated_video_is_reported(track, moving_square, tmp_path):
+def test_a_truncated_video_is_reported(track, rows, moving_square, tmp_path):
     video = tmp_path / "whole.avi"
     height, width = moving_square.images[0].shape[:2]
     writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 25, (width, height))
@@ -482,9 +534,17 @@ def test_a_truncated_video_is_reported(track, moving_square, tmp_path):
     cut.write_bytes(octets[: len(octets) // 2])
     assert track(video, *BOX, "--output", tmp_path / "whole")[::2] == (0, "")
     code, said, errors = track(cut, *BOX, "--output", tmp_path / "cut")
-    count = int(said.partition(": ")[2].split()[0])
-    assert 0 < count < 20
-    assert code == 0
-    assert errors.splitlines()[-1] == (
-        f"track: only {count} of 20 frames of {cut} could be read: it is damaged or truncated"
+    assert (code, said) == (3, "")
+    found = re.fullmatch(
+        rf"track: error: video {cut} is damaged: it contains (\d+) of its 20 frames; (\d+) frames "
+        "were tracked\n",
+        errors,
     )
+    contained, tracked = map(int, found.groups())
+    assert 0 < tracked <= contained < 20
+    assert len(rows(tmp_path / "cut")) == tracked
+    allowed = ("--output", tmp_path / "allowed", "--allow-partial")
+    code, said, errors = track(cut, *BOX, *allowed)
+    assert code == 0
+    assert f": {tracked} frames (" in said
+    assert errors == (f"track: video {cut} is damaged: it contains {contained} of its 20 frames\n")

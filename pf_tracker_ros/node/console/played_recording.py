@@ -211,7 +211,7 @@ class PlayedRecording:
         """
         waiting = list(read_targets(self._target_file, self._path))
         found = []
-        recording = open_recording(self._path, bag_topic=self._bag_topic)
+        recording = open_recording(self._path, bag_topic=self._bag_topic, as_recorded=True)
         with contextlib.closing(recording.frames()) as frames:
             for frame in frames:
                 for target in [*waiting]:

@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage import FootageError, PartialFootageError
 from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.replay.playback import Playback, PlaybackStopped, SeekRequested
@@ -228,14 +228,10 @@ class ReplayNode(Node):
         Raises:
             SeekRequested: Playback continues at another frame.
         """
-        published_before = self._published
-        self._play_pass(first)
-        published, declared = first + self._published - published_before, self._source.count
-        if declared is not None and published < declared:
-            self._log.warning(
-                f"{self._source.name} declares {counted(declared, 'frame')}, but only "
-                f"{published} could be read"
-            )
+        try:
+            self._play_pass(first)
+        except PartialFootageError as error:
+            self._log.warning(str(error))
         if self._binding.values["loop"]:
             return True
         if self._fixed.stay_at_end:

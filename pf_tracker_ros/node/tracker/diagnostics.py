@@ -5,6 +5,7 @@ The loss of frames in transport is estimated from the gaps between the received 
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
@@ -43,6 +44,8 @@ _MIN_GAPS = 3
 _MIN_SHORT_GAPS = 2
 # After a lost frame, the next one also arrives later; otherwise the stamps are coarse.
 _MIN_CORRELATION = 0.3
+# Below this probability of so few long gaps, the camera has two intervals instead of losses.
+_MIN_LOSS_PROBABILITY = 1e-4
 # A longer gap is a pause of the camera, not a loss.
 _MAX_GAP = 2.0 * NANOSECONDS
 
@@ -65,7 +68,8 @@ def frame_statistics(stamps: Sequence[int], arrivals: Sequence[float]) -> FrameS
 
     1. The interval is the median of the shortest gaps between stamps.
     2. Each gap of n intervals misses n - 1 frames; the largest gap counts as a pause.
-    3. Gaps are losses only if they are repeated, and the arrivals have them too.
+    3. Gaps are losses only if they are repeated, the arrivals have them too, and losses of single
+       frames would explain their lengths.
 
     Args:
         stamps: Nanoseconds, in the order of arrival; late and duplicate stamps and jumps back in
@@ -94,11 +98,30 @@ def frame_statistics(stamps: Sequence[int], arrivals: Sequence[float]) -> FrameS
     are_losses = (
         np.count_nonzero(np.rint(short) > 1.0) >= _MIN_SHORT_GAPS
         and np.corrcoef(gaps, waits)[0, 1] > _MIN_CORRELATION
+        and _loss_probability(missing) > _MIN_LOSS_PROBABILITY
     )
     if not are_losses:
         return None
     lost = float(missing.sum() - missing.max())
     return FrameStatistics(interval / NANOSECONDS, lost / (lost + len(gaps)))
+
+
+def _loss_probability(missing: NDArray[np.float64]) -> float:
+    """Probability of so few long gaps if frames are lost independently of each other.
+
+    With a probability p of a loss, p of the gaps miss a frame, and p of those miss more than one. A
+    camera that changes between two intervals, one of them twice as long, has no longer gaps.
+    Several losses in a row make more of them, and are not tested.
+
+    Args:
+        missing: (gaps,) frames that each gap misses.
+    """
+    count, longer = np.count_nonzero(missing > 0.0), np.count_nonzero(missing > 1.0)
+    share = count / len(missing)
+    return sum(
+        math.comb(count, number) * share**number * (1.0 - share) ** (count - number)
+        for number in range(longer + 1)
+    )
 
 
 def _gaps(

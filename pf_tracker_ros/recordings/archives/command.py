@@ -145,6 +145,8 @@ def _arguments(options: argparse.Namespace) -> list[str]:
     arguments += [f"--frame-rate={options.frame_rate or DEFAULT_FRAME_RATE}"]
     if options.bag_topic:
         arguments.append(f"--bag-topic={options.bag_topic}")
+    for flag in ("as_recorded", "allow_partial"):
+        arguments += [f"--{flag.replace('_', '-')}"] if getattr(options, flag) else []
     if options.detections:
         arguments.append(DETECTIONS)
     if options.detections_topic:

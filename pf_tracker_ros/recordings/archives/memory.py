@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from pf_tracker_ros.footage.stamp_order import WINDOW
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import ArchiveTask
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets
 
-# Bytes of a worker and of a pixel of its images, measured with images of 0.3 to 8 megapixels.
-_WORKER, _PIXEL = 250 * 10**6, 30
+# Bytes of a worker and of a pixel of its images, measured with images of 0.3 to 8 megapixels, and
+# of the images of a bag that wait to be sorted.
+_WORKER, _PIXEL = 250 * 10**6, 30 + 3 * WINDOW
 # Further outputs: their libraries, queued images and frame summaries.
 _OUTPUTS, _OUTPUT_PIXEL = 70 * 10**6, 50
 _REPORT = 250 * 10**6

@@ -16,7 +16,6 @@ from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
 from pf_tracker_ros.signals import handled_signals
 
 LOCAL = "local"
-_LOOPBACK = ("localhost", "127.0.0.1", "[::1]", "::1")
 _CONNECT_TIMEOUT = 10.0
 # Submitted tasks let an autoscaling cluster decide how many machines to start.
 _MAX_SUBMITTED = 1000
@@ -44,7 +43,7 @@ class RayCluster:
         self._jobs = jobs
         self._memory_of = memory_of
         self._is_connected = False
-        self._ray = _import_ray(is_local=address == LOCAL or _host(address) in _LOOPBACK)
+        self._ray = _import_ray(is_local=address == LOCAL)
 
     @property
     def workers(self) -> int:

@@ -43,6 +43,7 @@ _STATES = ("tracking", "occluded", "lost", "idle", "skipped")
 MANIFEST = "archive.json"
 DETECTIONS = "--detections"
 """Argument that reads the detections beside each recording."""
+_ERROR_PREFIX = "track: error: "
 # After so many rounds in which every worker ended unexpectedly, the recordings are the cause, such
 # as by their memory.
 _MAX_FAILED_ROUNDS = 4
@@ -78,7 +79,7 @@ class ArchiveEntry:
         source: The recording.
         key: As for `ArchiveTask`.
         exit_code: Of `track`; 0 if the recording was tracked to its end.
-        error: Why it was not, or empty.
+        error: Why it was not, or empty. The results of a damaged recording are kept nevertheless.
         frames: Number of frames.
         states: State to number of frames.
         warnings: Of `track`, a sentence each.
@@ -123,7 +124,8 @@ def done_entries(tasks: Sequence[ArchiveTask], results: Results) -> dict[str, Ar
             entry = ArchiveEntry(**json.loads(texts[f"{task.name}/{DONE_FILE}"]))
         except (KeyError, ValueError, TypeError):
             continue
-        if entry.key == task.key:
+        # A recording that failed may be readable by now.
+        if entry.key == task.key and entry.exit_code == DONE:
             found[task.name] = entry
     return found
 
@@ -196,10 +198,11 @@ def _track(task: ArchiveTask, source: Path, folder: Path) -> ArchiveEntry | Work
         exit_code = main(arguments, source_name=str(task.source))
     if exit_code in (INTERRUPTED, TERMINATED):
         return WorkerEnded("its worker was stopped")
-    if exit_code != DONE:
+    is_partial = exit_code == UNREADABLE_SOURCE and (folder / "boxes.csv").exists()
+    if exit_code != DONE and not is_partial:
         return _failed(task, exit_code, _error(messages.getvalue()))
     try:
-        entry = _entry(task, folder, _warnings(messages.getvalue()))
+        entry = _entry(task, folder, exit_code, messages.getvalue())
         (folder / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
         # A folder with an incomplete file could not be replaced.
         flush_to_disk(folder / DONE_FILE)
@@ -216,16 +219,17 @@ def _key(source: PathOrUrl, arguments: Sequence[str]) -> str:
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def _entry(task: ArchiveTask, folder: Path, warnings: Sequence[str]) -> ArchiveEntry:
+def _entry(task: ArchiveTask, folder: Path, exit_code: int, messages: str) -> ArchiveEntry:
     by_frame: dict[str, set[str]] = defaultdict(set)
     with (folder / "boxes.csv").open(newline="", encoding="utf-8") as file:
         for row in csv.DictReader(file):
             by_frame[row["frame"]].add(row["state"])
     # The state of a frame is that of its best target.
     states = Counter(min(found, key=_STATES.index) for found in by_frame.values())
-    return ArchiveEntry(
-        task.name, str(task.source), task.key, DONE, "", states.total(), dict(states), warnings
-    )
+    error = "" if exit_code == DONE else _error(messages)
+    counts = (states.total(), dict(states))
+    source = str(task.source)
+    return ArchiveEntry(task.name, source, task.key, exit_code, error, *counts, _warnings(messages))
 
 
 def _failed(task: ArchiveTask, exit_code: int, error: str) -> ArchiveEntry:
@@ -234,9 +238,10 @@ def _failed(task: ArchiveTask, exit_code: int, error: str) -> ArchiveEntry:
 
 def _warnings(messages: str) -> list[str]:
     prefix = "track: "
-    return [line.removeprefix(prefix) for line in messages.splitlines() if line.startswith(prefix)]
+    lines = [line for line in messages.splitlines() if line.startswith(prefix)]
+    return [line.removeprefix(prefix) for line in lines if not line.startswith(_ERROR_PREFIX)]
 
 
 def _error(messages: str) -> str:
     lines = messages.strip().splitlines()
-    return lines[-1].removeprefix("track: error: ") if lines else "it failed without a message"
+    return lines[-1].removeprefix(_ERROR_PREFIX) if lines else "it failed without a message"

@@ -3,6 +3,7 @@
 import re
 import signal
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
@@ -17,7 +18,7 @@ DEADLINE = 30.0
     [
         ({}, "no source is given; accepted are a video file"),
         ({"source": "/nowhere/at_all"}, "there is no /nowhere/at_all; accepted are"),
-        ({"source": __file__}, "is not a video that OpenCV can open"),
+        ({"source": __file__}, "is not a video that can be decoded"),
         ({"source": "{folder}", "rate": "nan"}, "'rate' is nan; allowed: float, 0.01 to 1000"),
         ({"source": "{folder}", "target_box": "[1.0]"}, "'target_box' is .*0 or 4 numbers"),
         (
@@ -75,6 +76,25 @@ def test_a_frame_that_cannot_be_decoded_ends_the_replay(pictures, stand_in, repl
     assert "3.png cannot be decoded" in log
     assert "Traceback" not in log
     assert tracker.stamps() == pictures.stamps[:3]
+
+
+def test_a_truncated_video_is_played_as_far_as_it_goes(
+    write_clip, stand_in, replay, capfd, tmp_path
+):
+    images = np.random.default_rng(5).integers(0, 256, (20, 48, 64, 3), dtype=np.uint8)
+    web = {"movflags": "faststart"}
+    whole = write_clip(tmp_path / "w.mp4", images, range(0, 800, 40), container_options=web)
+    path = tmp_path / "cut.mp4"
+    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    tracker = stand_in()
+    tracker.listen()
+    node = replay(source=path, lockstep=True)
+    tracker.spin_until_ended(node)
+    assert node.exit_code == 0
+    assert f"video {path} is damaged: it contains " in capfd.readouterr().err
+    stamps = tracker.stamps()
+    assert 0 < len(stamps) < 20
+    assert stamps == [1_000_000_000 + 40_000_000 * index for index in range(len(stamps))]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -105,6 +105,10 @@ def source(moving_square_sequence, moving_square, tmp_path, request):
             writer.write(image)
         writer.release()
         return path
+    if kind == "uneven video":
+        write_clip = request.getfixturevalue("write_clip")
+        times = [*range(0, 400, 40), *range(800, 2800, 200)]
+        return write_clip(tmp_path / "square.mp4", moving_square.images, times)
     path = tmp_path / "square.mcap"
     write_footage(open_footage(moving_square_sequence), path)
     return path
@@ -116,6 +120,7 @@ def source(moving_square_sequence, moving_square, tmp_path, request):
         ("sequence", "default", None),
         ("folder", "li2007", "20.3,30.7,23.9,24.1"),
         ("video", "zhang2015", "20,30,24,24"),
+        ("uneven video", "default", "20,30,24,24"),
         ("bag", "default", None),
         ("bag", "zhang_bo", "20.1,29.9,24.2,23.8"),
     ],

@@ -115,6 +115,20 @@ def test_a_change_of_the_rate_gives_no_estimate(rates):
     assert found_in(stamps) is None
 
 
+@pytest.mark.parametrize("order", ["alternating", "random", "a third", "in turns"])
+def test_a_camera_with_two_intervals_loses_nothing(order):
+    """Such as one that doubles its exposure in the dark: 33 or 67 ms."""
+    random = np.random.default_rng(2)
+    is_long = {
+        "alternating": np.arange(100) % 2,
+        "random": random.integers(0, 2, 100),
+        "a third": random.integers(0, 3, 100) == 0,
+        "in turns": np.arange(100) // 10 % 2,
+    }[order]
+    gaps = np.where(is_long, 66_700_000, 33_300_000)
+    assert found_in((START + np.cumsum(gaps)).tolist()) is None
+
+
 @pytest.mark.parametrize(("rate", "tick"), [(60.0, 10_000_000), (50.0, 15_600_000)])
 def test_coarse_stamps_are_no_losses(rate, tick):
     even = camera(rate, 300)
