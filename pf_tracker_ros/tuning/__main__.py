@@ -70,7 +70,7 @@ def _run(options: argparse.Namespace) -> int:
     # All checks come before the first frame.
     _require_packages()
     from pf_tracker_ros.tuning.journal import open_journal
-    from pf_tracker_ros.tuning.output import Outputs
+    from pf_tracker_ros.tuning.output import TuningFiles
     from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
 
     merge_parameter_file(options)
@@ -98,7 +98,7 @@ def _run(options: argparse.Namespace) -> int:
     output: Path = options.output
     journal = output.with_suffix(".journal")
     _check_output(output, journal)
-    outputs = Outputs(output, request)
+    outputs = TuningFiles(output, request)
     with open_journal(journal) as storage, _executor(options) as executor:
         tuning = Tuning(request, sequences, storage, executor)
         try:

@@ -18,7 +18,7 @@ from pf_tracker_ros.tuning.tuning import TuningRequest, TuningResult
 _LINE_LENGTH = 100
 
 
-class Outputs:
+class TuningFiles:
     """The files of a run. The constructor checks that they can be written.
 
     Args:
