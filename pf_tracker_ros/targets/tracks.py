@@ -1,7 +1,7 @@
 """Tracks: the record of each target beside its particle filter, and the ids of all.
 
 1. A `Track` is Deep SORT's: hits, age and time since the last detection, with an appearance
-   descriptor and a Kalman filter of its center. The log odds of its existence replace Deep SORT's
+   descriptor and a Kalman filter of its box. The log odds of its existence replace Deep SORT's
    count of misses; the probability of existence is that of integrated probabilistic data
    association.
 2. A `TrackSet` holds all tracks after one frame. Both are values, so that the frame buffer can
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, pairwise_iou
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
 
 # Prior of the mean appearance distance, and the number of detections that it counts as.
@@ -59,12 +59,12 @@ class DistractorCandidate(NamedTuple):
 
     Attributes:
         box: (4,) in the last frame, pixels.
-        center_filter: Of its center.
+        box_filter: Of its box.
         seconds: From the first to the last of the consecutive frames that showed it.
     """
 
     box: NDArray[np.float64]
-    center_filter: CenterKalmanFilter
+    box_filter: BoxKalmanFilter
     seconds: float
 
 
@@ -78,8 +78,7 @@ class Track:
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
-        center_filter: Kalman filter of its center.
-        log_size: (2,) logarithms of width and height, smoothed over the detections.
+        box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
         age: Seconds since it began.
@@ -102,8 +101,7 @@ class Track:
     key: TrackKey
     filter_state: FilterState
     descriptor: Descriptor
-    center_filter: CenterKalmanFilter
-    log_size: NDArray[np.float64]
+    box_filter: BoxKalmanFilter
     existence_log_odds: float
     mean_appearance_distance: float = _PRIOR_APPEARANCE_DISTANCE
     appearance_samples: int = 1
@@ -149,12 +147,13 @@ class Track:
 
     @property
     def predicted_box(self) -> NDArray[np.float64]:
-        """(4,) box around the center of the Kalman filter, in the last size, pixels."""
-        size = self.box[2:]
-        return np.concatenate([self.center_filter.center - size / 2, size])
+        """(4,) box of the Kalman filter, pixels; in its last size where only the image shows it."""
+        is_sized_by_image = self.is_undetected or self.is_distractor
+        size = self.box[2:] if is_sized_by_image else self.box_filter.size
+        return np.concatenate([self.box_filter.center - size / 2, size])
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> Track:
-        """The track after the camera has moved, with its center filters in the new image.
+        """The track after the camera has moved, with its Kalman filters in the new image.
 
         The particles stay: the filter searches around the predicted center. The box keeps its size,
         since the target is not at the distance of the background.
@@ -165,18 +164,18 @@ class Track:
         candidate = self.distractor_candidate
         if candidate:
             candidate = candidate._replace(
-                center_filter=candidate.center_filter.compensate_camera_motion(camera_motion)
+                box_filter=candidate.box_filter.compensate_camera_motion(camera_motion)
             )
         return replace(
             self,
-            center_filter=self.center_filter.compensate_camera_motion(camera_motion),
+            box_filter=self.box_filter.compensate_camera_motion(camera_motion),
             distractor_candidate=candidate,
             ground_box=None,
         )
 
     def predict(self, interval: float) -> Track:
-        """The track with its center predicted by an interval in seconds."""
-        return replace(self, center_filter=self.center_filter.predict(interval, self.box[3]))
+        """The track with its box predicted by an interval in seconds."""
+        return replace(self, box_filter=self.box_filter.predict(interval, self.box[3]))
 
     @property
     def is_reported(self) -> bool:
