@@ -1,26 +1,29 @@
-"""Kalman filter of a target's box, with a nearly constant velocity and rate of growth.
+"""Kalman filter of a target's box.
 
 The particle filter finds the target in the current image. This filter keeps its motion and its
-growth across noisy detections and occlusions. Four independent axes: the center along x and y, in
-pixels, and the logarithms of the height and of the aspect ratio (width over height). A target that
-comes nearer grows by a nearly constant share per second, at which its logarithm has a velocity; the
-aspect ratio has none. With p and v the position and velocity along one axis, T the interval, q the
-intensity of the white acceleration noise, s that of a random walk, z a measurement and r its
-variance:
+growth across noisy detections and occlusions. Its four axes are independent: the center along x and
+y, in pixels, and the logarithms of the height and of the aspect ratio (width over height). With p
+and v the position and velocity along one axis and T the interval:
 
-1. Predict: p += T v; P = F P F' + q [[T^3/3, T^2/2], [T^2/2, T]] + s [[T, 0], [0, 0]], with
-   F = [[1, T], [0, 1]].
-2. Correct: (p, v) += K (z - p), with K = (P_pp, P_pv) / (P_pp + r); P -= K (P_pp, P_pv).
-   The innovation z - p is limited to three standard deviations.
+1. Predict: p += b v, v *= a; P = F P F' + Q, with F = [[1, b], [0, a]].
+   - Center, nearly constant velocity: a = 1, b = T, Q = q [[T^3/3, T^2/2], [T^2/2, T]] for a white
+     acceleration noise of the intensity q.
+   - Height: a target that comes nearer grows by a share per second. This rate has the variance s^2
+     among the targets of the scene, and changes within a time constant u: a = exp(-T/u),
+     b = u (1 - a), Q = s^2 [[2 u T - u^2 (3 - 4 a + a^2), u (1 - a)^2], [u (1 - a)^2, 1 - a^2]].
+   - Aspect ratio: a random walk; v = 0.
+2. Correct by a measurement z of variance r: (p, v) += K (z - p), P -= K (P_pp, P_pv), with
+   K = (P_pp, P_pv) / (P_pp + r). The innovation z - p is limited to three standard deviations.
 3. Camera motion compensation: center and velocity are mapped by the similarity between the two
    images. The size stays, since the target is not at the distance of the background.
 
 Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
-Navigation", 6.2.2; Aharon, Orfaig and Bobrovsky 2022, "BoT-SORT".
+Navigation", 6.2.2 and 8.2.3; Aharon, Orfaig and Bobrovsky 2022, "BoT-SORT".
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,13 +33,18 @@ CENTER_STD = np.array([0.15, 0.1])
 """(2,) standard deviation of a detection's center, in widths and heights of its box."""
 # Those of the logarithms of its height and aspect ratio.
 _LOG_SIZE_STD = np.array([0.1, 0.2])
-# Square root of the acceleration noise's intensity: change of velocity per second, in heights
-# along x and y, and for the logarithms of the size.
-_ACCELERATION = np.array([0.2, 0.2, 0.05, 0.0])
-# Standard deviation of the velocity of a new target, in the same units per second.
-_INITIAL_VELOCITY_STD = np.array([0.3, 0.3, 0.08, 0.0])
-# Standard deviation of the random walk in one second: people bend and turn.
-_RANDOM_WALK_STD = np.array([0.0, 0.0, 0.02, 0.2])
+# Seconds within which errors of the height correlate: people bend, and detectors repeat errors.
+_CORRELATION_TIME = 0.1
+# Square root of the acceleration noise's intensity: change of velocity per second, in heights.
+_ACCELERATION = 0.2
+# Standard deviation of the velocity of a new target, heights per second.
+_INITIAL_VELOCITY_STD = 0.3
+GROWTH_VARIANCE = 0.12**2
+"""Prior of the variance of the rate of growth, 1/s^2."""
+# Time constant of the rate of growth, seconds.
+_GROWTH_TIME = 10.0
+# Standard deviation of the random walk of the aspect ratio's logarithm in one second.
+_ASPECT_NOISE = 0.2
 # Seconds without a frame up to which the velocity counts.
 _MAX_STEP = 2.0
 # Seconds after which the uncertainty of the position grows no further.
@@ -66,10 +74,18 @@ class BoxKalmanFilter:
     velocity_variance: NDArray[np.float64]
 
     @classmethod
-    def initiate(cls, box: NDArray[np.float64]) -> BoxKalmanFilter:
-        """The filter of a new target in a (4,) box, which is most likely at rest."""
+    def initiate(
+        cls, box: NDArray[np.float64], growth_variance: float = GROWTH_VARIANCE
+    ) -> BoxKalmanFilter:
+        """The filter of a new target, which is most likely at rest.
+
+        Args:
+            box: (4,) of the target, pixels.
+            growth_variance: Of the rate of growth, 1/s^2.
+        """
         std = np.concatenate([CENTER_STD * box[2:], _LOG_SIZE_STD])
-        velocity_variance = np.square(_INITIAL_VELOCITY_STD * _units(box[3]))
+        velocity_std = _INITIAL_VELOCITY_STD * box[3]
+        velocity_variance = np.array([velocity_std**2, velocity_std**2, growth_variance, 0.0])
         return cls(_position(box), np.zeros(4), np.square(std), np.zeros(4), velocity_variance)
 
     @property
@@ -88,35 +104,61 @@ class BoxKalmanFilter:
         height = np.exp(self.mean[2])
         return np.array([height * np.exp(self.mean[3]), height])
 
-    def predict(self, interval: float, height: float) -> BoxKalmanFilter:
-        """The filter after an interval in seconds, for a target of a height in pixels.
+    def predict(
+        self, interval: float, height: float, growth_variance: float = GROWTH_VARIANCE
+    ) -> BoxKalmanFilter:
+        """The filter after an interval.
 
         After a pause of more than two seconds the target may have stopped. Its predicted box is
         then the last one, and the velocity adds to the variance, for up to ten seconds.
+
+        Args:
+            interval: Seconds.
+            height: Of the target, pixels.
+            growth_variance: Of the rate of growth, 1/s^2.
         """
         if interval > _MAX_STEP:
             variance = self.velocity_variance + np.square(self.velocity)
             at_rest = replace(self, velocity=np.zeros(4), velocity_variance=variance)
-            return at_rest._step(min(interval, _MAX_PAUSE), height)
-        return self._step(interval, height)
+            return at_rest._step(min(interval, _MAX_PAUSE), height, growth_variance)
+        return self._step(interval, height, growth_variance)
 
-    def _step(self, interval: float, height: float) -> BoxKalmanFilter:
-        noise = np.square(_ACCELERATION * _units(height)) * interval
-        return replace(
-            self,
-            mean=self.mean + interval * self.velocity,
-            variance=self.variance
-            + 2.0 * interval * self.covariance
-            + interval**2 * self.velocity_variance
-            + noise * interval**2 / 3.0
-            + np.square(_RANDOM_WALK_STD) * interval,
-            covariance=self.covariance + interval * self.velocity_variance + noise * interval / 2.0,
-            velocity_variance=self.velocity_variance + noise,
+    def _step(self, interval: float, height: float, growth_variance: float) -> BoxKalmanFilter:
+        decay = math.exp(-interval / _GROWTH_TIME)
+        rest = _GROWTH_TIME * (1.0 - decay)
+        growth = growth_variance * np.array(
+            [
+                2.0 * _GROWTH_TIME * interval - _GROWTH_TIME**2 * (3.0 - 4.0 * decay + decay**2),
+                (1.0 - decay) * rest,
+                1.0 - decay**2,
+            ]
+        )
+        noise = (_ACCELERATION * height) ** 2 * interval
+        motion = np.array([noise * interval**2 / 3.0, noise * interval / 2.0, noise])
+        aspect = np.array([_ASPECT_NOISE**2 * interval, 0.0, 0.0])
+        noises = np.stack([motion, motion, growth, aspect], axis=1)
+        step = np.array([interval, interval, rest, 0.0])
+        factor = np.array([1.0, 1.0, decay, 0.0])
+        return BoxKalmanFilter(
+            self.mean + step * self.velocity,
+            factor * self.velocity,
+            self.variance
+            + 2.0 * step * self.covariance
+            + step**2 * self.velocity_variance
+            + noises[0],
+            factor * (self.covariance + step * self.velocity_variance) + noises[1],
+            factor**2 * self.velocity_variance + noises[2],
         )
 
-    def correct(self, box: NDArray[np.float64]) -> BoxKalmanFilter:
-        """The filter after a detection in a (4,) box."""
+    def correct(self, box: NDArray[np.float64], interval: float = math.inf) -> BoxKalmanFilter:
+        """The filter after a detection.
+
+        Args:
+            box: (4,) of the detection, pixels.
+            interval: Seconds since the last one: detections in quick succession repeat errors.
+        """
         std = np.concatenate([CENTER_STD * box[2:], _LOG_SIZE_STD])
+        std[2] *= math.sqrt(1.0 + 2.0 * _CORRELATION_TIME / max(interval, 1e-3))
         return self._correct(_position(box), std)
 
     def correct_center(
@@ -172,11 +214,6 @@ class BoxKalmanFilter:
             self.covariance * squares,
             self.velocity_variance * squares,
         )
-
-
-def _units(height: float) -> NDArray[np.float64]:
-    """(4,) units of the noise: the height of the target along x and y, pixels."""
-    return np.array([height, height, 1.0, 1.0])
 
 
 def _position(box: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, pairwise_iou
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import GROWTH_VARIANCE, BoxKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
 
 # Prior of the mean appearance distance, and the number of detections that it counts as.
@@ -37,6 +37,8 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
 _MIN_BLEND_RATE = 0.05
+# Seconds times targets over which the variance of growth is learned.
+_GROWTH_LEARNED_OVER = 30.0
 # A track replaces another one above this intersection over union.
 _SAME_ABOVE = 0.5
 
@@ -173,9 +175,15 @@ class Track:
             ground_box=None,
         )
 
-    def predict(self, interval: float) -> Track:
-        """The track with its box predicted by an interval in seconds."""
-        return replace(self, box_filter=self.box_filter.predict(interval, self.box[3]))
+    def predict(self, interval: float, growth_variance: float) -> Track:
+        """The track with its box predicted.
+
+        Args:
+            interval: Seconds since the last frame.
+            growth_variance: See `TrackSet.growth_variance`.
+        """
+        box_filter = self.box_filter.predict(interval, self.box[3], growth_variance)
+        return replace(self, box_filter=box_filter)
 
     @property
     def is_reported(self) -> bool:
@@ -234,6 +242,7 @@ class TrackSet:
         time_since_detection: Seconds since the last frame with detections.
         detection_interval: Seconds between the last two of these frames; infinite before the
             second.
+        growth_variance: Of the rate at which targets grow in the image, 1/s^2.
     """
 
     frame: int = 0
@@ -241,11 +250,26 @@ class TrackSet:
     ended_tracks: tuple[Track, ...] = ()
     time_since_detection: float = math.inf
     detection_interval: float = math.inf
+    growth_variance: float = GROWTH_VARIANCE
 
     @property
     def has_detector(self) -> bool:
         """Whether detections were ever received."""
         return self.time_since_detection < math.inf
+
+    def learn_growth(self) -> TrackSet:
+        """The track set with the variance of growth learned from its detected tracks.
+
+        An expectation-maximization step: the mean of squared rate plus its variance, over the last
+        thirty seconds of a target.
+        """
+        filters = [track.box_filter for track in self.tracks if track.hits > 1]
+        if not filters or not math.isfinite(self.detection_interval):
+            return self
+        squares = [one.velocity[2] ** 2 + one.velocity_variance[2] for one in filters]
+        share = 1.0 - math.exp(-len(squares) * self.detection_interval / _GROWTH_LEARNED_OVER)
+        change = share * (sum(squares) / len(squares) - self.growth_variance)
+        return replace(self, growth_variance=self.growth_variance + float(change))
 
     @property
     def boxes(self) -> list[Box]:

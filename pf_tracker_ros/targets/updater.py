@@ -377,7 +377,7 @@ class Updater:
         # Against a confident image, one distant detection is not enough.
         is_doubted = is_far and track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
         jumps = is_far and not is_doubted
-        box_filter = track.box_filter.correct(detection.box)
+        box_filter = track.box_filter.correct(detection.box, track.unconfirmed_for)
         size = box_filter.size
         center = box[:2] + box[2:] / 2
         detected = detection.box[:2] + detection.box[2:] / 2

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import GROWTH_VARIANCE, BoxKalmanFilter
 
 INTERVAL = 0.1
 HEIGHT = 100.0
@@ -19,16 +19,16 @@ def filtered(centers):
     return kalman
 
 
-def grown(heights, interval, aspects=None):
+def grown(heights, interval, aspects=None, growth_variance=GROWTH_VARIANCE):
     """The filter after detections of these heights at rest, one per interval."""
     aspects = np.full(len(heights), 0.4) if aspects is None else aspects
     boxes = [
         np.array([100 - aspect * height / 2, 200 - height / 2, aspect * height, height])
         for height, aspect in zip(heights, aspects, strict=True)
     ]
-    kalman = BoxKalmanFilter.initiate(boxes[0])
+    kalman = BoxKalmanFilter.initiate(boxes[0], growth_variance)
     for box in boxes[1:]:
-        kalman = kalman.predict(interval, box[3]).correct(box)
+        kalman = kalman.predict(interval, box[3], growth_variance).correct(box, interval)
     return kalman
 
 
@@ -57,7 +57,7 @@ def test_after_a_pause_the_center_stays_and_the_variance_grows_for_ten_seconds()
     center, variances = kalman.center, []
     assert kalman.velocity[0] == pytest.approx(80.0, rel=0.1)
     moved = kalman.predict(2.0, HEIGHT)
-    assert moved.center == pytest.approx(center + 2.0 * kalman.velocity)
+    assert moved.center == pytest.approx(center + 2.0 * kalman.velocity[:2])
     for pause in (2.5, 5.0, 10.0, 1e9):
         paused = kalman.predict(pause, HEIGHT)
         assert paused.center == pytest.approx(center)
@@ -77,14 +77,32 @@ def test_a_measurement_lowers_the_variance_and_an_outlier_moves_little():
 
 
 def test_an_approaching_target_grows_between_its_detections():
-    interval, rate = 1.2, 0.1
+    interval, rate = 1.2, 0.15
     draw = np.random.default_rng(5)
     true = 80 * np.exp(rate * interval * np.arange(8))
-    kalman = grown(true * np.exp(0.05 * draw.normal(size=8)), interval)
-    for _ in range(12):
-        kalman = kalman.predict(interval / 12, true[-1])
-    assert kalman.size[1] == pytest.approx(true[-1] * np.exp(rate * interval), rel=0.08)
-    assert kalman.size[0] == pytest.approx(0.4 * kalman.size[1], rel=0.01)
+    noisy = true * np.exp(0.05 * draw.normal(size=8))
+    kalman = grown(noisy, interval, growth_variance=rate**2)
+    later = kalman.predict(interval, true[-1], rate**2)
+    assert later.size[1] == pytest.approx(true[-1] * np.exp(rate * interval), rel=0.1)
+    assert later.size[1] > 1.1 * kalman.size[1]
+    assert later.size[0] == pytest.approx(0.4 * later.size[1], rel=0.01)
+
+
+def test_the_rate_of_growth_keeps_its_variance_and_fades():
+    kalman = grown(80 * 1.1 ** np.arange(8), 1.0, growth_variance=0.01)
+    many = kalman
+    for _ in range(200):
+        many = many.predict(1.0, 100.0, 0.01)
+    assert abs(many.velocity[2]) < 1e-6
+    assert many.velocity_variance[2] == pytest.approx(0.01, rel=1e-6)
+
+
+def test_two_steps_are_one_step_of_their_sum():
+    kalman = grown(80 * 1.1 ** np.arange(8), 1.0)
+    once = kalman.predict(1.1, 150.0)
+    twice = kalman.predict(0.4, 150.0).predict(0.7, 150.0)
+    for name in ("mean", "velocity", "variance", "covariance", "velocity_variance"):
+        np.testing.assert_allclose(getattr(twice, name), getattr(once, name), rtol=1e-9)
 
 
 def test_a_detection_moves_the_size_by_the_ratio_of_the_variances():
@@ -95,6 +113,12 @@ def test_a_detection_moves_the_size_by_the_ratio_of_the_variances():
     assert np.log(corrected.size[1] / kalman.size[1]) == pytest.approx(
         gain * np.log(110.0 / kalman.size[1])
     )
+
+
+def test_detections_in_quick_succession_repeat_errors():
+    kalman, box = grown([100.0] * 5, 0.5), np.array([80.0, 140.0, 40.0, 120.0])
+    sizes = [kalman.correct(box, interval).size[1] for interval in (0.04, 0.4, 4.0)]
+    assert kalman.size[1] < sizes[0] < sizes[1] < sizes[2] < 120.0
 
 
 def test_a_fast_detector_averages_the_noise_of_the_height():
