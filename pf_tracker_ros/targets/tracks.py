@@ -37,6 +37,9 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
 _MIN_BLEND_RATE = 0.05
+# Existence log odds above which a track is reported. Boxes of a target that the detector has just
+# missed are wrong more often than right.
+_REPORTED_ABOVE = 0.5
 # Seconds times targets over which the variance of growth is learned.
 _GROWTH_LEARNED_OVER = 30.0
 # A track replaces another one above this intersection over union.
@@ -188,7 +191,9 @@ class Track:
     @property
     def is_reported(self) -> bool:
         """Whether it is part of the output: all manual ones, and confirmed ones that are seen."""
-        is_seen = self.existence_log_odds > 0.0 and self.filter_state.estimate.state != "lost"
+        is_seen = (
+            self.existence_log_odds > _REPORTED_ABOVE and self.filter_state.estimate.state != "lost"
+        )
         is_seen = is_seen and not (self.is_duplicate or self.is_distractor)
         return self.is_manual or (self.is_confirmed and is_seen)
 
