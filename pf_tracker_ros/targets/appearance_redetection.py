@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import are_same_place, as_box
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.association import CENTER_STD
-from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.tracks import Track, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
@@ -102,7 +101,7 @@ class AppearanceRedetector:
         return replace(
             track,
             filter_state=self._target_filter.operations.move_to(track.filter_state, as_box(box)),
-            center_filter=CenterKalmanFilter.initiate(box, CENTER_STD * box[2:]),
+            box_filter=BoxKalmanFilter.initiate(box),
         )
 
 

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import pairwise_coverage
+from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackSet
 
@@ -66,9 +67,7 @@ def assign(costs: NDArray[np.float64], max_cost: float) -> dict[int, int]:
     }
 
 
-# Standard deviations of a detection's center, in widths and heights of its box.
-CENTER_STD = np.array([0.15, 0.1])
-# Those of the logarithms of its sides.
+# Standard deviations of the logarithms of a detection's width and height.
 _LOG_SIZE_STD = np.array([0.25, 0.15])
 # Degrees of freedom of the center's distance. The tails are heavy: people crouch, and detectors
 # split or merge them.
@@ -121,10 +120,10 @@ class Associator:
         descriptors: NDArray[np.float32],
     ) -> NDArray[np.float64]:
         """(M,) costs of one track; infinite beyond the gate."""
-        size, center_filter = np.exp(track.log_size), track.center_filter
+        size, box_filter = track.box_filter.size, track.box_filter
         detector_variance = np.square(CENTER_STD * size)
-        variance = center_filter.center_variance + detector_variance
-        offsets = boxes[:, :2] + boxes[:, 2:] / 2 - center_filter.center
+        variance = box_filter.center_variance + detector_variance
+        offsets = boxes[:, :2] + boxes[:, 2:] / 2 - box_filter.center
         squared = (np.square(offsets) / variance).sum(axis=1)
         costs = (_DEGREES_OF_FREEDOM + 2.0) / 2.0 * np.log1p(squared / _DEGREES_OF_FREEDOM)
         costs += 0.5 * np.log(variance / detector_variance).sum()
@@ -183,8 +182,7 @@ def _with_filter_of(track: Track, other: Track) -> Track:
     return replace(
         track,
         filter_state=other.filter_state,
-        center_filter=other.center_filter,
-        log_size=other.log_size,
+        box_filter=other.box_filter,
         time_since_template_update=other.time_since_template_update,
         is_occluded_by_other=other.is_occluded_by_other,
         distractor_candidate=other.distractor_candidate,

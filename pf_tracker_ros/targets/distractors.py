@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import as_box, is_truncated, pairwise_iou
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.association import CENTER_STD
-from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.lifecycle import Initiator
 from pf_tracker_ros.targets.tracks import DistractorCandidate, Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.state_operations import StateOperations
@@ -91,7 +90,7 @@ class DistractorManager:
                 continue
             key = TrackKey(track_set.frame, _FIRST_NUMBER + count)
             track = self._initiator.initiate_distractor(frame, candidate.box, key, target)
-            tracks.append(replace(track, center_filter=candidate.center_filter))
+            tracks.append(replace(track, box_filter=candidate.box_filter))
             count += 1
         return replace(track_set, tracks=tuple(tracks))
 
@@ -119,17 +118,17 @@ class DistractorManager:
 
     def _update_one(self, distractor: Track, target: Track, interval: float) -> Track:
         """A distractor at its predicted center, corrected by the target's observation of it."""
-        center_filter, unseen_for = distractor.center_filter, 0.0
+        box_filter, unseen_for = distractor.box_filter, 0.0
         box, predicted = target.filter_state.distractor_box, distractor.predicted_box
         if box is not None and _are_within(predicted, box, _NEAR):
-            center_filter = center_filter.correct(box[:2] + box[2:] / 2, CENTER_STD * box[2:])
+            box_filter = box_filter.correct(box)
         else:
             is_beside = _are_within(predicted, target.box, _BESIDE)
             is_visible = not target.is_occluded_by_other and not is_beside
             unseen_for = distractor.unseen_for + interval * (_VISIBLE_RATE if is_visible else 1.0)
         distractor = replace(
             distractor,
-            center_filter=center_filter,
+            box_filter=box_filter,
             age=distractor.age + interval,
             distractor_candidate=None,
             unseen_for=unseen_for,
@@ -145,21 +144,18 @@ def _with_candidate(track: Track, interval: float) -> Track:
     box, before = track.filter_state.distractor_box, track.distractor_candidate
     if box is None or track.is_distractor or track.is_occluded_by_other:
         return track if before is None else replace(track, distractor_candidate=None)
-    center, std = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
-    candidate = DistractorCandidate(box, CenterKalmanFilter.initiate(box, std), 0.0)
+    candidate = DistractorCandidate(box, BoxKalmanFilter.initiate(box), 0.0)
     if before is not None:
-        predicted = before.center_filter.predict(interval, box[3])
-        if (np.abs(predicted.center - center) < _NEAR * box[2:]).all():
-            candidate = DistractorCandidate(
-                box, predicted.correct(center, std), before.seconds + interval
-            )
+        predicted = before.box_filter.predict(interval, box[3])
+        if (np.abs(predicted.center - box[:2] - box[2:] / 2) < _NEAR * box[2:]).all():
+            candidate = DistractorCandidate(box, predicted.correct(box), before.seconds + interval)
     return replace(track, distractor_candidate=candidate)
 
 
 def _will_cross(target: Track, candidate: DistractorCandidate) -> bool:
     """Whether a target and its candidate are about to cross, at their present velocities."""
-    offset = candidate.center_filter.center - target.center_filter.center
-    velocity = candidate.center_filter.velocity - target.center_filter.velocity
+    offset = candidate.box_filter.center - target.box_filter.center
+    velocity = (candidate.box_filter.velocity - target.box_filter.velocity)[:2]
     squared_speed = np.maximum(velocity @ velocity, 1e-9)
     closest_after = np.clip(-(offset @ velocity) / squared_speed, 0.0, _CROSSING_WITHIN)
     distances = np.abs(offset + closest_after * velocity)

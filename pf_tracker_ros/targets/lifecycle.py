@@ -21,8 +21,7 @@ from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, as_box, is_truncated, pairwise_iou
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.association import CENTER_STD
-from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
@@ -218,8 +217,7 @@ class Initiator:
             key,
             filter_state,
             descriptor,
-            CenterKalmanFilter.initiate(box, CENTER_STD * box[2:]),
-            np.log(box[2:]),
+            BoxKalmanFilter.initiate(box),
             _INITIAL_LOG_ODDS,
             ground_box=None if is_truncated(box, frame.size) else box,
         )

@@ -78,7 +78,9 @@ class TrackingPipeline:
         )
         if frame.camera_motion is not None:
             track_set = track_set.compensate_camera_motion(frame.camera_motion)
-        tracks = tuple(track.predict(interval) for track in track_set.tracks)
+        tracks = tuple(
+            track.predict(interval, track_set.growth_variance) for track in track_set.tracks
+        )
         assigned: list[Detection | None] = [None] * len(tracks)
         if detections:
             for index, number in self._associator.assign(tracks, detections).items():
@@ -87,7 +89,10 @@ class TrackingPipeline:
         tracks = self._updater.update(tracks, frame, interval, assigned, time_since_detection)
         if detections is not None:
             tracks = self._updater.count_misses(tracks, assigned, detection_interval)
-        track_set = self.initiator.promote_distractors(replace(track_set, tracks=tracks), assigned)
+        track_set = replace(track_set, tracks=tracks)
+        if detections is not None:
+            track_set = track_set.learn_growth()
+        track_set = self.initiator.promote_distractors(track_set, assigned)
         track_set = self._deleter.delete_tracks(track_set, frame.size, interval)
         track_set = self._distractors.update(track_set, interval)
         if detections is not None:

@@ -168,8 +168,7 @@ def _scaled(track: Track, factors: NDArray[np.float64]) -> Track:
     """The track, except its filter state, scaled by (2,) factors along x and y."""
     return replace(
         track,
-        log_size=track.log_size + np.log(factors),
-        center_filter=track.center_filter.scale(factors),
+        box_filter=track.box_filter.scale(factors),
         distractor_candidate=None,
         ground_box=None if track.ground_box is None else track.ground_box * np.tile(factors, 2),
     )

@@ -1,7 +1,7 @@
 """Tracks: the record of each target beside its particle filter, and the ids of all.
 
 1. A `Track` is Deep SORT's: hits, age and time since the last detection, with an appearance
-   descriptor and a Kalman filter of its center. The log odds of its existence replace Deep SORT's
+   descriptor and a Kalman filter of its box. The log odds of its existence replace Deep SORT's
    count of misses; the probability of existence is that of integrated probabilistic data
    association.
 2. A `TrackSet` holds all tracks after one frame. Both are values, so that the frame buffer can
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, pairwise_iou
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import GROWTH_VARIANCE, BoxKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
 
 # Prior of the mean appearance distance, and the number of detections that it counts as.
@@ -37,6 +37,11 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
 _MIN_BLEND_RATE = 0.05
+# Existence log odds above which a track is reported. Boxes of a target that the detector has just
+# missed are wrong more often than right.
+_REPORTED_ABOVE = 0.5
+# Seconds times targets over which the variance of growth is learned.
+_GROWTH_LEARNED_OVER = 30.0
 # A track replaces another one above this intersection over union.
 _SAME_ABOVE = 0.5
 
@@ -59,12 +64,12 @@ class DistractorCandidate(NamedTuple):
 
     Attributes:
         box: (4,) in the last frame, pixels.
-        center_filter: Of its center.
+        box_filter: Of its box.
         seconds: From the first to the last of the consecutive frames that showed it.
     """
 
     box: NDArray[np.float64]
-    center_filter: CenterKalmanFilter
+    box_filter: BoxKalmanFilter
     seconds: float
 
 
@@ -78,8 +83,7 @@ class Track:
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
-        center_filter: Kalman filter of its center.
-        log_size: (2,) logarithms of width and height, smoothed over the detections.
+        box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
         age: Seconds since it began.
@@ -102,8 +106,7 @@ class Track:
     key: TrackKey
     filter_state: FilterState
     descriptor: Descriptor
-    center_filter: CenterKalmanFilter
-    log_size: NDArray[np.float64]
+    box_filter: BoxKalmanFilter
     existence_log_odds: float
     mean_appearance_distance: float = _PRIOR_APPEARANCE_DISTANCE
     appearance_samples: int = 1
@@ -149,12 +152,13 @@ class Track:
 
     @property
     def predicted_box(self) -> NDArray[np.float64]:
-        """(4,) box around the center of the Kalman filter, in the last size, pixels."""
-        size = self.box[2:]
-        return np.concatenate([self.center_filter.center - size / 2, size])
+        """(4,) box of the Kalman filter, pixels; in its last size where only the image shows it."""
+        is_sized_by_image = self.is_undetected or self.is_distractor
+        size = self.box[2:] if is_sized_by_image else self.box_filter.size
+        return np.concatenate([self.box_filter.center - size / 2, size])
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> Track:
-        """The track after the camera has moved, with its center filters in the new image.
+        """The track after the camera has moved, with its Kalman filters in the new image.
 
         The particles stay: the filter searches around the predicted center. The box keeps its size,
         since the target is not at the distance of the background.
@@ -165,23 +169,31 @@ class Track:
         candidate = self.distractor_candidate
         if candidate:
             candidate = candidate._replace(
-                center_filter=candidate.center_filter.compensate_camera_motion(camera_motion)
+                box_filter=candidate.box_filter.compensate_camera_motion(camera_motion)
             )
         return replace(
             self,
-            center_filter=self.center_filter.compensate_camera_motion(camera_motion),
+            box_filter=self.box_filter.compensate_camera_motion(camera_motion),
             distractor_candidate=candidate,
             ground_box=None,
         )
 
-    def predict(self, interval: float) -> Track:
-        """The track with its center predicted by an interval in seconds."""
-        return replace(self, center_filter=self.center_filter.predict(interval, self.box[3]))
+    def predict(self, interval: float, growth_variance: float) -> Track:
+        """The track with its box predicted.
+
+        Args:
+            interval: Seconds since the last frame.
+            growth_variance: See `TrackSet.growth_variance`.
+        """
+        box_filter = self.box_filter.predict(interval, self.box[3], growth_variance)
+        return replace(self, box_filter=box_filter)
 
     @property
     def is_reported(self) -> bool:
         """Whether it is part of the output: all manual ones, and confirmed ones that are seen."""
-        is_seen = self.existence_log_odds > 0.0 and self.filter_state.estimate.state != "lost"
+        is_seen = (
+            self.existence_log_odds > _REPORTED_ABOVE and self.filter_state.estimate.state != "lost"
+        )
         is_seen = is_seen and not (self.is_duplicate or self.is_distractor)
         return self.is_manual or (self.is_confirmed and is_seen)
 
@@ -235,6 +247,7 @@ class TrackSet:
         time_since_detection: Seconds since the last frame with detections.
         detection_interval: Seconds between the last two of these frames; infinite before the
             second.
+        growth_variance: Of the rate at which targets grow in the image, 1/s^2.
     """
 
     frame: int = 0
@@ -242,11 +255,26 @@ class TrackSet:
     ended_tracks: tuple[Track, ...] = ()
     time_since_detection: float = math.inf
     detection_interval: float = math.inf
+    growth_variance: float = GROWTH_VARIANCE
 
     @property
     def has_detector(self) -> bool:
         """Whether detections were ever received."""
         return self.time_since_detection < math.inf
+
+    def learn_growth(self) -> TrackSet:
+        """The track set with the variance of growth learned from its detected tracks.
+
+        An expectation-maximization step: the mean of squared rate plus its variance, over the last
+        thirty seconds of a target.
+        """
+        filters = [track.box_filter for track in self.tracks if track.hits > 1]
+        if not filters or not math.isfinite(self.detection_interval):
+            return self
+        squares = [one.velocity[2] ** 2 + one.velocity_variance[2] for one in filters]
+        share = 1.0 - math.exp(-len(squares) * self.detection_interval / _GROWTH_LEARNED_OVER)
+        change = share * (sum(squares) / len(squares) - self.growth_variance)
+        return replace(self, growth_variance=self.growth_variance + float(change))
 
     @property
     def boxes(self) -> list[Box]:

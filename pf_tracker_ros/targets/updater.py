@@ -6,7 +6,7 @@
 3. For each track, collect the external likelihoods, which multiply that of the image: of the
    detection, or else of the motion; of the occluders in front; of the height on the ground.
 4. Update the particle filter. An occluded track coasts instead, at its predicted center.
-5. Correct the center filter, and with a detection the box, the descriptor and the log odds.
+5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
 6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
    of 1 - recall, less where the target is hidden or was missed a moment ago.
 
@@ -37,8 +37,7 @@ from pf_tracker_ros.boxes import (
     relative_center_distances,
 )
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.association import CENTER_STD
-from pf_tracker_ros.targets.center_kalman_filter import CenterKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.ground import Ground, fit_grounds
 from pf_tracker_ros.targets.tracks import Track
@@ -61,13 +60,11 @@ _OCCLUDER_WEIGHT, _FREE_COVERAGE = 30.0, 0.2
 _GAIN, _FAR_BELOW, _CONFIDENT_ABOVE = 0.5, 0.5, 0.6
 # Standard deviation of a center measured in the image, in the sides of the box.
 _IMAGE_STD = np.array([0.3, 0.2])
-# Detections over which sizes are averaged.
-_AVERAGED_SIZES = 3.3
 # Seconds without a detection after which a track on the same object as its occluder is a duplicate.
 _DUPLICATE_AFTER = 0.2
 # Degrees of freedom of the image's distance from the predicted center.
 _DEGREES_OF_FREEDOM = 3.0
-# Confidence from which on the estimate of an undetected target counts fully for its center filter;
+# Confidence from which on the estimate of an undetected target counts fully for its Kalman filter;
 # the least that it counts.
 _FULL_CONFIDENCE, _MIN_COUNT = 0.5, 0.05
 # Frames between two size estimates of an undetected target: sizes change slowly.
@@ -270,7 +267,7 @@ class Updater:
                 is_on_distractor = _is_on_any(box, boxes[[one.is_distractor for one in front]])
                 known = (stepped if is_on_distractor else filter_state).known_distractor
                 filter_state = replace(filter_state, known_distractor=known)
-        center_filter, log_size = track.center_filter, track.log_size
+        box_filter = track.box_filter
         if is_occluded_by_other:
             operations = self._target_filter.operations
             filter_state = operations.coast(filter_state, frame, interval)
@@ -280,7 +277,7 @@ class Updater:
         else:
             filter_state = stepped
             if detection is None:
-                center_filter, log_size = _corrected_by_image(track, filter_state)
+                filter_state, box_filter = self._correct_by_image(track, stepped, is_sized)
         is_duplicate = is_occluded_by_other and track.unconfirmed_for > _DUPLICATE_AFTER
         if is_duplicate:
             are_targets = [not one.is_distractor for one in front]
@@ -288,8 +285,7 @@ class Updater:
         track = replace(
             track,
             filter_state=filter_state,
-            center_filter=center_filter,
-            log_size=log_size,
+            box_filter=box_filter,
             age=track.age + interval,
             unconfirmed_for=track.unconfirmed_for + interval,
             time_since_template_update=track.time_since_template_update + interval,
@@ -299,7 +295,7 @@ class Updater:
         return self._correct(track, frame, detection) if detection else track
 
     def _check_switch(self, track: Track, before: Track, distractors: NDArray[np.float64]) -> Track:
-        """Mark a track as occluded, and keep its center filter, where it may be on a distractor.
+        """Mark a track as occluded, and keep its Kalman filter, where it may be on a distractor.
 
         It may have switched once it jumps to the second peak of the last frame, unless the filter
         knows that as a distractor, or once it overlaps a distractor. That ends near the predicted
@@ -318,8 +314,8 @@ class Updater:
             filter_state.known_distractor is None and _has_jumped(last, box)
         )
         if not may_have_switched and before.may_have_switched:
-            variance = before.center_filter.center_variance + np.square(_IMAGE_STD * box[2:])
-            offset = box[:2] + box[2:] / 2 - before.center_filter.center
+            variance = before.box_filter.center_variance + np.square(_IMAGE_STD * box[2:])
+            offset = box[:2] + box[2:] / 2 - before.box_filter.center
             may_have_switched = bool((np.square(offset) / variance).sum() > _SWITCH_GATE)
         if not may_have_switched:
             return replace(track, may_have_switched=False)
@@ -329,7 +325,7 @@ class Updater:
         return replace(
             track,
             filter_state=filter_state,
-            center_filter=before.center_filter,
+            box_filter=before.box_filter,
             may_have_switched=True,
         )
 
@@ -350,6 +346,30 @@ class Updater:
         )
         return self._correct(track, frame, detection)
 
+    def _correct_by_image(
+        self, track: Track, filter_state: FilterState, is_sized: bool
+    ) -> tuple[FilterState, BoxKalmanFilter]:
+        """The particle filter and the Kalman filter of an undetected track, one after the other.
+
+        The Kalman filter takes over the center, and either of them the size of the other.
+
+        Args:
+            track: With its box predicted.
+            filter_state: Of its particle filter, in this frame.
+            is_sized: Whether the size comes from the image.
+        """
+        box, box_filter = np.array(filter_state.estimate.box), track.box_filter
+        center, std = box[:2] + box[2:] / 2, _IMAGE_STD * box[2:]
+        if track.is_undetected:
+            count = min(filter_state.estimate.confidence / _FULL_CONFIDENCE, 1.0)
+            std = std / max(count, _MIN_COUNT)
+        if not is_sized:
+            box = np.concatenate([center - box_filter.size / 2, box_filter.size])
+            filter_state = self._target_filter.operations.move_to(filter_state, as_box(box))
+        elif filter_state.status.state == "tracking":
+            box_filter = box_filter.with_size(box[2:])
+        return filter_state, box_filter.correct_center(center, std)
+
     def _correct(self, track: Track, frame: Frame, detection: Detection) -> Track:
         """A track with a hit, and its box moved towards the detection."""
         box = track.box
@@ -357,9 +377,8 @@ class Updater:
         # Against a confident image, one distant detection is not enough.
         is_doubted = is_far and track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
         jumps = is_far and not is_doubted
-        share = 1.0 / min(track.hits + 1, _AVERAGED_SIZES)
-        log_size = track.log_size + share * (np.log(detection.box[2:]) - track.log_size)
-        size = np.exp(log_size)
+        box_filter = track.box_filter.correct(detection.box, track.unconfirmed_for)
+        size = box_filter.size
         center = box[:2] + box[2:] / 2
         detected = detection.box[:2] + detection.box[2:] / 2
         center = center + (1.0 if jumps else _GAIN) * (detected - center)
@@ -375,8 +394,7 @@ class Updater:
         return replace(
             track.add_label_vote(detection.label, detection.score),
             filter_state=filter_state,
-            center_filter=track.center_filter.correct(detected, CENTER_STD * size),
-            log_size=log_size,
+            box_filter=box_filter,
             existence_log_odds=min(
                 max(track.existence_log_odds, _MIN_LOG_ODDS) + _HIT_LOG_ODDS, _MAX_LOG_ODDS
             ),
@@ -385,20 +403,6 @@ class Updater:
             time_since_template_update=0.0 if relearns else track.time_since_template_update,
             ground_box=track.ground_box if is_cut else np.array(filter_state.estimate.box),
         )
-
-
-def _corrected_by_image(
-    track: Track, filter_state: FilterState
-) -> tuple[CenterKalmanFilter, NDArray[np.float64]]:
-    """The center filter and the (2,) log size of a track, corrected by the particle filter."""
-    log_size, box = track.log_size, np.array(filter_state.estimate.box)
-    std = _IMAGE_STD * box[2:]
-    if track.is_undetected:
-        count = min(filter_state.estimate.confidence / _FULL_CONFIDENCE, 1.0)
-        std = std / max(count, _MIN_COUNT)
-        if filter_state.status.state == "tracking":
-            log_size = np.log(box[2:])
-    return track.center_filter.correct(box[:2] + box[2:] / 2, std), log_size
 
 
 def _is_place_unknown(track: Track) -> bool:
@@ -468,8 +472,8 @@ def _detection_likelihood(box: NDArray[np.float64]) -> ExternalLikelihood:
 
 def _motion_likelihood(track: Track) -> ExternalLikelihood:
     """Student's t distribution around the predicted center."""
-    center, size = track.center_filter.center, track.box[2:]
-    variance = track.center_filter.center_variance + np.square(_IMAGE_STD * size)
+    center, size = track.box_filter.center, track.box[2:]
+    variance = track.box_filter.center_variance + np.square(_IMAGE_STD * size)
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         x, y, width, height = boxes
