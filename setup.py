@@ -52,6 +52,8 @@ EXTRAS = {
     "evaluation": ["rich>=13", "matplotlib>=3.6", "jinja2>=3"],
     # The command `track`. With ROS from apt, rosdep has all of these except rosbags (writes bags).
     "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS],
+    # The preset `learned` several times as fast as with OpenCV.
+    "networks": ["onnxruntime>=1.17", "pyyaml"],
     "parquet": ["pyarrow>=14"],
     # Archives at URLs; for s3://, gs:// and so on, fsspec names the package that it needs.
     "archives": ARCHIVES,
@@ -99,6 +101,7 @@ setup(
         PACKAGE: [
             "py.typed",
             "evaluation/reports/*.jinja",
+            "networks/models/*.yaml",
             "node/console/page/*",
             "pages/shared/*",
             "recordings/drawing/page/*",
@@ -120,6 +123,7 @@ setup(
             f"console = {PACKAGE}.commands:console",
             f"evaluate = {PACKAGE}.commands:evaluate",
             f"track = {PACKAGE}.commands:track",
+            f"model = {PACKAGE}.commands:model",
         ],
     },
 )

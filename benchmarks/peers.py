@@ -42,7 +42,7 @@ from pf_tracker_ros.evaluation.sequences import frame_count
 from pf_tracker_ros.footage import Footage, FootageError
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
-from pf_tracker_ros.tracking.presets import PRESETS
+from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
 
 YARDSTICK = ChannelSpatialReliability.name
 """The tracker whose time is the reference."""
@@ -83,7 +83,7 @@ def contenders(nanotrack: tuple[Path, Path] | None) -> tuple[list[Contender], di
     """
     found = [
         Contender(name, functools.partial(Tracker.from_preset, name), is_random=True)
-        for name in PRESETS
+        for name in SELF_CONTAINED
     ]
     missing = {peer.name: what for peer in (*PEERS, NanoTrack) if (what := peer.missing())}
     found += [

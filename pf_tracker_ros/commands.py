@@ -104,6 +104,11 @@ def track() -> int:
     return _run("track", "pf_tracker_ros.recordings.__main__")
 
 
+def model() -> int:
+    """Run the command `model`, and return its exit code."""
+    return _run("model", "pf_tracker_ros.networks.command_line")
+
+
 def _run(command: str, module: str) -> int:
     """Run a command that needs no ROS."""
     try:

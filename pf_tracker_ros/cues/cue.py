@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
+from pf_tracker_ros.filter import ProposedBoxes
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
@@ -116,11 +117,13 @@ class PredictedTarget(NamedTuple):
         region: Region around its predicted box.
         template: Present template.
         first: Template of the first frame.
+        doubt: Doubt about the last estimate, 0 to 1.
     """
 
     region: Region
     template: Any
     first: Any
+    doubt: float = 1.0
 
 
 class Cue(Protocol):
@@ -134,12 +137,14 @@ class Cue(Protocol):
         needs_foreground: Whether it reads `Frame.foreground`.
         joins_search: Whether its likelihood is added in a search by searchable cues. It is cheap
             for many boxes, but does not find the target alone.
+        weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target.
     """
 
     uses_center_box_size: ClassVar[bool] = False
     is_discriminative: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False
+    weighs_in_doubt: ClassVar[bool] = False
 
     @property
     def context_margin(self) -> float:
@@ -180,6 +185,10 @@ class Cue(Protocol):
         """(M,) log likelihoods of the boxes of a grid, for a cue that joins a search."""
         return self.log_likelihood(region, grid.boxes, template)
 
+    def propose(self, region: Region, template: Any) -> ProposedBoxes | None:
+        """Boxes that may be the target, for the proposal; None without any."""
+        return None
+
     @abstractmethod
     def match(self, observation: Any, template: Any) -> Match | None:
         """Match of an observation with a template; None if the cue cannot decide."""
@@ -213,6 +222,10 @@ class SearchableCue(Cue, Protocol):
 
     It computes a response, from which its log likelihood follows.
     """
+
+    def responds(self, region: Region, template: Any) -> bool:
+        """Whether it has responses in a region; without them, its likelihood is constant."""
+        return True
 
     @abstractmethod
     def response(

@@ -18,6 +18,10 @@ from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 
+# Confidence from which on there is the least doubt about an estimate, and below which the most.
+_CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.75, 0.35
+_LEAST_DOUBT = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class SavedTemplates:
@@ -80,3 +84,9 @@ class FilterState:
     estimate: Estimate
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
+
+    @property
+    def doubt(self) -> float:
+        """Doubt that the last estimate is the target, 0 to 1."""
+        doubt = (_CERTAIN_ABOVE - self.estimate.confidence) / (_CERTAIN_ABOVE - _DOUBTFUL_BELOW)
+        return min(max(doubt, _LEAST_DOUBT), 1.0)

@@ -372,7 +372,8 @@ class SearchingMeasurer(Measurer):
             return super().weigh(frame_prediction, external_likelihood)
         region, prediction = frame_prediction.region, frame_prediction.prediction
         motion, templates = cast(SearchableMotion, state.motion), state.templates
-        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation)
+        doubt = state.doubt
+        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation, doubt)
         responses = self._fusion.responses_on_grid(region, search.grid, templates)
         centers = motion.center_prior(state.particles.states, prediction.interval)
         grid_log_likelihood = self._fusion.search(
@@ -383,6 +384,16 @@ class SearchingMeasurer(Measurer):
         predicted, log_prior = search.propose(
             prediction.particles, motion, centers, grid_log_likelihood, frame_prediction.generator
         )
+        if proposed_boxes := self._fusion.propose(region, templates):
+            predicted, log_prior = search.propose_boxes(
+                predicted,
+                log_prior,
+                motion,
+                centers,
+                proposed_boxes,
+                doubt,
+                frame_prediction.generator,
+            )
         boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
         return WeightedParticles(

@@ -18,10 +18,10 @@ from pf_tracker_ros.frames.exposure import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS
+from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
 
 WIDTH, HEIGHT, SIDE = 320, 240, 36
-every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
+every_preset = pytest.mark.parametrize("preset", sorted(SELF_CONTAINED))
 
 
 def texture(seed, shape, low, high):
