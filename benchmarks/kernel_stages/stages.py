@@ -235,6 +235,9 @@ SCORING: Mapping[str, Stage] = MappingProxyType(
     }
 )
 UPDATES: Mapping[str, Stage] = MappingProxyType(
-    {f"update of {preset}": Stage(partial(_update, preset), _window_pixels) for preset in SELF_CONTAINED}
+    {
+        f"update of {preset}": Stage(partial(_update, preset), _window_pixels)
+        for preset in SELF_CONTAINED
+    }
 )
 STAGES: Mapping[str, Stage] = MappingProxyType({**MAPS, **SCORING, **UPDATES})

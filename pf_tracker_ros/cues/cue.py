@@ -137,6 +137,7 @@ class Cue(Protocol):
         needs_foreground: Whether it reads `Frame.foreground`.
         joins_search: Whether its likelihood is added in a search by searchable cues. It is cheap
             for many boxes, but does not find the target alone.
+        proposes: Whether it proposes boxes (`propose`).
         weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target.
     """
 
@@ -144,6 +145,7 @@ class Cue(Protocol):
     is_discriminative: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False
+    proposes: ClassVar[bool] = False
     weighs_in_doubt: ClassVar[bool] = False
 
     @property

@@ -122,6 +122,7 @@ class CueFusion:
     Attributes:
         cue_weights: Name of a cue to its configured weight; they sum to 1.
         can_search: Whether any cue is searchable.
+        proposes: Whether any cue proposes boxes.
         context_margin: Largest margin around a box that a cue reads, in box sides.
         needs_foreground: Whether any cue reads the foreground.
         uses_center_box_size: Whether any cue reads every box in the size of `Region.center_box`.
@@ -139,6 +140,7 @@ class CueFusion:
         if not used:
             names = ", ".join(f"'{name}.weight'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
+        self.proposes = any(cue.proposes for cue, _ in used.values())
         self._in_doubt = {name for name, (cue, _) in used.items() if cue.weighs_in_doubt}
         total = sum(weight for _, weight in used.values())
         self._cues = {name: cue for name, (cue, _) in used.items()}
@@ -283,6 +285,8 @@ class CueFusion:
                 for name, weight in cue_weights.items()
             }
         total = sum(cue_weights.values())
+        if total == 0.0:
+            return self.cue_weights
         return {name: weight / total for name, weight in cue_weights.items()}
 
     def match(self, observation: Templates, templates: Templates) -> Match:

@@ -50,12 +50,10 @@ if TYPE_CHECKING:
 _COMPARED = 12
 # Standard deviations of a candidate's center, box sides, and of the logarithms of its sides.
 _CENTER_STD, _SIZE_STD = 0.35, 0.6
-# Doubt above which the network runs where it runs only in doubt.
-_RUNS_ABOVE = 0.1
-# Log odds of the target at the estimate over those of the candidate there, and their limit.
-_ODDS_SLOPE, _ODDS_LIMIT = 0.5, 3.0
-# Largest and smallest probability of a candidate at the estimate.
-_LEAST_PROBABILITY = 1e-4
+# Log odds of the target at the estimate over those of the candidate there, and the limits of these.
+_ODDS_SLOPE, _LEAST_ODDS, _LARGEST_ODDS = 0.5, -3.0, 2.0
+# Least likeness of a candidate to the estimate.
+_LEAST_LIKENESS = 1e-4
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ class SiameseParameters(CueParameters):
     when: str = declared(
         "always",
         "When the network runs. always: in every frame; doubtful: while the confidence is below "
-        "0.71, for less CPU time.",
+        "0.75, for less CPU time.",
         choices=("always", "doubtful"),
     )
     sharpness: float = declared(
@@ -111,6 +109,7 @@ class Siamese(SearchableCue):
         ParameterError: The network cannot be used; the message says why.
     """
 
+    proposes = True
     weighs_in_doubt = True
 
     def __init__(self, parameters: SiameseParameters) -> None:
@@ -118,7 +117,7 @@ class Siamese(SearchableCue):
         from pf_tracker_ros.networks.siamese import SiameseNetwork
 
         self._network = SiameseNetwork(parameters.model, parameters.engine)
-        self._least_doubt = _RUNS_ABOVE if parameters.when == "doubtful" else -math.inf
+        self._only_in_doubt = parameters.when == "doubtful"
         self._sharpness = parameters.sharpness
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NetworkTemplate:
@@ -136,7 +135,7 @@ class Siamese(SearchableCue):
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """See `Cue.precompute`; without it, the cue is silent in a region."""
         for one in predicted_targets:
-            if one.doubt > self._least_doubt:
+            if one.doubt > 0.0 or not self._only_in_doubt:
                 region = one.region
                 found = self._network.find(region.frame, one.template, region.center_box)
                 region.store(_key(one.template), found.likeliest(_COMPARED))
@@ -191,14 +190,10 @@ class Siamese(SearchableCue):
         if found is None:
             return {}
         likeness = _likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
-        probability = float((found.probabilities * np.sqrt(likeness)).max())
-        probability = min(max(probability, _LEAST_PROBABILITY), 1.0 - _LEAST_PROBABILITY)
-        odds = math.log(probability / (1.0 - probability))
-        return {"score": _ODDS_SLOPE * min(max(odds, -_ODDS_LIMIT), _ODDS_LIMIT)}
+        odds = float((found.log_odds + np.log(np.maximum(likeness, _LEAST_LIKENESS))).max())
+        return {"score": _ODDS_SLOPE * min(max(odds, _LEAST_ODDS), _LARGEST_ODDS)}
 
-    def blend(
-        self, template: NetworkTemplate, observation: SiameseObservation
-    ) -> NetworkTemplate:
+    def blend(self, template: NetworkTemplate, observation: SiameseObservation) -> NetworkTemplate:
         """See `Cue.blend`; the template stays."""
         return template
 
@@ -215,9 +210,7 @@ def _likeness(
     """
     x, y, width, height = boxes
     dimensions = np.broadcast(*boxes).ndim
-    left, top, widths, heights = (
-        values.reshape(-1, *[1] * dimensions) for values in candidates.T
-    )
+    left, top, widths, heights = (values.reshape(-1, *[1] * dimensions) for values in candidates.T)
     across = (x + width / 2 - left - widths / 2) / (_CENTER_STD * width)
     down = (y + height / 2 - top - heights / 2) / (_CENTER_STD * height)
     wider = np.log(width / widths) / size_std

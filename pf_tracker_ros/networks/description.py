@@ -113,9 +113,7 @@ class ModelDescription:
     name: str = declared("", "Name of the network.")
     license: str = declared("", "License of its weights.")
     source: str = declared("", "Where it comes from.")
-    channels: str = declared(
-        "rgb", "Order of the color channels.", choices=("rgb", "bgr")
-    )
+    channels: str = declared("rgb", "Order of the color channels.", choices=("rgb", "bgr"))
     mean: tuple[float, ...] = declared(
         (0.0, 0.0, 0.0),
         "Subtracted from each channel.",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -144,7 +144,10 @@ class _RuntimeNetwork:
         return results
 
 
-_LOADERS = {"opencv": _OpenCvNetwork, "onnxruntime": _RuntimeNetwork}
+_LOADERS: Mapping[str, Callable[[bytes], Network]] = {
+    "opencv": _OpenCvNetwork,
+    "onnxruntime": _RuntimeNetwork,
+}
 
 
 def with_output_shapes(content: bytes) -> bytes:

@@ -161,9 +161,7 @@ class SiameseNetwork:
         offset = _CORRECTION * (box[:2] + box[2:] / 2 - own[:2] - own[2:] / 2) / own[2:]
         return replace(template, size_ratio=size_ratio, offset=offset)
 
-    def find(
-        self, frame: Frame, template: NetworkTemplate, box: NDArray[np.float64]
-    ) -> Candidates:
+    def find(self, frame: Frame, template: NetworkTemplate, box: NDArray[np.float64]) -> Candidates:
         """One candidate for each cell around a (4,) box, pixels.
 
         Raises:
@@ -181,7 +179,7 @@ class SiameseNetwork:
         sizes = boxes[:, 2:] * template.size_ratio
         centers = boxes[:, :2] + crop.corner + boxes[:, 2:] * (0.5 + template.offset)
         boxes = np.hstack([centers - sizes / 2, np.maximum(sizes, 1.0)])
-        finite = np.isfinite(boxes).all(axis=1)
+        finite: NDArray[np.bool_] = np.all(np.isfinite(boxes), axis=1)
         return Candidates(
             np.where(finite[:, None], boxes, box), np.where(finite, log_odds, -_LARGEST_LOG_ODDS)
         )

@@ -18,9 +18,8 @@ from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 
-# Confidence from which on there is the least doubt about an estimate, and below which the most.
+# Confidence from which on there is no doubt about an estimate, and below which there is most.
 _CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.75, 0.35
-_LEAST_DOUBT = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,4 +88,4 @@ class FilterState:
     def doubt(self) -> float:
         """Doubt that the last estimate is the target, 0 to 1."""
         doubt = (_CERTAIN_ABOVE - self.estimate.confidence) / (_CERTAIN_ABOVE - _DOUBTFUL_BELOW)
-        return min(max(doubt, _LEAST_DOUBT), 1.0)
+        return min(max(doubt, 0.0), 1.0)

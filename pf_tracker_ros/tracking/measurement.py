@@ -354,7 +354,7 @@ class SearchingMeasurer(Measurer):
         search = Search(prediction.particles.weights @ boxes, self._parameters, frame.size)
         region = self._region(
             frame,
-            search.cover(boxes),
+            search.cover(boxes, with_proposed=self._fusion.proposes),
             np.asarray(state.estimate.box),
             search.center_box,
             estimates_size=estimates_size,
@@ -391,8 +391,8 @@ class SearchingMeasurer(Measurer):
                 motion,
                 centers,
                 proposed_boxes,
-                doubt,
-                frame_prediction.generator,
+                doubt=doubt,
+                generator=frame_prediction.generator,
             )
         boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
@@ -419,7 +419,7 @@ class SearchingMeasurer(Measurer):
         ratios = search.distractor_ratios(box, at_target, responses)
         distractor_box = None
         # The product of each cue's largest ratio bounds the product of all cues at one box.
-        if math.prod(ratios.values()) >= _DISTRACTOR_ABOVE ** len(ratios):
+        if ratios and math.prod(ratios.values()) >= _DISTRACTOR_ABOVE ** len(ratios):
             distractor_box = search.distractor_box(box, at_target, responses, _DISTRACTOR_ABOVE)
         return self._measure_box(weighted, box)._replace(
             distractor_ratios=smooth_distractor_ratios(state.distractor_ratios, ratios),

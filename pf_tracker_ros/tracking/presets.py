@@ -34,13 +34,7 @@ _DEFAULT: dict[str, Any] = {
     "track.confidence_rate": 0.1,
     "track.occlusion_policy": "keep_tracking",
 }
-# The network measures size and shape of the target, so both may change faster.
-_LEARNED: dict[str, Any] = {
-    **_DEFAULT,
-    "motion.size_noise": 0.15,
-    "motion.aspect_noise": 0.1,
-    "cues": (*_DEFAULT["cues"], "siamese"),
-}
+_LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
 # Values for several targets: fewer particles for each, and a narrower search, since similar targets
 # are often close. The foreground keeps a target off the static background that it passes.
 _DEFAULT_FOR_SEVERAL: dict[str, Any] = {

@@ -39,6 +39,8 @@ _SPACING = 0.075
 _MODE_RADIUS = 0.25
 # Largest share of the particles that are moved to proposed boxes.
 _BOX_SHARE = 0.5
+# Largest factor between the sides of a proposed box and those of the predicted ones.
+_GROWTH = 1.1
 # Least distance of a distractor from the target along one axis, box sides.
 _DISTRACTOR_DISTANCE = 0.6
 # A grid point and its neighbors.
@@ -78,9 +80,18 @@ class Search:
         self.grid = BoxGrid(left, top, size)
         self.boxes = self.grid.boxes
 
-    def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be proposed."""
+    def cover(
+        self, boxes: NDArray[np.float64], *, with_proposed: bool = False
+    ) -> NDArray[np.float64]:
+        """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be drawn.
+
+        Args:
+            boxes: The predicted boxes, pixels.
+            with_proposed: Whether a cue may propose boxes.
+        """
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.center_box[2:])
+        if with_proposed:
+            largest = largest * _GROWTH
         spacing = self._cells.spacing
         ends = self._cells.axes[:, [0, -1]].T + [[-spacing], [spacing]]
         ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
@@ -130,13 +141,14 @@ class Search:
         motion: SearchableMotion,
         centers: CenterPrior,
         proposed: ProposedBoxes,
+        *,
         doubt: float,
         generator: np.random.Generator,
     ) -> tuple[ParticleSet, NDArray[np.float64]]:
         """Move a share of the particles to boxes that a cue proposes.
 
         The transition prior is mixed with these boxes, so the ratio p / q is that of the median
-        particle. Sizes stay within those of the predicted particles.
+        particle. Sizes stay close to those of the predicted particles.
 
         Args:
             particles: Particles drawn so far.
@@ -160,7 +172,8 @@ class Search:
         drawn = draw_boxes(proposed._replace(probabilities=probabilities), count, generator)
         present = motion.boxes(particles.states)[:, 2:]
         middle = drawn[:, :2] + drawn[:, 2:] / 2
-        drawn[:, 2:] = np.clip(drawn[:, 2:], present.min(axis=0), present.max(axis=0))
+        smallest, largest = present.min(axis=0) / _GROWTH, present.max(axis=0) * _GROWTH
+        drawn[:, 2:] = np.clip(drawn[:, 2:], smallest, largest)
         ends = self._cells.axes[:, [0, -1]]
         drawn[:, :2] = np.clip(middle, ends[:, 0], ends[:, 1]) - drawn[:, 2:] / 2
         moved = motion.constrain(motion.with_boxes(particles.states, drawn), self._image_size)

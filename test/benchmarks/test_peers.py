@@ -180,7 +180,7 @@ def test_the_command_writes_table_and_plot(command, moving_square_sequence, tmp_
     found, missing = command.contenders(None)
     trackers = {one.name: one for one in found}
     assert set(SELF_CONTAINED) < set(trackers)
-    assert set(trackers) | set(missing) == {*SELF_CONTAINED, *NAMES, "NanoTrack"}
+    assert set(trackers) | set(missing) == {*SELF_CONTAINED, *NAMES, "NanoTrack", "learned"}
     assert not set(trackers) & set(missing)
 
     with (output / "peers.csv").open() as file:

@@ -43,10 +43,13 @@ def test_the_likeliest_box_is_that_of_the_moved_target(
     assert candidates.log_odds[0] > 0 > candidates.log_odds[1]
 
 
-@pytest.mark.parametrize("to_image", [
-    lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY),
-    lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.uint16) * 40 + 7000,
-])
+@pytest.mark.parametrize(
+    "to_image",
+    [
+        lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY),
+        lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.uint16) * 40 + 7000,
+    ],
+)
 def test_gray_and_thermal_images_work(model, picture, to_image):
     network = SiameseNetwork(str(model), "opencv")
     candidates = found(network, to_image(picture((120, 100))), to_image(picture((140, 90))))
@@ -127,10 +130,13 @@ WRONG = [
     (edited("  file: correlation.onnx\n", ""), "'head.file' is empty"),
     (edited("head:", "heads:"), "no parameter 'heads.file'; did you mean 'head.file'"),
     (edited("head:", "head: none\nheads:"), "head"),
-    (edited("  file:", "  sha256: abc\n  file:"), "is not the file .* SHA-256 is [0-9a-f]{64}, not"),
+    (
+        edited("  file:", "  sha256: abc\n  file:"),
+        "is not the file .* SHA-256 is [0-9a-f]{64}, not",
+    ),
     (edited("  file:", "  score: odds\n  file:"), "cannot run correlation.onnx as its description"),
     (edited("  file:", "  score: boxes\n  file:"), r"boxes .* shape \(1, 4, 16, 16\)"),
-    (edited(f"pixels: 16", "pixels: 24"), "cannot run correlation.onnx as its description"),
+    (edited("pixels: 16", "pixels: 24"), "cannot run correlation.onnx as its description"),
 ]
 
 
@@ -154,7 +160,7 @@ def test_every_shipped_description_is_whole():
     assert {"fear_xs", "fear_xs_without_embedding", "nanotrack", "vittrack"} == set(names)
     for name in names:
         description, folder = read_model(os.fspath(SHIPPED / f"{name}.yaml"))
-        assert description.name and description.license and description.source
+        assert all([description.name, description.license, description.source])
         assert description.files()
         assert folder == SHIPPED
 
