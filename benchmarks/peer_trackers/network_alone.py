@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from color_image_tracker import Array, Box, Image
-from peer_trackers.peer import PeerTracker
 
+from peer_trackers.peer import PeerTracker
 from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.networks.siamese import SiameseNetwork

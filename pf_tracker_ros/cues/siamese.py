@@ -52,8 +52,6 @@ _COMPARED = 12
 _CENTER_STD, _SIZE_STD = 0.35, 0.6
 # Log odds of the target at the estimate over those of the candidate there, and the limits of these.
 _ODDS_SLOPE, _LEAST_ODDS, _LARGEST_ODDS = 0.5, -3.0, 2.0
-# Least likeness of a candidate to the estimate.
-_LEAST_LIKENESS = 1e-4
 
 
 @dataclass(frozen=True)
@@ -164,7 +162,8 @@ class Siamese(SearchableCue):
         if found is None:
             return np.zeros(math.prod(shape))
         probabilities = found.probabilities.reshape(-1, *[1] * len(shape))
-        responses: NDArray[np.float64] = probabilities * _likeness(found.boxes, boxes, size_std)
+        likeness = np.exp(_log_likeness(found.boxes, boxes, size_std))
+        responses: NDArray[np.float64] = probabilities * likeness
         return responses.max(axis=0).ravel()
 
     def log_likelihood_of(
@@ -189,8 +188,8 @@ class Siamese(SearchableCue):
         found = _found(observation.region, template)
         if found is None:
             return {}
-        likeness = _likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
-        odds = float((found.log_odds + np.log(np.maximum(likeness, _LEAST_LIKENESS))).max())
+        log_likeness = _log_likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
+        odds = float((found.log_odds + log_likeness).max())
         return {"score": _ODDS_SLOPE * min(max(odds, _LEAST_ODDS), _LARGEST_ODDS)}
 
     def blend(self, template: NetworkTemplate, observation: SiameseObservation) -> NetworkTemplate:
@@ -198,10 +197,10 @@ class Siamese(SearchableCue):
         return template
 
 
-def _likeness(
+def _log_likeness(
     candidates: NDArray[np.float64], boxes: BoxesByAxis, size_std: float
 ) -> NDArray[np.float64]:
-    """(K, ...) likeness, 0 to 1, of boxes to (K, 4) candidates.
+    """(K, ...) logarithm of the likeness, 0 to 1, of boxes to (K, 4) candidates.
 
     Args:
         candidates: Boxes of the network, pixels.
@@ -216,8 +215,8 @@ def _likeness(
     wider = np.log(width / widths) / size_std
     higher = np.log(height / heights) / size_std
     squared = np.square(across) + np.square(down) + np.square(wider) + np.square(higher)
-    likeness: NDArray[np.float64] = np.exp(-0.5 * squared)
-    return likeness
+    log_likeness: NDArray[np.float64] = -0.5 * squared
+    return log_likeness
 
 
 def _found(region: Region, template: NetworkTemplate) -> Candidates | None:

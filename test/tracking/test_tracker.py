@@ -403,7 +403,7 @@ def test_an_update_without_a_target_says_to_start():
 
 
 def test_an_unknown_preset_or_parameter_names_what_there_is():
-    with pytest.raises(ParameterError, match=r"'fast'; there are: default, li2007"):
+    with pytest.raises(ParameterError, match=r"'fast'; there are: default, learned, li2007"):
         Tracker.from_preset("fast")
     with pytest.raises(ParameterError, match=r"'particle'; did you mean 'particles'\?$"):
         Tracker.from_preset("default", parameters={"particle": 3})
