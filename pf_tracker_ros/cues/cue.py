@@ -171,7 +171,8 @@ class Cue(Protocol):
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """Compute maps of several targets' regions at once and store them there.
 
-        This only saves time; results do not depend on it.
+        This only saves time, and results do not depend on it, except of a cue that `responds` in
+        these regions alone.
         """
         return
 

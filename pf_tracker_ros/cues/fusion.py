@@ -141,7 +141,9 @@ class CueFusion:
             names = ", ".join(f"'{name}.weight'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
         self.proposes = any(cue.proposes for cue, _ in used.values())
-        self._in_doubt = {name for name, (cue, _) in used.items() if cue.weighs_in_doubt}
+        in_doubt = {name for name, (cue, _) in used.items() if cue.weighs_in_doubt}
+        # Without another cue, nothing would tell the doubt.
+        self._in_doubt = in_doubt if len(in_doubt) < len(used) else set[str]()
         total = sum(weight for _, weight in used.values())
         self._cues = {name: cue for name, (cue, _) in used.items()}
         self._searchable = {
@@ -167,7 +169,9 @@ class CueFusion:
         """
         for name, cue in self._cues.items():
             with_template = [
-                PredictedTarget(region, templates[name], first[name], doubt)
+                PredictedTarget(
+                    region, templates[name], first[name], doubt if self._in_doubt else 1.0
+                )
                 for region, templates, first, doubt in predicted_targets
                 if name in templates
             ]
@@ -285,8 +289,6 @@ class CueFusion:
                 for name, weight in cue_weights.items()
             }
         total = sum(cue_weights.values())
-        if total == 0.0:
-            return self.cue_weights
         return {name: weight / total for name, weight in cue_weights.items()}
 
     def match(self, observation: Templates, templates: Templates) -> Match:

@@ -116,6 +116,12 @@ def test_a_jump_is_found_where_the_other_cues_are_in_doubt(model, picture):
     assert followed(learned(model), images)[-1].box == pytest.approx([165, 110, 40, 40], abs=4.0)
 
 
+@pytest.mark.parametrize("when", ["always", "doubtful"])
+def test_it_follows_a_target_alone(model, walk, when):
+    tracker = learned(model, cues=("siamese",), **{"siamese.when": when})
+    assert followed(tracker, walk)[-1].box == pytest.approx([153, 100, 40, 40], abs=6.0)
+
+
 def test_copies_and_pickles_go_on_with_the_same_bits(model, walk):
     tracker = learned(model)
     followed(tracker, walk[:5])
