@@ -9,7 +9,7 @@
    d_i is the distance of the center, in box sides, and of the logarithms of width and height, each
    in its standard deviation. The log likelihood falls linearly with the response.
 3. A share of the particles is moved to the candidates (`Search.propose_boxes`).
-4. The log odds of the candidate at the estimate are a term of the confidence.
+4. Low log odds of the candidate at the estimate lower the confidence.
 
 The weight of the cue grows with the doubt about the last estimate: where the other cues are sure of
 it, they have the better box; where they are not, the network often still knows the target. The
@@ -50,8 +50,9 @@ if TYPE_CHECKING:
 _COMPARED = 12
 # Standard deviations of a candidate's center, box sides, and of the logarithms of its sides.
 _CENTER_STD, _SIZE_STD = 0.35, 0.6
-# Log odds of the target at the estimate over those of the candidate there, and the limits of these.
-_ODDS_SLOPE, _LEAST_ODDS, _LARGEST_ODDS = 0.5, -3.0, 2.0
+# The log odds of a candidate at the estimate count against the target below the second value, down
+# to the first, by this slope. Higher ones add nothing: distractors have them, too.
+_LEAST_ODDS, _USUAL_ODDS, _ODDS_SLOPE = -3.0, 2.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,7 @@ class Siamese(SearchableCue):
             return {}
         log_likeness = _log_likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
         odds = float((found.log_odds + log_likeness).max())
-        return {"score": _ODDS_SLOPE * min(max(odds, _LEAST_ODDS), _LARGEST_ODDS)}
+        return {"score": _ODDS_SLOPE * (min(max(odds, _LEAST_ODDS), _USUAL_ODDS) - _USUAL_ODDS)}
 
     def blend(self, template: NetworkTemplate, observation: SiameseObservation) -> NetworkTemplate:
         """See `Cue.blend`; the template stays."""

@@ -71,7 +71,7 @@ def test_a_grid_is_read_like_its_boxes(make_region):
     assert cue.response_on_grid(region, grid, template) == pytest.approx(expected)
 
 
-def test_candidates_are_proposed_and_their_odds_are_limited(make_region):
+def test_candidates_are_proposed_and_only_their_absence_lowers_the_confidence(make_region):
     cue, template, region = make_region()
     proposed = cue.propose(region, template)
     assert proposed.boxes[0] == pytest.approx([130, 100, 40, 40])
@@ -79,8 +79,8 @@ def test_candidates_are_proposed_and_their_odds_are_limited(make_region):
         cue.log_odds(cue.observe(region, box), template, template)["score"]
         for box in (proposed.boxes[0], proposed.boxes[0] + [120, 0, 0, 0])
     )
-    assert 0.0 < at <= 1.0
-    assert away == -1.5
+    assert at == 0.0
+    assert away == -2.5
 
 
 def test_only_in_doubt_it_is_silent_otherwise(make_region):

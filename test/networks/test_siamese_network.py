@@ -125,7 +125,7 @@ WRONG = [
     (cut_short, "correlation.onnx cannot be read as a network in the ONNX format by opencv"),
     (lambda folder: (folder / "model.yaml").unlink(), "description of a network .*`model add`"),
     (edited("name: a", "name: [a"), "model.yaml cannot be read as YAML"),
-    (edited("name: a correlation", "nome: a correlation"), "model.yaml: no parameter 'nome'"),
+    (edited("name: a correlation", "naming: a correlation"), "model.yaml: no parameter 'naming'"),
     (edited("stride: 4.0", "stride: 0.0"), "'head.stride' is 0.0; allowed: float, 1 to 256"),
     (edited("  file: correlation.onnx\n", ""), "'head.file' is empty"),
     (edited("head:", "heads:"), "no parameter 'heads.file'; did you mean 'head.file'"),
