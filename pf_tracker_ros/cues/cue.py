@@ -210,6 +210,13 @@ class Cue(Protocol):
         """
         return {}
 
+    def recognition(self, observation: Any, template: Any) -> float:
+        """How surely the observed box is an object like the target, 0 to 1.
+
+        It keeps a target from being lost, but does not make it tracked.
+        """
+        return 0.0
+
     @abstractmethod
     def blend(self, template: Any, observation: Any) -> Any:
         """The template, updated by an observation at the rate of the cue's parameters."""

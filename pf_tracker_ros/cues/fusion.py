@@ -322,6 +322,16 @@ class CueFusion:
             for term, odds in cue.log_odds(observation[name], template, first[name]).items()
         }
 
+    def recognition(self, observation: Templates, templates: Templates) -> float:
+        """The largest recognition of any cue, see `Cue.recognition`."""
+        return max(
+            (
+                cue.recognition(observation[name], template)
+                for name, cue, template in self._with_template(templates)
+            ),
+            default=0.0,
+        )
+
     def update(self, templates: Templates, observation: Templates) -> Templates:
         """The templates, updated by the observation at a trusted estimate.
 

@@ -59,7 +59,7 @@ _LEAST_ODDS, _USUAL_ODDS, _ODDS_SLOPE = -3.0, 2.0, 0.5
 class SiameseParameters(CueParameters):
     """The Siamese cue."""
 
-    weight: float = declared_weight(0.5)
+    weight: float = declared_weight(1.0)
     model: str = declared(
         "",
         "Folder of the network, or the path of its description; see docs/learned.md.",
@@ -78,7 +78,7 @@ class SiameseParameters(CueParameters):
         choices=("always", "doubtful"),
     )
     sharpness: float = declared(
-        200.0,
+        400.0,
         "How fast the likelihood falls with a falling response.",
         minimum=0.0,
         maximum=1000.0,
@@ -186,16 +186,28 @@ class Siamese(SearchableCue):
         self, observation: SiameseObservation, template: NetworkTemplate, first: NetworkTemplate
     ) -> dict[str, float]:
         """See `Cue.log_odds`."""
-        found = _found(observation.region, template)
-        if found is None:
+        odds = _odds_at(observation, template)
+        if odds is None:
             return {}
-        log_likeness = _log_likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
-        odds = float((found.log_odds + log_likeness).max())
         return {"score": _ODDS_SLOPE * (min(max(odds, _LEAST_ODDS), _USUAL_ODDS) - _USUAL_ODDS)}
+
+    def recognition(self, observation: SiameseObservation, template: NetworkTemplate) -> float:
+        """See `Cue.recognition`: the probability of the candidate there."""
+        odds = _odds_at(observation, template)
+        return 0.0 if odds is None else 0.5 * (1.0 + math.tanh(odds / 2))
 
     def blend(self, template: NetworkTemplate, observation: SiameseObservation) -> NetworkTemplate:
         """See `Cue.blend`; the template stays."""
         return template
+
+
+def _odds_at(observation: SiameseObservation, template: NetworkTemplate) -> float | None:
+    """Log odds of the best candidate at the observed box; None where the cue is silent."""
+    found = _found(observation.region, template)
+    if found is None:
+        return None
+    log_likeness = _log_likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
+    return float((found.log_odds + log_likeness).max())
 
 
 def _log_likeness(

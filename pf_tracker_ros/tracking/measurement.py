@@ -113,6 +113,7 @@ class Measurement(NamedTuple):
         cue_weights: Weights of the cues in this frame.
         seen: Each cue's observation of the box.
         match: Match of the observation with the templates.
+        recognition: See `CueFusion.recognition`.
         distractor_ratios: Smoothed ratio of each cue; see `cues.fusion.DistractorRatios`.
         search: The search; None without one.
         second_peak: (4,) likeliest box beside the estimate, pixels; None without a search.
@@ -134,6 +135,7 @@ class Measurement(NamedTuple):
     second_peak: NDArray[np.float64] | None = None
     distractor_box: NDArray[np.float64] | None = None
     transition_particles: ParticleSet | None = None
+    recognition: float = 0.0
 
     @property
     def particle_std(self) -> float:
@@ -247,6 +249,7 @@ class Measurer:
             seen=seen,
             match=match,
             distractor_ratios={},
+            recognition=self._fusion.recognition(seen, frame_prediction.filter_state.templates),
         )
 
     def covariance(

@@ -61,7 +61,7 @@ def test_the_response_is_highest_at_the_candidate_and_falls_as_a_gaussian(make_r
     # 14 px are one standard deviation of .35 sides; both sides are larger by ln 1.2.
     assert off / at == pytest.approx(np.exp(-0.5), abs=1e-6)
     assert wide / at == pytest.approx(np.exp(-((np.log(1.2) / 0.6) ** 2)), abs=1e-6)
-    assert cue.log_likelihood(region, there[None], template) == pytest.approx(-200 * (1 - at))
+    assert cue.log_likelihood(region, there[None], template) == pytest.approx(-400 * (1 - at))
 
 
 def test_a_grid_is_read_like_its_boxes(make_region):
@@ -81,6 +81,13 @@ def test_candidates_are_proposed_and_only_their_absence_lowers_the_confidence(ma
     )
     assert at == 0.0
     assert away == -2.5
+
+
+def test_a_candidate_is_recognized(make_region):
+    cue, template, region = make_region()
+    box = cue.propose(region, template).boxes[0]
+    assert cue.recognition(cue.observe(region, box), template) > 0.9
+    assert cue.recognition(cue.observe(region, box + [120, 0, 0, 0]), template) < 0.01
 
 
 def test_only_in_doubt_it_is_silent_otherwise(make_region):
