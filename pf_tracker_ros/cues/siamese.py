@@ -74,7 +74,7 @@ class SiameseParameters(CueParameters):
     when: str = declared(
         "always",
         "When the network runs. always: in every frame; doubtful: while the confidence is below "
-        "0.75, for less CPU time.",
+        "0.6, for less CPU time.",
         choices=("always", "doubtful"),
     )
     sharpness: float = declared(

@@ -19,7 +19,7 @@ from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 
 # Confidence from which on there is no doubt about an estimate, and below which there is most.
-_CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.75, 0.35
+_CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.6, 0.2
 
 
 @dataclass(frozen=True, eq=False)
