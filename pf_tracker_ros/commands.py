@@ -135,6 +135,11 @@ def tune() -> int:
     return _run("tune", "pf_tracker_ros.tuning.__main__")
 
 
+def model() -> int:
+    """Run the command `model`, and return its exit code."""
+    return _run("model", "pf_tracker_ros.networks.command_line")
+
+
 def _run(command: str, module: str) -> int:
     """Run a command that needs no ROS."""
     try:

@@ -154,6 +154,8 @@ def other_values():
             found = declaration.choices
         elif declaration.type is bool:
             found = [not value]
+        elif declaration.type is str:
+            found = ["anything"]
         elif declaration.type in (int, float):
             step = (value - declaration.minimum, declaration.maximum - value)
             near = [value + min(1, step[1]) / 2, value - min(1, step[0]) / 2]

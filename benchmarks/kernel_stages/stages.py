@@ -22,7 +22,7 @@ from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Foreground
 from pf_tracker_ros.frames.exposure import gray_range, to_8_bit
 from pf_tracker_ros.frames.region import read_window
-from pf_tracker_ros.tracking.presets import PRESETS
+from pf_tracker_ros.tracking.presets import SELF_CONTAINED
 
 # As the correlation response of `default` looks at a target.
 _WINDOW, _CELLS, _PIXELS, _WINDOWS, _SAMPLES = 4.0, 40, 160, 2, 80
@@ -235,6 +235,9 @@ SCORING: Mapping[str, Stage] = MappingProxyType(
     }
 )
 UPDATES: Mapping[str, Stage] = MappingProxyType(
-    {f"update of {preset}": Stage(partial(_update, preset), _window_pixels) for preset in PRESETS}
+    {
+        f"update of {preset}": Stage(partial(_update, preset), _window_pixels)
+        for preset in SELF_CONTAINED
+    }
 )
 STAGES: Mapping[str, Stage] = MappingProxyType({**MAPS, **SCORING, **UPDATES})

@@ -6,6 +6,7 @@ One file a library; each tracker runs as its library ships it, save where its do
 from peer_trackers.color_particle_filter import ColorParticleFilter
 from peer_trackers.dlib_correlation import DlibCorrelation
 from peer_trackers.multiple_instance_learning import MultipleInstanceLearning
+from peer_trackers.network_alone import NetworkAlone
 from peer_trackers.opencv_trackers import (
     ChannelSpatialReliability,
     KernelizedCorrelation,
@@ -20,6 +21,6 @@ PEERS: tuple[type[PeerTracker], ...] = (
     DlibCorrelation,
     ColorParticleFilter,
 )
-"""Those that need no files of their own; `NanoTrack` does."""
+"""Those that need no files of their own; `NanoTrack` and `NetworkAlone` do."""
 
-__all__ = ["PEERS", "ChannelSpatialReliability", "NanoTrack", "PeerTracker"]
+__all__ = ["PEERS", "ChannelSpatialReliability", "NanoTrack", "NetworkAlone", "PeerTracker"]

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
+from pf_tracker_ros.filter import ProposedBoxes
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
@@ -116,11 +117,13 @@ class PredictedTarget(NamedTuple):
         region: Region around its predicted box.
         template: Present template.
         first: Template of the first frame.
+        doubt: Doubt about the last estimate, 0 to 1.
     """
 
     region: Region
     template: Any
     first: Any
+    doubt: float = 1.0
 
 
 class Cue(Protocol):
@@ -134,12 +137,16 @@ class Cue(Protocol):
         needs_foreground: Whether it reads `Frame.foreground`.
         joins_search: Whether its likelihood is added in a search by searchable cues. It is cheap
             for many boxes, but does not find the target alone.
+        proposes: Whether it proposes boxes (`propose`).
+        weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target.
     """
 
     uses_center_box_size: ClassVar[bool] = False
     is_discriminative: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False
+    proposes: ClassVar[bool] = False
+    weighs_in_doubt: ClassVar[bool] = False
 
     @property
     def context_margin(self) -> float:
@@ -164,7 +171,8 @@ class Cue(Protocol):
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """Compute maps of several targets' regions at once and store them there.
 
-        This only saves time; results do not depend on it.
+        This only saves time, and results do not depend on it, except of a cue that `responds` in
+        these regions alone.
         """
         return
 
@@ -179,6 +187,10 @@ class Cue(Protocol):
     ) -> NDArray[np.float64]:
         """(M,) log likelihoods of the boxes of a grid, for a cue that joins a search."""
         return self.log_likelihood(region, grid.boxes, template)
+
+    def propose(self, region: Region, template: Any) -> ProposedBoxes | None:
+        """Boxes that may be the target, for the proposal; None without any."""
+        return None
 
     @abstractmethod
     def match(self, observation: Any, template: Any) -> Match | None:
@@ -198,6 +210,13 @@ class Cue(Protocol):
         """
         return {}
 
+    def recognition(self, observation: Any, template: Any) -> float:
+        """How surely the observed box is an object like the target, 0 to 1.
+
+        It keeps a target from being lost, but does not make it tracked.
+        """
+        return 0.0
+
     @abstractmethod
     def blend(self, template: Any, observation: Any) -> Any:
         """The template, updated by an observation at the rate of the cue's parameters."""
@@ -213,6 +232,10 @@ class SearchableCue(Cue, Protocol):
 
     It computes a response, from which its log likelihood follows.
     """
+
+    def responds(self, region: Region, template: Any) -> bool:
+        """Whether it has responses in a region; without them, its likelihood is constant."""
+        return True
 
     @abstractmethod
     def response(

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.cue import CUES, Cue, Match, PredictedTarget, SearchableCue
+from pf_tracker_ros.filter import ProposedBoxes
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
 
@@ -121,6 +122,7 @@ class CueFusion:
     Attributes:
         cue_weights: Name of a cue to its configured weight; they sum to 1.
         can_search: Whether any cue is searchable.
+        proposes: Whether any cue proposes boxes.
         context_margin: Largest margin around a box that a cue reads, in box sides.
         needs_foreground: Whether any cue reads the foreground.
         uses_center_box_size: Whether any cue reads every box in the size of `Region.center_box`.
@@ -138,6 +140,10 @@ class CueFusion:
         if not used:
             names = ", ".join(f"'{name}.weight'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
+        self.proposes = any(cue.proposes for cue, _ in used.values())
+        in_doubt = {name for name, (cue, _) in used.items() if cue.weighs_in_doubt}
+        # Without another cue, nothing would tell the doubt.
+        self._in_doubt = in_doubt if len(in_doubt) < len(used) else set[str]()
         total = sum(weight for _, weight in used.values())
         self._cues = {name: cue for name, (cue, _) in used.items()}
         self._searchable = {
@@ -153,16 +159,20 @@ class CueFusion:
         """Each cue's template of a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
-    def precompute(self, predicted_targets: Sequence[tuple[Region, Templates, Templates]]) -> None:
+    def precompute(
+        self, predicted_targets: Sequence[tuple[Region, Templates, Templates, float]]
+    ) -> None:
         """Compute maps of several regions at once; see `Cue.precompute`.
 
         Args:
-            predicted_targets: Region, templates and first templates of each target.
+            predicted_targets: Region, templates, first templates and doubt of each target.
         """
         for name, cue in self._cues.items():
             with_template = [
-                PredictedTarget(region, templates[name], first[name])
-                for region, templates, first in predicted_targets
+                PredictedTarget(
+                    region, templates[name], first[name], doubt if self._in_doubt else 1.0
+                )
+                for region, templates, first, doubt in predicted_targets
                 if name in templates
             ]
             if with_template:
@@ -210,7 +220,7 @@ class CueFusion:
         return {
             name: cue.response(region, boxes, templates[name])
             for name, cue in self._searchable.items()
-            if name in templates
+            if name in templates and cue.responds(region, templates[name])
         }
 
     def responses_on_grid(self, region: Region, grid: BoxGrid, templates: Templates) -> Responses:
@@ -218,7 +228,7 @@ class CueFusion:
         return {
             name: cue.response_on_grid(region, grid, templates[name])
             for name, cue in self._searchable.items()
-            if name in templates
+            if name in templates and cue.responds(region, templates[name])
         }
 
     def search(
@@ -242,19 +252,42 @@ class CueFusion:
                 fused += cue_weights[name] * cue.log_likelihood_on_grid(region, grid, template)
         return fused
 
-    def adapt(self, distractor_ratios: DistractorRatios, adaptation: float) -> CueWeights:
-        """The cue weights, raised for cues of below-average distractor ratio; they sum to 1."""
-        if not distractor_ratios or adaptation == 0.0:
-            return self.cue_weights
-        mean = sum(distractor_ratios.values()) / len(distractor_ratios)
-        cue_weights = {
-            name: weight
-            * min(
-                max(1.0 + adaptation * (mean - distractor_ratios.get(name, mean)), _MIN_FACTOR),
-                _MAX_FACTOR,
-            )
-            for name, weight in self.cue_weights.items()
-        }
+    def propose(self, region: Region, templates: Templates) -> ProposedBoxes | None:
+        """Boxes that the first cue with any proposes; None without one."""
+        for _, cue, template in self._with_template(templates):
+            proposed = cue.propose(region, template)
+            if proposed is not None:
+                return proposed
+        return None
+
+    def adapt(
+        self, distractor_ratios: DistractorRatios, adaptation: float, doubt: float = 1.0
+    ) -> CueWeights:
+        """The cue weights, raised for cues of below-average distractor ratio; they sum to 1.
+
+        Args:
+            distractor_ratios: Smoothed ratios.
+            adaptation: See `FusionParameters`.
+            doubt: Factor of the cues that weigh in doubt, 0 to 1.
+        """
+        cue_weights = self.cue_weights
+        if distractor_ratios and adaptation:
+            mean = sum(distractor_ratios.values()) / len(distractor_ratios)
+            cue_weights = {
+                name: weight
+                * min(
+                    max(1.0 + adaptation * (mean - distractor_ratios.get(name, mean)), _MIN_FACTOR),
+                    _MAX_FACTOR,
+                )
+                for name, weight in cue_weights.items()
+            }
+        elif not self._in_doubt:
+            return cue_weights
+        if self._in_doubt:
+            cue_weights = {
+                name: weight * doubt if name in self._in_doubt else weight
+                for name, weight in cue_weights.items()
+            }
         total = sum(cue_weights.values())
         return {name: weight / total for name, weight in cue_weights.items()}
 
@@ -288,6 +321,16 @@ class CueFusion:
             for name, cue, template in self._with_template(templates)
             for term, odds in cue.log_odds(observation[name], template, first[name]).items()
         }
+
+    def recognition(self, observation: Templates, templates: Templates) -> float:
+        """The largest recognition of any cue, see `Cue.recognition`."""
+        return max(
+            (
+                cue.recognition(observation[name], template)
+                for name, cue, template in self._with_template(templates)
+            ),
+            default=0.0,
+        )
 
     def update(self, templates: Templates, observation: Templates) -> Templates:
         """The templates, updated by the observation at a trusted estimate.

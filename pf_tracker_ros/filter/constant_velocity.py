@@ -97,6 +97,14 @@ class ConstantVelocity:
         """See `SearchableMotion.random_walk_std`."""
         return float(self._position_noise * np.sqrt(seconds))
 
+    def with_boxes(
+        self, states: NDArray[np.float64], boxes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """See `SearchableMotion.with_boxes`."""
+        moved = states.copy()
+        moved[:, :2] = boxes[:, :2] + boxes[:, 2:] / 2
+        return moved
+
     def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]
     ) -> NDArray[np.float64]:
@@ -154,6 +162,14 @@ class ConstantVelocityAndSize(ConstantVelocity):
         predicted[:, 4] *= np.exp(log_size + log_aspect / 2)
         predicted[:, 5] *= np.exp(log_size - log_aspect / 2)
         return predicted
+
+    def with_boxes(
+        self, states: NDArray[np.float64], boxes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """See `SearchableMotion.with_boxes`."""
+        moved = super().with_boxes(states, boxes)
+        moved[:, 4:6] = boxes[:, 2:]
+        return moved
 
     def constrain(
         self, states: NDArray[np.float64], image_size: tuple[int, int]

@@ -107,6 +107,11 @@ class SearchableMotion(MotionModel, Protocol):
     def random_walk_std(self, seconds: float) -> float:
         """Standard deviation of the center's random walk over a time, box sizes."""
 
+    def with_boxes(
+        self, states: NDArray[np.float64], boxes: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N, D) states moved to (N, 4) boxes, as far as the model has their sizes."""
+
 
 class KalmanFilteredMotion(MotionModel, Protocol):
     """A model with a Kalman filter, as the Kalman proposal needs it."""

@@ -18,6 +18,9 @@ from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 
+# Confidence from which on there is no doubt about an estimate, and below which there is most.
+_CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.6, 0.2
+
 
 @dataclass(frozen=True, eq=False)
 class SavedTemplates:
@@ -80,3 +83,9 @@ class FilterState:
     estimate: Estimate
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
+
+    @property
+    def doubt(self) -> float:
+        """Doubt that the last estimate is the target, 0 to 1."""
+        doubt = (_CERTAIN_ABOVE - self.estimate.confidence) / (_CERTAIN_ABOVE - _DOUBTFUL_BELOW)
+        return min(max(doubt, 0.0), 1.0)

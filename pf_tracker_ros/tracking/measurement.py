@@ -113,6 +113,7 @@ class Measurement(NamedTuple):
         cue_weights: Weights of the cues in this frame.
         seen: Each cue's observation of the box.
         match: Match of the observation with the templates.
+        recognition: See `CueFusion.recognition`.
         distractor_ratios: Smoothed ratio of each cue; see `cues.fusion.DistractorRatios`.
         search: The search; None without one.
         second_peak: (4,) likeliest box beside the estimate, pixels; None without a search.
@@ -134,6 +135,7 @@ class Measurement(NamedTuple):
     second_peak: NDArray[np.float64] | None = None
     distractor_box: NDArray[np.float64] | None = None
     transition_particles: ParticleSet | None = None
+    recognition: float = 0.0
 
     @property
     def particle_std(self) -> float:
@@ -247,6 +249,7 @@ class Measurer:
             seen=seen,
             match=match,
             distractor_ratios={},
+            recognition=self._fusion.recognition(seen, frame_prediction.filter_state.templates),
         )
 
     def covariance(
@@ -354,7 +357,7 @@ class SearchingMeasurer(Measurer):
         search = Search(prediction.particles.weights @ boxes, self._parameters, frame.size)
         region = self._region(
             frame,
-            search.cover(boxes),
+            search.cover(boxes, with_proposed=self._fusion.proposes),
             np.asarray(state.estimate.box),
             search.center_box,
             estimates_size=estimates_size,
@@ -372,7 +375,8 @@ class SearchingMeasurer(Measurer):
             return super().weigh(frame_prediction, external_likelihood)
         region, prediction = frame_prediction.region, frame_prediction.prediction
         motion, templates = cast(SearchableMotion, state.motion), state.templates
-        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation)
+        doubt = state.doubt
+        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation, doubt)
         responses = self._fusion.responses_on_grid(region, search.grid, templates)
         centers = motion.center_prior(state.particles.states, prediction.interval)
         grid_log_likelihood = self._fusion.search(
@@ -383,6 +387,16 @@ class SearchingMeasurer(Measurer):
         predicted, log_prior = search.propose(
             prediction.particles, motion, centers, grid_log_likelihood, frame_prediction.generator
         )
+        if proposed_boxes := self._fusion.propose(region, templates):
+            predicted, log_prior = search.propose_boxes(
+                predicted,
+                log_prior,
+                motion,
+                centers,
+                proposed_boxes,
+                doubt=doubt,
+                generator=frame_prediction.generator,
+            )
         boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
         return WeightedParticles(
@@ -408,7 +422,7 @@ class SearchingMeasurer(Measurer):
         ratios = search.distractor_ratios(box, at_target, responses)
         distractor_box = None
         # The product of each cue's largest ratio bounds the product of all cues at one box.
-        if math.prod(ratios.values()) >= _DISTRACTOR_ABOVE ** len(ratios):
+        if ratios and math.prod(ratios.values()) >= _DISTRACTOR_ABOVE ** len(ratios):
             distractor_box = search.distractor_box(box, at_target, responses, _DISTRACTOR_ABOVE)
         return self._measure_box(weighted, box)._replace(
             distractor_ratios=smooth_distractor_ratios(state.distractor_ratios, ratios),

@@ -17,27 +17,37 @@ _OUTLINE_SHARPNESS = 300.0
 # likelihood, exp(-lambda D^2 / 2), this is:
 _OUTLINE_UPDATE_ABOVE = math.exp(-_OUTLINE_SHARPNESS * (1.0 - 0.65) ** 2 / 2.0)
 
+_DEFAULT: dict[str, Any] = {
+    "particles": 200,
+    "follow_light": True,
+    "motion.model": "constant_velocity_and_size",
+    "motion.position_noise": 0.6,
+    "motion.size_noise": 0.05,
+    "motion.aspect_noise": 0.0,
+    "proposal.method": "search",
+    "proposal.share": 0.6,
+    "cues": ("color_contrast", "correlation_response"),
+    "template.update_above": 0.0,
+    "template.similarity_above": 0.33,
+    "track.occluded_below": 0.3,
+    "track.recovered_above": 0.52,
+    "track.confidence_rate": 0.1,
+    "track.occlusion_policy": "keep_tracking",
+}
+_LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
+# Values for several targets: fewer particles for each, and a narrower search, since similar targets
+# are often close. The foreground keeps a target off the static background that it passes.
+_DEFAULT_FOR_SEVERAL: dict[str, Any] = {
+    "particles": 100,
+    "proposal.window": 2.0,
+    "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
+    "foreground.sharpness": 60.0,
+}
+
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        "default": MappingProxyType(
-            {
-                "particles": 200,
-                "follow_light": True,
-                "motion.model": "constant_velocity_and_size",
-                "motion.position_noise": 0.6,
-                "motion.size_noise": 0.05,
-                "motion.aspect_noise": 0.0,
-                "proposal.method": "search",
-                "proposal.share": 0.6,
-                "cues": ("color_contrast", "correlation_response"),
-                "template.update_above": 0.0,
-                "template.similarity_above": 0.33,
-                "track.occluded_below": 0.3,
-                "track.recovered_above": 0.52,
-                "track.confidence_rate": 0.1,
-                "track.occlusion_policy": "keep_tracking",
-            }
-        ),
+        "default": MappingProxyType(_DEFAULT),
+        "learned": MappingProxyType(_LEARNED),
         "li2007": MappingProxyType(
             {
                 "particles": 60,
@@ -81,21 +91,17 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     }
 )
 
-
-# Values for several targets: fewer particles for each, and a narrower search, since similar targets
-# are often close. The foreground keeps a target off the static background that it passes.
 _FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
-        "default": MappingProxyType(
-            {
-                "particles": 100,
-                "proposal.window": 2.0,
-                "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
-                "foreground.sharpness": 60.0,
-            }
+        "default": MappingProxyType(_DEFAULT_FOR_SEVERAL),
+        "learned": MappingProxyType(
+            {**_DEFAULT_FOR_SEVERAL, "cues": (*_DEFAULT_FOR_SEVERAL["cues"], "siamese")}
         ),
     }
 )
+
+SELF_CONTAINED: tuple[str, ...] = tuple(name for name in PRESETS if name != "learned")
+"""Presets that need no file of a user; `learned` needs `siamese.model`."""
 
 
 def preset_parameters(name: str, max_targets: int = 1) -> dict[str, Any]:

@@ -197,7 +197,12 @@ class TargetFilter:
             )
         self._fusion.precompute(
             [
-                (one.region, one.filter_state.templates, one.filter_state.first_templates)
+                (
+                    one.region,
+                    one.filter_state.templates,
+                    one.filter_state.first_templates,
+                    one.filter_state.doubt,
+                )
                 for one in frame_predictions
             ]
         )

@@ -75,7 +75,7 @@ class TrackAssessor:
             state, measurement.seen, measurement.match, lambda: measurement.particle_std
         )
         # A target that matches its current templates is not lost, even if the first ones differ.
-        similarity = max(frame_confidence, measurement.match.similarity)
+        similarity = max(frame_confidence, measurement.match.similarity, measurement.recognition)
         known_distractor = state.known_distractor
         has_jumped = _jumped_to_second_peak(state, measurement)
         if has_jumped and frame_confidence >= thresholds.occluded_below:

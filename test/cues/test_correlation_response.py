@@ -364,7 +364,8 @@ def test_precomputing_for_several_targets_does_not_change_results(monkeypatch):
         if precomputes:
             cue.precompute(predicted_targets)
         found = []
-        for (region, template, first), (_, box, _) in zip(predicted_targets, targets, strict=True):
+        for predicted, (_, box, _) in zip(predicted_targets, targets, strict=True):
+            region, template, first, _ = predicted
             boxes, _ = boxes_around(box, 3)
             observation = cue.observe(region, box)
             found.append(cue.response(region, boxes, template).tolist())

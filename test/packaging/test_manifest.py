@@ -17,7 +17,17 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 # Imported only where an extra of setup.py has brought it, as the build farm takes no package of
 # pip, or, for the plugin of pytest, by pytest.
-OPTIONAL = {"av", "fsspec", "optuna", "playwright", "pyarrow", "pytest", "ray", "rosbags"}
+OPTIONAL = {
+    "av",
+    "fsspec",
+    "onnxruntime",
+    "optuna",
+    "playwright",
+    "pyarrow",
+    "pytest",
+    "ray",
+    "rosbags",
+}
 # What no import statement names: what reads bags where ROS is, found once a bag is opened, and the
 # messages that only `node.messages.new_message` makes, by the names of their types.
 FOUND_AT_RUN_TIME = {
@@ -28,8 +38,9 @@ FOUND_AT_RUN_TIME = {
     "tf2_ros_py",
     "vision_msgs",
 }
-# Of the benchmarks, which have an environment of their own.
-NOT_PINNED = {"particles"}
+# Of the benchmarks, which have an environment of their own; and a faster engine of networks, which
+# OpenCV runs as well.
+NOT_PINNED = {"onnxruntime", "particles"}
 # The rosdep keys of what is not a ROS package.
 ROSDEP_KEYS = {
     "PIL": "python3-pil",

@@ -18,10 +18,10 @@ from pf_tracker_ros.frames.exposure import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS
+from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
 
 WIDTH, HEIGHT, SIDE = 320, 240, 36
-every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
+every_preset = pytest.mark.parametrize("preset", sorted(SELF_CONTAINED))
 
 
 def texture(seed, shape, low, high):
@@ -403,7 +403,7 @@ def test_an_update_without_a_target_says_to_start():
 
 
 def test_an_unknown_preset_or_parameter_names_what_there_is():
-    with pytest.raises(ParameterError, match=r"'fast'; there are: default, li2007"):
+    with pytest.raises(ParameterError, match=r"'fast'; there are: default, learned, li2007"):
         Tracker.from_preset("fast")
     with pytest.raises(ParameterError, match=r"'particle'; did you mean 'particles'\?$"):
         Tracker.from_preset("default", parameters={"particle": 3})

@@ -6,7 +6,7 @@ from rclpy.parameter import Parameter
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
 RELIABLE = {"image_reliability": "reliable"}
 RCLPY_PARAMETERS = {"use_sim_time", "start_type_description_service"}
@@ -29,8 +29,8 @@ def corner(message):
 
 def test_every_change_of_the_preset_keeps_the_target(graph, client, images, boxes):
     graph.tracker(client, seed=1, **RELIABLE)
-    for before in PRESETS:
-        for after in PRESETS:
+    for before in SELF_CONTAINED:
+        for after in SELF_CONTAINED:
             assert client.set_parameters(preset=before, target_box=boxes[0]).successful
             client.show_all(images[:6])
             assert client.set_parameters(preset=after).successful
@@ -109,7 +109,7 @@ def test_the_valid_part_of_a_request_is_applied(graph, client):
     assert client.tunables() == preset_parameters("li2007") | {"particles": 31}
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", SELF_CONTAINED)
 def test_every_tunable_of_the_library_can_change_while_tracking(
     graph, client, images, preset, other_values
 ):

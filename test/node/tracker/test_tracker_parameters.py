@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
 QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
 # Including those of rclpy.
@@ -23,13 +23,13 @@ def get(client, *names):
     return [parameter_value_to_python(value) for value in response.values]
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", SELF_CONTAINED)
 def test_every_tunable_is_a_parameter_with_the_value_of_the_preset(graph, client, preset):
     graph.tracker(client, preset=preset)
     assert client.tunables() == preset_parameters(preset)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", SELF_CONTAINED)
 def test_a_node_has_the_parameters_of_all_parts_and_not_too_many(graph, client, preset):
     graph.tracker(client, preset=preset)
     names = client.parameter_names()
@@ -39,7 +39,7 @@ def test_a_node_has_the_parameters_of_all_parts_and_not_too_many(graph, client, 
     assert len(every) <= MAX_PARAMETERS
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", SELF_CONTAINED)
 def test_every_parameter_is_described_and_every_float_has_a_range(graph, client, preset):
     graph.tracker(client, preset=preset)
     response = client.call(client.parameters.describe_parameters, list(KNOWN))

@@ -7,12 +7,12 @@ import pytest
 from generate import generated_files
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
+from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
 DEADLINE = 20.0
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("preset", SELF_CONTAINED)
 def test_a_preset_file_is_a_valid_ros_parameter_file(graph, client, images, tmp_path, preset):
     path = tmp_path / "preset.yaml"
     path.write_text(generated_files()[f"config/{preset}.yaml"])

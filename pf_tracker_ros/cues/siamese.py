@@ -1,0 +1,243 @@
+"""Siamese cue: agreement of a box with the boxes that a small network finds.
+
+1. The network compares a crop around the predicted box with the target's first box. It returns a
+   box for each cell of the crop, with the probability s_i that it is the target.
+2. The response of a box X is that of the candidate that is most like it:
+
+       r(X) = max_i s_i exp(-d_i(X)^2 / 2)
+
+   d_i is the distance of the center, in box sides, and of the logarithms of width and height, each
+   in its standard deviation. The log likelihood falls linearly with the response.
+3. A share of the particles is moved to the candidates (`Search.propose_boxes`).
+4. Low log odds of the candidate at the estimate lower the confidence.
+
+The weight of the cue grows with the doubt about the last estimate: where the other cues are sure of
+it, they have the better box; where they are not, the network often still knows the target. The
+network runs at most once a frame for each target, around its predicted box; elsewhere the cue is
+silent. Its template is that of the first box, so it cannot drift.
+
+Sources: see `networks.siamese`; Okuma et al. 2004, "A boosted particle filter: multitarget
+detection and tracking" (particles at detections).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.boxes import BoxesByAxis, BoxGrid
+from pf_tracker_ros.cues.cue import (
+    CUES,
+    CueParameters,
+    Match,
+    PredictedTarget,
+    SearchableCue,
+    declared_weight,
+)
+from pf_tracker_ros.filter import ProposedBoxes
+from pf_tracker_ros.frames import Region
+from pf_tracker_ros.parameters import declared
+
+if TYPE_CHECKING:
+    from pf_tracker_ros.networks.siamese import Candidates, NetworkTemplate
+
+# Likeliest candidates that are compared with boxes.
+_COMPARED = 12
+# Standard deviations of a candidate's center, box sides, and of the logarithms of its sides.
+_CENTER_STD, _SIZE_STD = 0.35, 0.6
+# The log odds of a candidate at the estimate count against the target below the second value, down
+# to the first, by this slope. Higher ones add nothing: distractors have them, too.
+_LEAST_ODDS, _USUAL_ODDS, _ODDS_SLOPE = -3.0, 2.0, 0.5
+
+
+@dataclass(frozen=True)
+class SiameseParameters(CueParameters):
+    """The Siamese cue."""
+
+    weight: float = declared_weight(1.0)
+    model: str = declared(
+        "",
+        "Folder of the network, or the path of its description; see docs/learned.md.",
+        read_only=True,
+    )
+    engine: str = declared(
+        "auto",
+        "Library that runs the network. auto: ONNX Runtime where it is installed, else OpenCV.",
+        choices=("auto", "onnxruntime", "opencv"),
+        read_only=True,
+    )
+    when: str = declared(
+        "always",
+        "When the network runs. always: in every frame; doubtful: while the confidence is below "
+        "0.6, for less CPU time.",
+        choices=("always", "doubtful"),
+    )
+    sharpness: float = declared(
+        400.0,
+        "How fast the likelihood falls with a falling response.",
+        minimum=0.0,
+        maximum=1000.0,
+    )
+
+
+class SiameseObservation(NamedTuple):
+    """The box of an observation, and its region, which holds what the network found.
+
+    Attributes:
+        region: Region of the frame.
+        box: (4,) x, y, width, height in pixels.
+    """
+
+    region: Region
+    box: NDArray[np.float64]
+
+
+@CUES.register("siamese", SiameseParameters)
+class Siamese(SearchableCue):
+    """Agreement with the candidates of a Siamese network.
+
+    Args:
+        parameters: Network and sharpness.
+
+    Raises:
+        ParameterError: The network cannot be used; the message says why.
+    """
+
+    proposes = True
+    weighs_in_doubt = True
+
+    def __init__(self, parameters: SiameseParameters) -> None:
+        # Imported here: nothing but this cue needs it.
+        from pf_tracker_ros.networks.siamese import SiameseNetwork
+
+        self._network = SiameseNetwork(parameters.model, parameters.engine)
+        self._only_in_doubt = parameters.when == "doubtful"
+        self._sharpness = parameters.sharpness
+
+    def learn(self, region: Region, box: NDArray[np.float64]) -> NetworkTemplate:
+        """See `Cue.learn`."""
+        return self._network.learn(region.frame, box)
+
+    def observe(self, region: Region, box: NDArray[np.float64]) -> SiameseObservation:
+        """See `Cue.observe`."""
+        return SiameseObservation(region, box)
+
+    def template_from(self, observation: SiameseObservation) -> NetworkTemplate:
+        """See `Cue.template_from`."""
+        return self.learn(observation.region, observation.box)
+
+    def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
+        """See `Cue.precompute`; without it, the cue is silent in a region."""
+        for one in predicted_targets:
+            if one.doubt > 0.0 or not self._only_in_doubt:
+                region = one.region
+                found = self._network.find(region.frame, one.template, region.center_box)
+                region.store(_key(one.template), found.likeliest(_COMPARED))
+
+    def responds(self, region: Region, template: NetworkTemplate) -> bool:
+        """See `SearchableCue.responds`."""
+        return _found(region, template) is not None
+
+    def response(
+        self, region: Region, boxes: NDArray[np.float64], template: NetworkTemplate
+    ) -> NDArray[np.float64]:
+        """See `SearchableCue.response`; 0 where the cue is silent."""
+        return self._response(region, BoxesByAxis(*boxes.T), template, _SIZE_STD)
+
+    def response_on_grid(
+        self, region: Region, grid: BoxGrid, template: NetworkTemplate
+    ) -> NDArray[np.float64]:
+        """See `SearchableCue.response_on_grid`; the size is left out, as all have the same."""
+        return self._response(region, grid.by_axis, template, math.inf)
+
+    def _response(
+        self, region: Region, boxes: BoxesByAxis, template: NetworkTemplate, size_std: float
+    ) -> NDArray[np.float64]:
+        found = _found(region, template)
+        shape = np.broadcast(*boxes).shape
+        if found is None:
+            return np.zeros(math.prod(shape))
+        probabilities = found.probabilities.reshape(-1, *[1] * len(shape))
+        likeness = np.exp(_log_likeness(found.boxes, boxes, size_std))
+        responses: NDArray[np.float64] = probabilities * likeness
+        return responses.max(axis=0).ravel()
+
+    def log_likelihood_of(
+        self, response: NDArray[np.float64], template: NetworkTemplate
+    ) -> NDArray[np.float64]:
+        """See `SearchableCue.log_likelihood_of`."""
+        return -self._sharpness * (1.0 - response)
+
+    def propose(self, region: Region, template: NetworkTemplate) -> ProposedBoxes | None:
+        """See `Cue.propose`."""
+        found = _found(region, template)
+        return None if found is None else ProposedBoxes(found.boxes, found.probabilities)
+
+    def match(self, observation: SiameseObservation, template: NetworkTemplate) -> Match | None:
+        """See `Cue.match`; the other cues decide what is learned."""
+        return None
+
+    def log_odds(
+        self, observation: SiameseObservation, template: NetworkTemplate, first: NetworkTemplate
+    ) -> dict[str, float]:
+        """See `Cue.log_odds`."""
+        odds = _odds_at(observation, template)
+        if odds is None:
+            return {}
+        return {"score": _ODDS_SLOPE * (min(max(odds, _LEAST_ODDS), _USUAL_ODDS) - _USUAL_ODDS)}
+
+    def recognition(self, observation: SiameseObservation, template: NetworkTemplate) -> float:
+        """See `Cue.recognition`: the probability of the candidate there."""
+        odds = _odds_at(observation, template)
+        return 0.0 if odds is None else 0.5 * (1.0 + math.tanh(odds / 2))
+
+    def blend(self, template: NetworkTemplate, observation: SiameseObservation) -> NetworkTemplate:
+        """See `Cue.blend`; the template stays."""
+        return template
+
+
+def _odds_at(observation: SiameseObservation, template: NetworkTemplate) -> float | None:
+    """Log odds of the best candidate at the observed box; None where the cue is silent."""
+    found = _found(observation.region, template)
+    if found is None:
+        return None
+    log_likeness = _log_likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
+    return float((found.log_odds + log_likeness).max())
+
+
+def _log_likeness(
+    candidates: NDArray[np.float64], boxes: BoxesByAxis, size_std: float
+) -> NDArray[np.float64]:
+    """(K, ...) logarithm of the likeness, 0 to 1, of boxes to (K, 4) candidates.
+
+    Args:
+        candidates: Boxes of the network, pixels.
+        boxes: The boxes, pixels.
+        size_std: Standard deviation of the logarithms of the sides.
+    """
+    x, y, width, height = boxes
+    dimensions = np.broadcast(*boxes).ndim
+    left, top, widths, heights = (values.reshape(-1, *[1] * dimensions) for values in candidates.T)
+    across = (x + width / 2 - left - widths / 2) / (_CENTER_STD * width)
+    down = (y + height / 2 - top - heights / 2) / (_CENTER_STD * height)
+    wider = np.log(width / widths) / size_std
+    higher = np.log(height / heights) / size_std
+    squared = np.square(across) + np.square(down) + np.square(wider) + np.square(higher)
+    log_likeness: NDArray[np.float64] = -0.5 * squared
+    return log_likeness
+
+
+def _found(region: Region, template: NetworkTemplate) -> Candidates | None:
+    """What the network found in a region; None where it did not run."""
+    found: Candidates | None = region.cached(_key(template), lambda: None)
+    return found
+
+
+def _key(template: NetworkTemplate) -> object:
+    """Key of the candidates in a region's cache."""
+    return "siamese candidates", template

@@ -1,0 +1,185 @@
+"""The preset `learned` on small networks: it follows and repeats itself, or is refused."""
+
+import copy
+import pickle
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros import Detections, MultiTracker, Tracker
+from pf_tracker_ros.boxes import BoxGrid
+from pf_tracker_ros.cues.cue import PredictedTarget
+from pf_tracker_ros.cues.siamese import Siamese, SiameseParameters
+from pf_tracker_ros.frames import Frame, Region
+from pf_tracker_ros.parameters import ParameterError
+
+TIMEOUT = 60.0
+INTERVAL = 0.04
+BOX = np.array([120.0, 100.0, 40.0, 40.0])
+
+
+def learned(model, seed=0, kind=Tracker, **parameters):
+    values = {"siamese.model": str(model), "siamese.engine": "opencv", **parameters}
+    return kind.from_preset("learned", seed=seed, parameters=values)
+
+
+@pytest.fixture
+def walk(picture):
+    """Images of a target that moves to the right."""
+    return [picture((120 + 3 * frame, 100)) for frame in range(12)]
+
+
+def followed(tracker, images, box=BOX):
+    tracker.start(images[0], tuple(box))
+    return [tracker.update(image, INTERVAL) for image in images[1:]]
+
+
+@pytest.fixture
+def make_region(model, picture):
+    """The cue, its template, and a region that it has seen or not, of a target at (130, 100)."""
+
+    def make(doubt=1.0, **parameters):
+        cue = Siamese(SiameseParameters(model=str(model), engine="opencv", **parameters))
+        template = cue.learn(Region(Frame(picture((120, 100))), BOX[None]), BOX)
+        region = Region(Frame(picture((130, 100))), BOX[None], center_box=BOX)
+        cue.precompute([PredictedTarget(region, template, template, doubt)])
+        return cue, template, region
+
+    return make
+
+
+def test_the_response_is_highest_at_the_candidate_and_falls_as_a_gaussian(make_region):
+    cue, template, region = make_region()
+    there = np.array([130.0, 100.0, 40.0, 40.0])
+    beside = there + [0.0, 14.0, 0.0, 0.0]
+    larger = np.array([126.0, 96.0, 48.0, 48.0])
+    at, off, wide = cue.response(region, np.array([there, beside, larger]), template)
+    assert at > 0.95
+    # 14 px are one standard deviation of .35 sides; both sides are larger by ln 1.2.
+    assert off / at == pytest.approx(np.exp(-0.5), abs=1e-6)
+    assert wide / at == pytest.approx(np.exp(-((np.log(1.2) / 0.6) ** 2)), abs=1e-6)
+    assert cue.log_likelihood(region, there[None], template) == pytest.approx(-400 * (1 - at))
+
+
+def test_a_grid_is_read_like_its_boxes(make_region):
+    cue, template, region = make_region()
+    grid = BoxGrid(np.array([110.0, 130.0]), np.array([90.0, 100.0, 110.0]), BOX[2:])
+    expected = cue.response(region, grid.boxes, template)
+    assert cue.response_on_grid(region, grid, template) == pytest.approx(expected)
+
+
+def test_candidates_are_proposed_and_only_their_absence_lowers_the_confidence(make_region):
+    cue, template, region = make_region()
+    proposed = cue.propose(region, template)
+    assert proposed.boxes[0] == pytest.approx([130, 100, 40, 40])
+    at, away = (
+        cue.log_odds(cue.observe(region, box), template, template)["score"]
+        for box in (proposed.boxes[0], proposed.boxes[0] + [120, 0, 0, 0])
+    )
+    assert at == 0.0
+    assert away == -2.5
+
+
+def test_a_candidate_is_recognized(make_region):
+    cue, template, region = make_region()
+    box = cue.propose(region, template).boxes[0]
+    assert cue.recognition(cue.observe(region, box), template) > 0.9
+    assert cue.recognition(cue.observe(region, box + [120, 0, 0, 0]), template) < 0.01
+
+
+def test_only_in_doubt_it_is_silent_otherwise(make_region):
+    cue, template, region = make_region(doubt=0.0, when="doubtful")
+    assert not cue.responds(region, template)
+    assert not cue.response(region, BOX[None], template).any()
+    assert cue.propose(region, template) is None
+    assert cue.log_odds(cue.observe(region, BOX), template, template) == {}
+    cue, template, region = make_region(doubt=0.2, when="doubtful")
+    assert cue.responds(region, template)
+
+
+@pytest.mark.parametrize("when", ["always", "doubtful"])
+@pytest.mark.parametrize(
+    "convert",
+    [
+        lambda image: image,
+        lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.uint16) * 40 + 7000,
+    ],
+)
+def test_the_target_is_followed_and_every_run_has_the_same_bits(model, walk, when, convert):
+    images = [convert(image) for image in walk]
+    one, other = (followed(learned(model, **{"siamese.when": when}), images) for _ in range(2))
+    assert one == other
+    assert one[-1].box == pytest.approx([153, 100, 40, 40], abs=6.0)
+    assert one[-1].state == "tracking"
+    assert "siamese" in one[-1].cue_weights
+
+
+def test_a_jump_is_found_where_the_other_cues_are_in_doubt(model, picture):
+    """By more than a side, beyond what the motion model expects."""
+    images = [picture((120, 100))] * 4 + [picture((165, 110))] * 3
+    assert followed(learned(model), images)[-1].box == pytest.approx([165, 110, 40, 40], abs=4.0)
+
+
+@pytest.mark.parametrize("when", ["always", "doubtful"])
+def test_it_follows_a_target_alone(model, walk, when):
+    tracker = learned(model, cues=("siamese",), **{"siamese.when": when})
+    assert followed(tracker, walk)[-1].box == pytest.approx([153, 100, 40, 40], abs=6.0)
+
+
+def test_copies_and_pickles_go_on_with_the_same_bits(model, walk):
+    tracker = learned(model)
+    followed(tracker, walk[:5])
+    again = [copy.copy(tracker), copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))]
+    expected = [tracker.update(image, INTERVAL) for image in walk[5:]]
+    for one in again:
+        assert [one.update(image, INTERVAL) for image in walk[5:]] == expected
+
+
+def test_several_targets_are_followed_with_late_detections(model, picture):
+    pytest.importorskip("scipy")
+    tracker = learned(model, kind=MultiTracker, max_targets=3)
+    places = [((60 + 3 * frame, 40), (220 - 3 * frame, 150)) for frame in range(10)]
+    first = picture(*places[0])
+    ids = [tracker.start(first, (*place, 40, 40)) for place in places[0]]
+    for index, both in enumerate(places):
+        late = None
+        if index == 6:
+            late = Detections([[*place, 40, 40] for place in places[4]], age=2 * INTERVAL)
+        targets = tracker.update(picture(*both), INTERVAL, late)
+    assert [target.id for target in targets] == ids
+    for target, place in zip(targets, places[-1], strict=True):
+        assert target.estimate.box == pytest.approx([*place, 40, 40], abs=4.0)
+
+
+def test_a_preset_without_a_model_is_refused_and_the_tracker_goes_on(walk):
+    with pytest.raises(ParameterError, match=r"'siamese\.model' is empty.*docs/learned\.md"):
+        Tracker.from_preset("learned")
+    tracker = Tracker.from_preset("default")
+    tracker.start(walk[0], tuple(BOX))
+    with pytest.raises(ParameterError, match=r"siamese\.model"):
+        tracker.set_parameters({"cues": ("color_contrast", "correlation_response", "siamese")})
+    assert tracker.update(walk[1], INTERVAL).state == "tracking"
+
+
+def test_a_cue_that_is_switched_on_while_tracking_learns_the_target(model, walk):
+    tracker = Tracker.from_preset(
+        "default", parameters={"siamese.model": str(model), "siamese.engine": "opencv"}
+    )
+    followed(tracker, walk[:5])
+    tracker.set_parameters({"cues": ("color_contrast", "correlation_response", "siamese")})
+    for image in walk[5:]:
+        estimate = tracker.update(image, INTERVAL)
+    assert "siamese" in estimate.cue_weights
+    assert estimate.box == pytest.approx([153, 100, 40, 40], abs=3.0)
+
+
+def test_other_presets_import_nothing_of_it():
+    code = (
+        "import sys; from pf_tracker_ros import Tracker; Tracker.from_preset('default')\n"
+        "added = [one for one in sys.modules if one.partition('.')[0] != 'cv2']\n"
+        "assert not [one for one in added if 'networks' in one or 'onnx' in one or 'yaml' in one]"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=TIMEOUT)

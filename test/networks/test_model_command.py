@@ -1,0 +1,44 @@
+"""The command `model` writes and checks descriptions."""
+
+import pytest
+
+from pf_tracker_ros.networks.command_line import main
+
+
+def test_check_describes_a_network(model, capsys):
+    assert main(["check", str(model), "--engine", "opencv"]) == 0
+    output = capsys.readouterr().out
+    for expected in ("a correlation in", "CC0-1.0", "cells:   256", "with opencv", "It runs"):
+        assert expected in output
+
+
+def test_check_says_what_is_wrong(model, capsys):
+    (model / "correlation.onnx").unlink()
+    assert main(["check", str(model)]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("model: error: the network a correlation needs ")
+
+
+def test_add_writes_a_description_with_hashes(copy_files, capsys):
+    folder = copy_files(object_tracking_vittrack_2023sep="vittrack")
+    assert main(["add", "vittrack", str(folder)]) == 0
+    assert "Apache-2.0" in capsys.readouterr().out
+    assert "sha256: " in (folder / "model.yaml").read_text()
+    assert main(["check", str(folder)]) == 0
+    assert main(["add", "vittrack", str(folder)]) == 1
+    assert "model.yaml" in capsys.readouterr().err
+
+
+def test_add_names_a_missing_file_and_where_it_comes_from(tmp_path, capsys):
+    assert main(["add", "vittrack", str(tmp_path)]) == 1
+    error = capsys.readouterr().err
+    assert "object_tracking_vittrack_2023sep.onnx is missing" in error
+    assert "https://github.com/opencv/opencv_zoo" in error
+
+
+@pytest.mark.parametrize("arguments", [[], ["add", "unknown", "."], ["check"]])
+def test_wrong_arguments_are_refused(arguments, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.startswith("usage") is False
