@@ -8,7 +8,7 @@ from rclpy.node import Node
 
 _RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _SUFFIX = "/compressed"
-_TRACKER_OUTPUTS = ("overlay", "likelihood")
+_TRACKER_OUTPUTS = ("overlay", "likelihood", "target_probability")
 _MAX_NAMED = 3
 
 

@@ -54,6 +54,7 @@ INACTIVE = [
     "/pf_tracker/overlay",
     "/pf_tracker/particles",
     "/pf_tracker/status",
+    "/pf_tracker/target_probability",
 ]
 SUBSCRIBED = [f"/pf_tracker/{name}" for name in ("click", "select", "stop_target", "target")]
 ACTIVE = ["/image", *INACTIVE, *SUBSCRIBED]

@@ -98,6 +98,13 @@ README = [
         "tracked",
     ),
     GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
+    GoesOn(
+        f"{LAUNCH} follow.launch.py image:=/camera/image_raw camera_height:=1.2 "
+        "built_in_detector:=people",
+        node="/localizer",
+        prints="camera_info on /camera/camera_info",
+        ends=(f"{LAUNCH} detector",),
+    ),
 ]
 
 FIRST_STEPS = [
