@@ -6,6 +6,8 @@ from typing import Any
 
 NANOSECONDS = 1_000_000_000
 """Nanoseconds in a second."""
+LATE_WITHIN = NANOSECONDS
+"""Largest age of a late image, nanoseconds; an older one is a jump of time."""
 
 
 def split_stamp(stamp: int) -> tuple[int, int]:

@@ -11,7 +11,7 @@ import heapq
 from collections.abc import Iterable, Iterator
 
 from pf_tracker_ros.footage.bags import BagImage
-from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN
+from pf_tracker_ros.stamps import LATE_WITHIN
 
 WINDOW = 8
 """Number of images that wait, in serialized form."""

@@ -16,12 +16,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.stamps import LATE_WITHIN, NANOSECONDS
 
 FrameOrder = Literal["next", "duplicate", "late", "jump"]
-
-# Largest age of a late frame; an older one is a jump.
-LATE_WITHIN = NANOSECONDS
 
 # Largest number of late frames in a row; one more is a jump, as of a recording of under a second.
 _MAX_LATE = 9

@@ -6,9 +6,10 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.stamps import LATE_WITHIN
 from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, TimePolicy
+from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 

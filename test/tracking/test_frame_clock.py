@@ -2,7 +2,8 @@
 
 import pytest
 
-from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN, FrameClock, is_due
+from pf_tracker_ros.stamps import LATE_WITHIN
+from pf_tracker_ros.tracking.frame_clock import FrameClock, is_due
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -23,9 +23,8 @@ from pf_tracker_ros.messages import WARN, Status, status_message
 from pf_tracker_ros.node.image_topics import image_publisher_hint
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
-from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.stamps import LATE_WITHIN, NANOSECONDS
 from pf_tracker_ros.topics import SKIPPED, StatusValues
-from pf_tracker_ros.tracking.frame_clock import LATE_WITHIN
 
 # With fewer intervals there is no estimate.
 _MIN_INTERVALS = 10
