@@ -34,6 +34,7 @@ LAYERS = (
     {"formats"},
     {"decoding", "overlay"},
     {"topics", "world_messages"},
+    {"localization"},
     {"evaluation"},
     {"pages"},
     {"recordings"},
