@@ -64,7 +64,7 @@ class LocalizerNode(ManagedNode):
         super().__init__("localizer", **options)
         log = self.get_logger()  # type: ignore[no-untyped-call]
         self._log = log
-        self._problems = Problems(log)
+        self._problems = Problems(log.warning)
         self._binding = ParameterBinding(self)
         self._binding.declare(LocalizerParameters)
         self._binding.listen(apply=self._apply)

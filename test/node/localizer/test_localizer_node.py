@@ -275,7 +275,8 @@ def test_of_two_depths_in_a_box_that_of_the_targets_colors_counts(scene, make_lo
         scene.send("pf_tracker/target_probability", given.gray(stamp, probability))
         scene.wait_for(
             lambda before=before: (
-                localizer._inputs.depth.arrivals.count > before[0] and colors.arrivals.count > before[1]
+                localizer._inputs.depth.arrivals.count > before[0]
+                and colors.arrivals.count > before[1]
             ),
             "depth and colors",
         )
