@@ -12,6 +12,8 @@ r"""Writes a bag of a rendered room with exact truth, to try positions in meters
 | /odom | the robot's base, 50 Hz |
 | /ground_truth | box of the first walker, also behind others |
 | /truth/walker_N | where each walker is, geometry_msgs/PoseStamped |
+
+room.target.yaml beside it has the boxes of the people in the first frame.
 """
 
 from __future__ import annotations
@@ -36,6 +38,8 @@ from world_room import (
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.bag_writing import BagWriter
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
+from pf_tracker_ros.recordings.sidecar_files import target_file
+from pf_tracker_ros.recordings.target import Target, file_text
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import CameraModel
 
@@ -109,6 +113,16 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
         for log_time, topic, message in sorted(messages, key=lambda one: one[0]):
             writer.write_message(topic, log_time, message)
     return frames
+
+
+def first_targets(frame: RoomFrame, count: int) -> list[Target]:
+    """The first walkers in sight in a frame, as targets of `track`."""
+    size = frame.image.shape[1], frame.image.shape[0]
+    return [
+        Target(box, stamp=stamp_at(frame.time), frame=0, image_size=size, label=f"walker {number}")
+        for number, box in enumerate(frame.boxes[:count], start=1)
+        if box
+    ]
 
 
 def _pose(writer: BagWriter, x: float, y: float, yaw: float) -> Any:
@@ -190,7 +204,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     base = driving(0.15, 0.2, float(np.radians(options.turn)))
     room = Room((*WALKERS, PILLAR), base, seed=options.seed)
     try:
-        write_room(room, options.bag, options.frames, options.latency)
+        frames = write_room(room, options.bag, options.frames, options.latency)
+        targets = first_targets(frames[0], len(WALKERS))
+        text = file_text(targets, options.bag, "as they were rendered")
+        target_file(options.bag).write_text(text, encoding="utf-8")
     except (FootageError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1

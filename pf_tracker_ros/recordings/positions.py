@@ -138,10 +138,18 @@ class RecordedPositions:
         Raises:
             FootageError: The bag cannot be read.
         """
-        self.notes.clear()
-        with closing(tracking), closing(_Pass(self._path, self._topics, self.notes)) as one_pass:
+        with closing(tracking), closing(self.open()) as sensors:
             for tracked in tracking:
-                yield replace(tracked, located=one_pass.locate(tracked, self.parameters))
+                yield replace(tracked, located=_located(tracked, sensors))
+
+    def open(self) -> RecordedSensors:
+        """Begin a pass through the sensors of the bag.
+
+        Raises:
+            FootageError: The bag cannot be read.
+        """
+        self.notes.clear()
+        return RecordedSensors(self._path, self._topics, self.parameters, self.notes)
 
 
 class _Topic:
@@ -153,10 +161,24 @@ class _Topic:
         self.is_silent = topic is None
 
 
-class _Pass:
-    """One pass through the sensors of a bag; arguments as the attributes of `RecordedPositions`."""
+class RecordedSensors:
+    """Locates frames in order, with the sensors of a bag.
 
-    def __init__(self, path: Path, topics: Mapping[str, BagTopic], notes: list[str]) -> None:
+    Args:
+        path: The bag.
+        topics: Name of each recorded sensor to its topic.
+        parameters: Of the localizer.
+        notes: Gets a sentence for what is wrong with the sensors.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Mapping[str, BagTopic],
+        parameters: LocalizerParameters,
+        notes: list[str],
+    ) -> None:
+        self._parameters = parameters
         self._sources = {name: _Topic(topics.get(name)) for name in SENSORS}
         self._stores = {
             kind.store.name: kind.store(self._sources[kind.store.name]) for kind in _KINDS
@@ -183,21 +205,27 @@ class _Pass:
         """Close the bag."""
         self._messages.close()
 
-    def locate(self, tracked: TrackedFrame, parameters: LocalizerParameters) -> LocatedFrame:
-        """Locate the targets of a frame."""
-        frame = _reported(tracked)
+    def locate(
+        self,
+        frame: TrackerFrame,
+        log_time: int,
+        probability: Callable[[], NDArray[np.float64] | None] = lambda: None,
+    ) -> LocatedFrame:
+        """Locate the targets of a frame.
+
+        Args:
+            frame: Of the tracker.
+            log_time: When its image was recorded, nanoseconds.
+            probability: As for `FrameLocalizer.locate`.
+        """
         if frame.stamp <= 0:
             return self._frames.located(frame, "the images have no stamps, which positions need")
-        time = tracked.frame.log_time
-        self._read_until(time)
+        self._read_until(log_time)
         while True:
-            is_last_chance = self._next is None or self._next.log_time > time + _LOOK_AHEAD
+            is_last_chance = self._next is None or self._next.log_time > log_time + _LOOK_AHEAD
             try:
                 return self._frames.locate(
-                    frame,
-                    parameters,
-                    lambda: _probability(tracked),
-                    is_last_chance=is_last_chance,
+                    frame, self._parameters, probability, is_last_chance=is_last_chance
                 )
             except NotYetError:
                 self._read_next()
@@ -273,6 +301,10 @@ def _choose(
             f"--world-topic {name}=TOPIC, or {name}= for none"
         )
     return next(iter(named.values()), None)
+
+
+def _located(tracked: TrackedFrame, sensors: RecordedSensors) -> LocatedFrame:
+    return sensors.locate(_reported(tracked), tracked.frame.log_time, lambda: _probability(tracked))
 
 
 def _reported(tracked: TrackedFrame) -> TrackerFrame:

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _SIZE = (4.4, 2.5)
 _TALL = (4.4, 3.3)
 _SQUARE = (5.6, 4.8)
+# Arrows where the camera looks.
+_ARROWS = 4
 # Placeholder color to CSS variable.
 _PAGE_COLORS = {
     "#010101": "var(--ink)",
@@ -110,7 +112,7 @@ def _view_from_above(view: GroundView) -> Figure:
     if len(view.camera):
         axes.plot(*view.camera.T, color=_INK, linewidth=1.0, label="camera")
         length = 0.08 * max(np.ptp(axes.dataLim.intervalx), np.ptp(axes.dataLim.intervaly), 1.0)
-        for index in sorted({0, len(view.camera) // 2, len(view.camera) - 1}):
+        for index in np.linspace(0, len(view.camera) - 1, _ARROWS).astype(int):
             start, end = view.camera[index], view.camera[index] + length * view.axes[index]
             arrow = {"arrowstyle": "->", "color": _INK, "linewidth": 0.8}
             axes.annotate("", xy=end, xytext=start, arrowprops=arrow)
