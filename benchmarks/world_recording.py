@@ -182,7 +182,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         description=str(__doc__), formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("bag", type=Path, help="the new bag, such as room.mcap")
-    parser.add_argument("--frames", type=int, default=150, help="(default: %(default)s)")
+    parser.add_argument("--frames", type=int, default=80, help="(default: %(default)s)")
+    parser.add_argument(
+        "--rate", type=float, default=10.0, metavar="HZ", help="of frames (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
     parser.add_argument(
         "--turn",
@@ -199,10 +202,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="by which images and depth arrive late (default: %(default)s)",
     )
     options = parser.parse_args(argv)
-    if options.frames < 1 or options.latency < 0.0:
-        parser.error("--frames is at least 1, and --latency at least 0")
+    if options.frames < 1 or options.latency < 0.0 or not options.rate > 0.0:
+        parser.error("--frames is at least 1, --latency at least 0, --rate above 0")
     base = driving(0.15, 0.2, float(np.radians(options.turn)))
-    room = Room((*WALKERS, PILLAR), base, seed=options.seed)
+    room = Room((*WALKERS, PILLAR), base, rate=options.rate, seed=options.seed)
     try:
         frames = write_room(room, options.bag, options.frames, options.latency)
         targets = first_targets(frames[0], len(WALKERS))

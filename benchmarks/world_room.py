@@ -172,14 +172,15 @@ class Room:
         image, depth = _background(rays, base, textures)
         positions = np.array([walker.path(time) for walker in self.walkers])
         owner = np.full(depth.shape, -1)
-        alone = np.full(depth.shape, np.inf)
         boxes, sizes = [], []
         for number, walker in enumerate(self.walkers):
             person = _seen_from(base, positions[number], walker, time)
-            mask = renderer.add(rays, alone.copy(), person)
+            alone = np.full(depth.shape, np.inf)
+            mask = renderer.add(rays, alone, person)
             boxes.append(box_around(mask) if mask.any() else None)
             sizes.append(int(mask.sum()))
-            shown = renderer.add(rays, depth, person)
+            shown = alone < depth
+            depth[shown] = alone[shown]
             owner[shown] = number
             level = (CAMERA_HEIGHT - depth[shown] * rays[shown][:, 2]) / walker.height
             image[shown] = _colors(walker, level, generator)
@@ -231,7 +232,9 @@ def _background(
     across = np.where(is_wall, _RADIUS * np.arctan2(y, x), x)
     upward = np.where(is_wall, height, y)
     maps = [_folded(_SCALE * one) for one in (across, upward)]
-    shades = [cv2.remap(one, *maps, cv2.INTER_LINEAR) for one in textures]
+    shades = [
+        cv2.remap(one, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT) for one in textures
+    ]
     colors = np.where(
         is_wall[..., None],
         np.array([150.0, 165.0, 170.0]) * (0.5 + 0.6 * shades[1][..., None]),

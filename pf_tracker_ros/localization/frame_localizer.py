@@ -18,7 +18,7 @@ from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.localization.problems import Problems
 from pf_tracker_ros.localization.sensors import (
     BasePoses,
-    Calibration,
+    CameraCalibration,
     DepthImages,
     Gravity,
     NotYetError,
@@ -45,7 +45,7 @@ class Sensors:
         transforms: Of tf2; None without.
     """
 
-    calibration: Calibration
+    calibration: CameraCalibration
     depth: DepthImages
     base: BasePoses
     gravity: Gravity

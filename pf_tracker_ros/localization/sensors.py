@@ -120,7 +120,7 @@ class Store:
         raise NotImplementedError
 
 
-class Calibration(Store):
+class CameraCalibration(Store):
     """The calibration on `camera_info`."""
 
     name = "camera_info"

@@ -35,7 +35,7 @@ from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.localization.problems import Problems
 from pf_tracker_ros.localization.sensors import (
     BasePoses,
-    Calibration,
+    CameraCalibration,
     DepthImages,
     Gravity,
     NotYetError,
@@ -79,7 +79,7 @@ _DESERIALIZERS: Mapping[str, Callable[[bytes], Any]] = {
     _IMU: deserialize_imu,
 }
 _KINDS = (
-    _Kind(Calibration, (_CAMERA_INFO,)),
+    _Kind(CameraCalibration, (_CAMERA_INFO,)),
     _Kind(DepthImages, (IMAGE_TYPE, COMPRESSED_IMAGE_TYPE), "depth"),
     _Kind(BasePoses, (_ODOMETRY,)),
     _Kind(Gravity, (_IMU,)),
@@ -123,7 +123,7 @@ class RecordedPositions:
             kind.store.name: _choose(path, recorded, kind, given.get(kind.store.name))
             for kind in _KINDS
         }
-        if chosen[Calibration.name] is None:
+        if chosen[CameraCalibration.name] is None:
             raise RecordingError(
                 f"{path} has no CameraInfo, which --world needs; record camera_info with the images"
             )
@@ -187,7 +187,7 @@ class RecordedSensors:
         calibration, depth, base, gravity = self._stores.values()
         self._frames = FrameLocalizer(
             Sensors(
-                cast(Calibration, calibration),
+                cast(CameraCalibration, calibration),
                 cast(DepthImages, depth),
                 cast(BasePoses, base),
                 cast(Gravity, gravity),
@@ -197,9 +197,11 @@ class RecordedSensors:
         self._messages = _merged(path, topics)
         self._next = next(self._messages, None)
         # The first calibration may have been recorded after the first image.
-        with closing(read_topic(path, topics[Calibration.name].name)) as infos:
+        with closing(read_topic(path, topics[CameraCalibration.name].name)) as infos:
             for _, message in islice(infos, 1):
-                self._take(_Recorded(0, topics[Calibration.name], Calibration.name, message))
+                self._take(
+                    _Recorded(0, topics[CameraCalibration.name], CameraCalibration.name, message)
+                )
 
     def close(self) -> None:
         """Close the bag."""

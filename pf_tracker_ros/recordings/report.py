@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.reports.content import (
+    GroundRegion,
     GroundTrack,
     GroundView,
-    Region,
     SequenceContent,
     forward_fill,
 )
@@ -273,7 +273,7 @@ class _GroundPaths:
         # The last one, and others at equal distances before it.
         step = max(1, math.ceil(length / _MAX_REGIONS))
         regions = [
-            Region(
+            GroundRegion(
                 float(one.position[0]),
                 float(one.position[1]),
                 *region_90(one.covariance[:2, :2]),

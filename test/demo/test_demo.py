@@ -212,6 +212,19 @@ def test_the_demo_ends_with_a_page_of_files_beside_it(demo):
     assert "--detector people" in text
 
 
+def test_the_demo_ends_with_people_seen_from_above(demo):
+    folder = demo[0] / "room"
+    capture = cv2.VideoCapture(str(folder / "overlay.webm"))
+    assert capture.read()[0]
+    with (folder / "tracked" / "boxes.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["id"] for row in rows if row["position_x"]} == {"1", "2"}
+    page = (demo[0] / "index.html").read_text()
+    shown = page[page.index("positions in meters") :]
+    assert "x in odom, m" in shown[: shown.index("</svg>")]
+    assert "track demo/room" in page or f"track {folder}" in page
+
+
 @every_clip
 def test_the_table_names_the_clip(demo, clip, count):
     (row,) = [line for line in demo[1].splitlines() if line.startswith(f"│ {clip}")]

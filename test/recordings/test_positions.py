@@ -18,7 +18,7 @@ from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import file_text
 
 MOUNTING = ("--parameter", "camera.height=1.2", "--parameter", "camera.pitch=0.05")
-FRAMES = 24
+FRAMES = 18
 # Squared distance of the 99 % region of two dimensions.
 REGION_99 = -2.0 * math.log(0.01)
 

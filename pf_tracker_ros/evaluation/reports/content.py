@@ -31,7 +31,7 @@ class FrameRange(NamedTuple):
     last: int
 
 
-class Region(NamedTuple):
+class GroundRegion(NamedTuple):
     """A 90 % region of a position on the ground: an ellipse.
 
     Attributes:
@@ -61,7 +61,7 @@ class GroundTrack:
 
     name: str
     positions: NDArray[np.float64]
-    regions: Sequence[Region]
+    regions: Sequence[GroundRegion]
 
 
 @dataclass(frozen=True, eq=False)

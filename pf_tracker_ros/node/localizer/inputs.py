@@ -15,7 +15,7 @@ from sensor_msgs.msg import CameraInfo, Image, Imu
 from pf_tracker_ros.localization.problems import Problems
 from pf_tracker_ros.localization.sensors import (
     BasePoses,
-    Calibration,
+    CameraCalibration,
     DepthImages,
     Gravity,
     Probabilities,
@@ -174,11 +174,17 @@ class DepthInput(Input[DepthImages]):
 
 
 class Inputs:
-    """All inputs beside the tracker's status; arguments as for `Input`."""
+    """All inputs beside the tracker's status.
+
+    Args:
+        node: The subscribing node.
+        problems: Where they tell their problems.
+        arrived: Called after each message.
+    """
 
     def __init__(self, node: Node, problems: Problems, arrived: Callable[[], None]) -> None:
         common = node, problems, arrived
-        self.camera_info = Input(*common, Calibration, CameraInfo)
+        self.camera_info = Input(*common, CameraCalibration, CameraInfo)
         self.depth = DepthInput(*common, DepthImages, Image)
         self.odometry = Input(*common, BasePoses, Odometry)
         self.gravity = Input(*common, Gravity, Imu)
