@@ -119,6 +119,8 @@ class RecordedPositions:
         self._path = path
         with reading(path) as reader:
             recorded = [topic for topic in reader.topics() if topic.name != image_topic]
+        beside = _calibration_beside(image_topic, recorded)
+        given = {CameraCalibration.name: beside, **given} if beside else given
         chosen = {
             kind.store.name: _choose(path, recorded, kind, given.get(kind.store.name))
             for kind in _KINDS
@@ -197,7 +199,8 @@ class RecordedSensors:
         self._messages = _merged(path, topics)
         self._next = next(self._messages, None)
         # The first calibration may have been recorded after the first image.
-        with closing(read_topic(path, topics[CameraCalibration.name].name)) as infos:
+        infos_topic = topics[CameraCalibration.name]
+        with closing(read_topic(path, infos_topic.name)) as infos:
             for _, message in islice(infos, 1):
                 self._take(
                     _Recorded(0, topics[CameraCalibration.name], CameraCalibration.name, message)
@@ -281,6 +284,15 @@ def _merged(path: Path, topics: Mapping[str, BagTopic]) -> Generator[_Recorded, 
     finally:
         for stream in streams:
             stream.close()
+
+
+def _calibration_beside(image_topic: str, recorded: Sequence[BagTopic]) -> str:
+    """The CameraInfo that is published with the images, by its name; empty without."""
+    names = {topic.name for topic in recorded if topic.message_type == _CAMERA_INFO}
+    # That of compressed images is beside the raw ones.
+    parents = image_topic.split("/")[:-1], image_topic.split("/")[:-2]
+    beside = ("/".join([*parent, CameraCalibration.name]) for parent in parents)
+    return next((name for name in beside if name in names), "")
 
 
 def _choose(

@@ -101,8 +101,8 @@ def test_gravity_stands_for_the_angles_and_a_file_for_the_command_line(locate, r
     assert np.median(errors_of(rows, room[1])[0]) < 0.1
 
 
-def test_the_bag_has_the_topics_of_the_localizer(locate, room, tmp_path):
-    rows, _ = locate("--bag", "--parameter", "max_targets=2")
+def test_the_bag_has_the_localizers_topics_and_the_report_a_view_from_above(locate, room, tmp_path):
+    rows, _ = locate("--bag", "--report")
     with AnyReader([tmp_path / "out" / "topics.mcap"]) as reader:
         counts = {name: topic.msgcount for name, topic in reader.topics.items()}
         markers = [
@@ -117,16 +117,14 @@ def test_the_bag_has_the_topics_of_the_localizer(locate, room, tmp_path):
     for row in rows[-2:]:
         place = regions[int(row["id"])]
         assert (place.x, place.y) == (float(row["position_x"]), float(row["position_y"]))
-        assert last[1].header.frame_id == "odom"
-
-
-def test_the_report_shows_the_targets_from_above(locate, tmp_path):
-    locate("--report")
+    assert last[1].header.frame_id == "odom"
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "From above" in page
-    for text in ("target 1 walker 1", "x in odom, m", "camera"):
-        assert page.count(text) > 0
-    assert "#010101" not in page
+    view = page[page.index("From above") :]
+    view = view[: view.index("</svg>")]
+    for text in ("target 1 walker 1", "target 2 walker 2", "x in odom, m", "camera"):
+        assert text in view
+    # Colors of the page.
+    assert "#010101" not in view
 
 
 @pytest.mark.parametrize(
@@ -160,6 +158,23 @@ def test_recordings_without_a_calibration_are_refused(
         code, _, err = track(recording, *arguments)
         assert code == 2
         assert "CameraInfo" in err
+
+
+def test_the_calibration_beside_the_images_is_taken_and_several_depths_are_asked_for(
+    track, room, tmp_path
+):
+    bag = tmp_path / "cameras.mcap"
+    images = "/camera/color/image_raw", "/camera/depth/image", "/camera/aligned_depth/image"
+    with BagWriter(bag) as writer:
+        for topic in images:
+            writer.add_topic(topic, "sensor_msgs/msg/Image")
+            writer.write_image(topic, stamp_at(0.0), room[1][0].image)
+        for camera in ("color", "depth"):
+            writer.add_topic(f"/camera/{camera}/camera_info", "sensor_msgs/msg/CameraInfo")
+    arguments = (bag, "--bag-topic", images[0], "--world", "--box", "1,1,9,9")
+    code, _, err = track(*arguments, "--output", tmp_path / "out")
+    assert code == 2
+    assert f"several topics for depth: {images[2]}, {images[1]}; choose with --world-topic" in err
 
 
 def test_useless_sensors_are_told_once_and_tracking_goes_on(track, room, tmp_path):
