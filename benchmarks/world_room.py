@@ -106,7 +106,7 @@ def standing(x: float, y: float) -> Path:
 
 
 def driving(speed: float, swing: float, rate: float) -> Callable[[float], Base]:
-    """A robot that drives along x while it looks to and fro.
+    """A robot that drives along x while it looks to both sides.
 
     Args:
         speed: Meters per second.
