@@ -57,7 +57,7 @@ lint: $(INSTALLED)  ## lint, format, spelling and types alone
 	$(VENV)/bin/codespell $(SPELLED)
 	$(VENV)/bin/mypy
 
-demo: $(INSTALLED)  ## track three recorded clips through the node; results go to demo/<clip>/
+demo: $(INSTALLED)  ## track three recorded clips through the node, and locate people; results go to demo/<clip>/
 	$(VENV)/bin/python demo/run.py
 
 console: $(INSTALLED)  ## open the tracker's web page on a recorded clip (CONSOLE_ARGS="--clip bikes --port 8700")

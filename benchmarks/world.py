@@ -3,8 +3,8 @@ r"""Accuracy of positions in meters: errors, and whether the covariances are tru
     python benchmarks/world.py --kitti FOLDER --pets FOLDER --calibration View_001.xml \
         --depth FOLDER --output world.md
 
-Each folder adds a table; `world_data.py` says what it contains. Two parts need no data: rendered
-depth images with exact positions, and the CPU time of a position.
+Each folder adds a table; `world_data.py` says what it contains. Three parts need no data: rendered
+depth images with exact positions, a robot that turns, and the CPU time of a position.
 
 NEES: normalized estimation error squared over its degrees of freedom, 1 for a true covariance.
 Inside: share of the frames whose truth is in the 90 % region.
@@ -15,8 +15,10 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,9 +41,24 @@ from world_data import (
     read_kitti,
     read_tsai,
 )
+from world_recording import FRAME, IMAGE_TOPIC, stamp_at, write_room
+from world_room import (
+    CAMERA_HEIGHT,
+    CAMERA_PITCH,
+    Room,
+    RoomFrame,
+    Walker,
+    circling,
+    driving,
+)
 from world_scenes import Person, Renderer, box_around, corrupted
 
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.progress import OnProgress, progress_bar
+from pf_tracker_ros.recordings.positions import RecordedPositions, RecordedSensors
+from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import (
     CameraModel,
     GroundPlane,
@@ -60,7 +77,9 @@ LOOSE = 0.15
 # Distance of a passing occluder, of that of the target; its width, of the target's; frames to pass.
 OCCLUDER_NEAR, OCCLUDER_WIDTH, OCCLUDER_FRAMES = 0.55, 0.3, 25
 RENDERED_FRAMES = 200
-PARTS = ("kitti", "pets", "plane", "depth", "rendered", "cost")
+# Frames of a robot that turns, and its angular velocity, degrees per second.
+TURNING_FRAMES, TURNING_RATE = 100, 60.0
+PARTS = ("kitti", "pets", "plane", "depth", "rendered", "turning", "cost")
 # Standard deviation of center and size of the boxes of rendered people, pixels.
 BOX_SD = 3.0
 
@@ -448,6 +467,65 @@ def rendered_table(on_progress: OnProgress, frames: int = RENDERED_FRAMES) -> Ta
     )
 
 
+def turning_table(
+    on_progress: OnProgress, frames: int = TURNING_FRAMES, rate: float = TURNING_RATE
+) -> Table:
+    """Directions in the fixed frame while the robot turns and the images arrive late.
+
+    The boxes are exact. The positions are those of `track --world`, by the localizer's own code,
+    with odometry at the image's stamp.
+    """
+    base = driving(0.2, 0.3, np.radians(rate))
+    walker = Walker(circling((5.0, 0.0), 0.6, 9.0, 0.0), (50, 60, 200), (90, 60, 40))
+    rows = []
+    for latency in (0.0, 0.1):
+        with tempfile.TemporaryDirectory() as folder:
+            bag = Path(folder) / "room.mcap"
+            rendered = write_room(Room((walker,), base, rate=20.0), bag, frames, latency)
+            parameters = build(
+                LocalizerParameters, {"camera.height": CAMERA_HEIGHT, "camera.pitch": CAMERA_PITCH}
+            )
+            positions = RecordedPositions(bag, IMAGE_TOPIC, {}, parameters)
+            with closing(positions.open()) as sensors:
+                errors = [direction_error(frame, sensors, latency) for frame in rendered]
+        on_progress("turning", frames)
+        found = [error for error in errors if error is not None]
+        median, ninety = np.percentile(found, (50, 90))
+        rows.append(
+            [
+                f"{latency:g} s",
+                str(len(found)),
+                *(f"{one:.2f}" for one in (median, ninety, max(found))),
+            ]
+        )
+    return Table(
+        f"Turning at {rate:g} degrees a second, exact boxes",
+        ["images late by", "frames", "median, degrees", "90 %", "largest"],
+        [rows],
+    )
+
+
+def direction_error(frame: RoomFrame, sensors: RecordedSensors, latency: float) -> float | None:
+    """Error of the first walker's filtered direction from the camera, degrees; None without."""
+    box = frame.boxes[0]
+    if box is None:
+        return None
+    stamp = stamp_at(frame.time)
+    target = ReportedTarget(1, "", "tracking", 1.0, box, np.eye(4))
+    size = frame.image.shape[1], frame.image.shape[0]
+    located = sensors.locate(
+        TrackerFrame(stamp, FRAME, False, "tracking", 1, size, (target,)),
+        stamp + round(latency * NANOSECONDS),
+    )
+    world = located.targets[0].world if located.targets else None
+    if world is None:
+        return None
+    camera = np.array([frame.base.x, frame.base.y])
+    directions = [one - camera for one in (world.filtered.position, frame.positions[0])]
+    (x, y), (true_x, true_y) = directions
+    return abs(float(np.degrees(np.arctan2(x * true_y - y * true_x, x * true_x + y * true_y))))
+
+
 def cost_table(on_progress: OnProgress) -> Table:
     """CPU time of one position, the least of some rounds."""
     generator = np.random.default_rng(0)
@@ -510,6 +588,8 @@ def measured(options: argparse.Namespace, on_progress: OnProgress) -> Iterable[T
         yield depth_table(options.depth, on_progress)
     if "rendered" in parts:
         yield rendered_table(on_progress)
+    if "turning" in parts:
+        yield turning_table(on_progress)
     if "cost" in parts:
         yield cost_table(on_progress)
 

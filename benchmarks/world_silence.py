@@ -32,11 +32,11 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.evaluation import EvaluationError, find_sequences
 from pf_tracker_ros.footage import Footage, FootageError, read_sequence
-from pf_tracker_ros.node.localizer.camera_pose import CameraPose
-from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
-from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
-from pf_tracker_ros.node.localizer.tracker_status import ReportedTarget, TrackerFrame
-from pf_tracker_ros.node.localizer.world_tracks import Sensed, WorldTracks
+from pf_tracker_ros.localization.camera_pose import CameraPose
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.rigid_pose import RigidPose
+from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.localization.world_tracks import Sensed, WorldTracks
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import GroundPlane

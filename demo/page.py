@@ -1,4 +1,4 @@
-"""Writes the page that ends the demo: videos, figures, reports, bags and commands of all clips."""
+"""Writes the page that ends the demo: videos, figures, bags, commands, and a view from above."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ from typing import NamedTuple
 
 from clips import Clip
 from jinja2 import ChoiceLoader, Environment, FileSystemLoader, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from processes import ros_arguments
 from report import Summary
+from room import RoomResult
 
 from pf_tracker_ros import __version__
 
@@ -34,11 +36,12 @@ class ClipResult(NamedTuple):
     track_arguments: Sequence[str]
 
 
-def write_page(results: Sequence[ClipResult], folder: Path) -> Path:
+def write_page(results: Sequence[ClipResult], room: RoomResult, folder: Path) -> Path:
     """Write index.html beside the folders of the clips; its links are relative.
 
     Args:
         results: The tracked clips.
+        room: The located room.
         folder: Folder of the folders of the clips.
 
     Returns:
@@ -58,6 +61,12 @@ def write_page(results: Sequence[ClipResult], folder: Path) -> Path:
     text = environment.get_template(f"{PAGE}.jinja").render(
         version=__version__,
         clips=[(result.clip, result.summary, _commands(result, folder)) for result in results],
+        room=room.name,
+        view_from_above=Markup(room.view_from_above),
+        room_commands={
+            made: shlex.join(map(_shown_if_path, command))
+            for made, command in room.commands.items()
+        },
     )
     path.write_text(text, encoding="utf-8")
     return path
@@ -74,12 +83,16 @@ def _commands(result: ClipResult, folder: Path) -> dict[str, str]:
         replayed["lockstep_rate"] = 1.0
     tracker = ["tracker", *ros_arguments({"image_reliability": "reliable", **clip.parameters})]
     replay = ["replay", recording, *ros_arguments(replayed)]
-    track = ["track", *(_shown(Path(one)) if "/" in one else one for one in result.track_arguments)]
+    track = ["track", *map(_shown_if_path, result.track_arguments)]
     return {
         "boxes on the topics of the node": f"{shlex.join(tracker)}\n{shlex.join(replay)}",
         "report, boxes.csv and topics.mcap": shlex.join(track),
         "the page of the console": f"make console CONSOLE_ARGS='--clip {clip.name}'",
     }
+
+
+def _shown_if_path(argument: str) -> str:
+    return _shown(Path(argument)) if "/" in argument else argument
 
 
 def _shown(path: Path) -> str:

@@ -36,7 +36,19 @@ def run_to_end(executable: str, arguments: Sequence[str], log: Path) -> None:
     Raises:
         DemoError: It is not installed, failed or timed out.
     """
-    command = [str(_installed(executable)), *arguments]
+    run_command([str(_installed(executable)), *arguments], log)
+
+
+def run_command(command: Sequence[str], log: Path) -> None:
+    """Run a command to its end.
+
+    Args:
+        command: Path of the executable, and its arguments.
+        log: File for its output.
+
+    Raises:
+        DemoError: It failed or timed out.
+    """
     try:
         done = subprocess.run(
             command, capture_output=True, text=True, timeout=_RUN_TIMEOUT, check=False

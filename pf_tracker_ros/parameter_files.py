@@ -77,6 +77,36 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
     )
 
 
+def read_node_section(path: Path | str, node: str) -> tuple[dict[str, Any], list[str]]:
+    """The parameters that a ROS parameter file sets in a node, in any namespace, unchecked.
+
+    Args:
+        path: The file.
+        node: Name of the node, without namespace.
+
+    Returns:
+        Full name to value, empty if the file has no section for the node; and the patterns of all
+        nodes in the file.
+
+    Raises:
+        ParameterError: The file cannot be read.
+    """
+    try:
+        document = read_yaml(Path(path), "parameter file")
+    except YamlError as error:
+        raise ParameterError(str(error)) from error
+    values: dict[str, Any] = {}
+    for pattern, section in _sections(document, ""):
+        if pattern.rpartition("/")[2] == node:
+            values |= _flat(section, "")
+    own = {
+        name: value
+        for name, value in values.items()
+        if not name.startswith(COMMON_PARAMETER_PREFIXES)
+    }
+    return own, node_patterns(document)
+
+
 def yaml_text(value: Any) -> str:
     """A value as YAML that ROS reads back with the same type."""
     if isinstance(value, tuple):

@@ -212,7 +212,7 @@ def _likelihood(new: MessageFactory, header: Any, result: FrameResult) -> Any:
     return image_message(new, header, result.likelihood.log_likelihood.astype(np.float32))
 
 
-def _target_probability(new: MessageFactory, header: Any, result: FrameResult) -> Any:
+def target_probability(result: FrameResult) -> NDArray[np.uint8] | None:
     """Probability of each pixel of the selected target's box to be its own; 255 is 1.
 
     The box is the part of the estimate inside the image, in a coarser resolution. Only color images
@@ -226,7 +226,12 @@ def _target_probability(new: MessageFactory, header: Any, result: FrameResult) -
     if edges is None:
         return None
     probability = color_probability(image, edges.box, size)
-    return image_message(new, header, np.rint(255.0 * probability).astype(np.uint8))
+    return np.rint(255.0 * probability).astype(np.uint8)
+
+
+def _target_probability(new: MessageFactory, header: Any, result: FrameResult) -> Any:
+    probability = target_probability(result)
+    return None if probability is None else image_message(new, header, probability)
 
 
 def likelihood_values(likelihood: LikelihoodMap) -> StatusValues:

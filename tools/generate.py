@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
-from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameter_files import yaml_text

@@ -41,15 +41,20 @@ exit codes:
 """
 
 
-def parse_parameters(assignments: Sequence[str], option: str = "--parameter") -> dict[str, Any]:
+def parse_parameters(
+    assignments: Sequence[str],
+    option: str = "--parameter",
+    declared_in: type = TrackerParameters,
+) -> dict[str, Any]:
     """Parse parameter assignments `NAME=VALUE` by the declared types.
 
     Lists are separated by commas, square brackets are optional. Unknown names and values that do
-    not fit are passed on as strings; the tracker refuses them.
+    not fit are passed on as strings, to be refused where the parameters are used.
 
     Args:
         assignments: The texts.
         option: Name of the option, for error messages.
+        declared_in: Group of the parameters, as for `declarations`.
 
     Returns:
         Full parameter name to value.
@@ -57,7 +62,7 @@ def parse_parameters(assignments: Sequence[str], option: str = "--parameter") ->
     Raises:
         EvaluationError: A text has no `=`, or a name is given twice.
     """
-    known = declarations(TrackerParameters)
+    known = declarations(declared_in)
     values: dict[str, Any] = {}
     for assignment in assignments:
         name, equals, text = (part.strip() for part in assignment.partition("="))

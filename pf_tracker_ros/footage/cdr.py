@@ -123,6 +123,79 @@ def deserialize_detections(message: bytes) -> SimpleNamespace:
     return SimpleNamespace(stamp=fields.stamp, detections=detections)
 
 
+def deserialize_camera_info(message: bytes) -> Any:
+    """A serialized sensor_msgs/CameraInfo; see `deserialize_image`.
+
+    Raises:
+        FootageError: This is not such a message, or it is truncated.
+    """
+    fields = _Fields(message)
+    frame_id = fields.text()
+    height, width = fields.numbers("II")
+    model = fields.text()
+    d = fields.numbers("d" * fields.number("I"))
+    k, _, p = fields.numbers("d" * 9), fields.numbers("d" * 9), fields.numbers("d" * 12)
+    binning_x, binning_y, *region = fields.numbers("IIIIII")
+    # Whether the region is rectified.
+    fields.number("B")
+    fields.check_end()
+    names = ("x_offset", "y_offset", "height", "width")
+    return SimpleNamespace(
+        stamp=fields.stamp,
+        frame_id=frame_id,
+        height=height,
+        width=width,
+        distortion_model=model,
+        d=d,
+        k=k,
+        p=p,
+        binning_x=binning_x,
+        binning_y=binning_y,
+        roi=SimpleNamespace(**dict(zip(names, region, strict=True))),
+    )
+
+
+def deserialize_odometry(message: bytes) -> Any:
+    """The pose of a serialized nav_msgs/Odometry; see `deserialize_image`.
+
+    Raises:
+        FootageError: This is not such a message, or it is truncated.
+    """
+    fields = _Fields(message)
+    frame_id = fields.text()
+    # Name of the child frame.
+    fields.text()
+    pose = SimpleNamespace(position=_vector(fields, "xyz"), orientation=_vector(fields, "xyzw"))
+    # Covariance, and the twist of six numbers with its own.
+    fields.numbers("d" * (36 + 6 + 36))
+    fields.check_end()
+    return SimpleNamespace(stamp=fields.stamp, frame_id=frame_id, pose=SimpleNamespace(pose=pose))
+
+
+def deserialize_imu(message: bytes) -> Any:
+    """The acceleration of a serialized sensor_msgs/Imu; see `deserialize_image`.
+
+    Raises:
+        FootageError: This is not such a message, or it is truncated.
+    """
+    fields = _Fields(message)
+    frame_id = fields.text()
+    # Orientation and angular velocity, each with its covariance.
+    fields.numbers("d" * (4 + 9 + 3 + 9))
+    acceleration, covariance = _vector(fields, "xyz"), fields.numbers("d" * 9)
+    fields.check_end()
+    return SimpleNamespace(
+        stamp=fields.stamp,
+        frame_id=frame_id,
+        linear_acceleration=acceleration,
+        linear_acceleration_covariance=covariance,
+    )
+
+
+def _vector(fields: _Fields, names: str) -> SimpleNamespace:
+    return SimpleNamespace(**dict(zip(names, fields.numbers("d" * len(names)), strict=True)))
+
+
 def _detection(fields: _Fields) -> SimpleNamespace:
     # Header.
     fields.numbers("iI")

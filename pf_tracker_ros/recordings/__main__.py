@@ -72,6 +72,8 @@ class _Summary:
     # Warnings about the recording as a whole.
     notes: list[str] = field(default_factory=list)
     ids: set[int] = field(default_factory=set)
+    # Frames in which a target has a position; None without positions.
+    located: int | None = None
     seconds: float = 0.0
     keyframes: KeyframeSummary = field(default_factory=KeyframeSummary)
 
@@ -84,6 +86,8 @@ class _Summary:
             self.first_warning = f"frame {tracked.frame.index}: {tracked.warnings[0]}"
         self.warning_count += len(tracked.warnings)
         self.ids.update(target.id for target in tracked.targets)
+        if tracked.located:
+            self.located = (self.located or 0) + bool(tracked.located.world_targets)
 
     @property
     def frames(self) -> int:
@@ -98,6 +102,8 @@ class _Summary:
         if self.ids and self.is_multi_target:
             shares = f"best target: {shares}"
         targets = f", {counted(len(self.ids), 'target')}" if self.is_multi_target else ""
+        if self.located is not None:
+            targets += f", positions in {self.located / self.frames:.0%}"
         origin = f"; target from {self.target_source}" if self.target_source else ""
         return f"{counted(self.frames, 'frame')} ({shares}){targets}, {rate:.0f} frames/s{origin}"
 
@@ -201,6 +207,7 @@ def _run_plan(options: argparse.Namespace, plan: Plan, name: str, stop: _Stop) -
     try:
         try:
             _track(plan.track(), plan.recording, outputs, summary, stop)
+            summary.notes += plan.positions.notes if plan.positions else []
         except (FootageError, RecordingError) as error:
             # Without a target and without a detector, there are no results to keep.
             is_idle = summary.states.keys() <= {"idle", "skipped"}

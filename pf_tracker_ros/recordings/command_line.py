@@ -17,6 +17,7 @@ from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
 from pf_tracker_ros.recordings.label_files import FORMAT_NAMES
 from pf_tracker_ros.recordings.plan import SIDECAR
+from pf_tracker_ros.recordings.positions import SENSORS
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
 _DESCRIPTION = """\
@@ -39,7 +40,9 @@ example:
 boxes.csv:
   One row per frame and target, with the columns frame (counted from 0), stamp (ns), id, x, y,
   width, height (px), state and confidence (0 to 1), and label where max_targets is above 1. The
-  box is empty while the target is lost. A frame without targets has one row.
+  box is empty while the target is lost. A frame without targets has one row. With --world there
+  are also position_x, position_y (m), velocity_x, velocity_y (m/s), their covariances
+  covariance_xx, ... and velocity_covariance_xx, ..., and the method of this frame's measurement.
 
 exit codes:
   {errors.DONE}    success
@@ -133,6 +136,7 @@ def parser() -> argparse.ArgumentParser:
         "(default FILE: drive.target.yaml beside drive.mcap)",
     )
     _add_detections(parser)
+    _add_positions(parser)
     _add_outputs(parser)
     _add_archives(parser)
     return parser
@@ -167,6 +171,29 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
         help="frames per second of the recording that the built-in detector processes at most "
         "(default: %(default)g); 5 suits motion, which learns the background from its first "
         f"{UPDATE_EVERY} frames",
+    )
+
+
+def _add_positions(parser: argparse.ArgumentParser) -> None:
+    positions = parser.add_argument_group(
+        "positions in meters",
+        "As the node localizer has them. --parameter and --params-file take its parameters, too, "
+        "such as --parameter camera.height=1.2.",
+    )
+    positions.add_argument(
+        "--world",
+        action="store_true",
+        help="locate the targets of a bag with CameraInfo: further columns in boxes.csv, the "
+        "localizer's topics in topics.mcap, and a view from above in the report",
+    )
+    positions.add_argument(
+        "--world-topic",
+        type=_sensor_topic,
+        action="append",
+        default=[],
+        metavar="SENSOR=TOPIC",
+        help=f"topic of {', '.join(SENSORS[:-1])} or {SENSORS[-1]}, if the bag has several; empty "
+        "for none; may be repeated",
     )
 
 
@@ -247,6 +274,15 @@ def _box(text: str) -> Box:
             f"{text!r}; allowed: x,y,width,height in pixels, width and height above 0"
         )
     return x, y, width, height
+
+
+def _sensor_topic(text: str) -> tuple[str, str]:
+    sensor, equals, topic = (part.strip() for part in text.partition("="))
+    if not equals or sensor not in SENSORS:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}; allowed: SENSOR=TOPIC, with SENSOR one of {', '.join(SENSORS)}"
+        )
+    return sensor, topic
 
 
 def _formats(text: str) -> tuple[str, ...]:

@@ -13,7 +13,13 @@ from pf_tracker_ros.recordings.label_files import LabelFile, label_files
 from pf_tracker_ros.recordings.output_folder import OutputFolder, WriterFactory, check_free
 from pf_tracker_ros.recordings.plan import SIDECAR, Plan
 from pf_tracker_ros.recordings.report import RecordingReport
-from pf_tracker_ros.recordings.tables import COLUMNS, LABELED_COLUMNS, BoxesCsv, BoxesParquet
+from pf_tracker_ros.recordings.tables import (
+    COLUMNS,
+    LABELED_COLUMNS,
+    POSITION_COLUMNS,
+    BoxesCsv,
+    BoxesParquet,
+)
 from pf_tracker_ros.recordings.topics import TopicBag
 from pf_tracker_ros.recordings.video import AnnotatedVideo
 
@@ -86,16 +92,25 @@ def _writer_factories(
 ) -> dict[str, WriterFactory]:
     """Name of each file to the factory of its writer."""
     recording, preset, max_targets = plan.recording, plan.summary, plan.max_targets
-    columns = COLUMNS if max_targets == 1 else LABELED_COLUMNS
+    columns: tuple[str, ...] = COLUMNS if max_targets == 1 else LABELED_COLUMNS
+    localizer = plan.positions.parameters if plan.positions else None
+    if localizer:
+        columns += POSITION_COLUMNS
     facts = {"recording": name, "preset": preset, "seed": str(options.seed)}
     labels = label_files(options.format)
     return {
         BOXES: functools.partial(BoxesCsv, columns=columns),
         PARQUET: functools.partial(BoxesParquet, columns=columns),
         VIDEO: functools.partial(AnnotatedVideo, frame_rate=1.0 / recording.interval),
-        BAG: functools.partial(TopicBag, preset=preset, max_targets=max_targets),
+        BAG: functools.partial(
+            TopicBag, preset=preset, max_targets=max_targets, localizer=localizer
+        ),
         REPORT_FILE: functools.partial(
-            RecordingReport, recording=recording, preset=preset, facts=facts
+            RecordingReport,
+            recording=recording,
+            preset=preset,
+            facts=facts,
+            fixed_frame=localizer.fixed_frame if localizer else "",
         ),
         FRAMES_TO_CHECK: FramesToCheck,
         **{

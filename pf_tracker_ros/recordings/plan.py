@@ -6,7 +6,7 @@ import argparse
 import importlib
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,9 @@ from pf_tracker_ros.evaluation.command_line import (
 from pf_tracker_ros.footage import is_bag
 from pf_tracker_ros.footage.access import lexists
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.parameter_files import read_node_section
+from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.recordings.detections.built_in import BuiltInDetector
 from pf_tracker_ros.recordings.detections.file import DetectionFile
 from pf_tracker_ros.recordings.detections.source import DetectionSource
@@ -25,7 +28,8 @@ from pf_tracker_ros.recordings.detections.topic import DetectionTopic
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack, read_keyframes
 from pf_tracker_ros.recordings.keyframes.tracking import track_between_keyframes
-from pf_tracker_ros.recordings.recording import Recording, open_recording
+from pf_tracker_ros.recordings.positions import RecordedPositions
+from pf_tracker_ros.recordings.recording import BagRecording, Recording, open_recording
 from pf_tracker_ros.recordings.sidecar_files import detections_file, target_file
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import (
@@ -35,6 +39,11 @@ from pf_tracker_ros.recordings.tracking import (
 )
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import ActivePreset
+
+# Name of the localizer's node in parameter files.
+_LOCALIZER = "localizer"
+WITHOUT_EFFECT = {"autostart", "depth_transport"}
+"""Parameters of the localizer that have no effect on recordings."""
 
 SIDECAR = Path()
 """Value of an option without its file or folder: the default place beside the recording or results.
@@ -55,6 +64,7 @@ class Plan:
         parameters: Full name to value of all parameters.
         seed: As for `Tracker`.
         keyframes: Targets with keyframes, instead of `targets`.
+        positions: Locates the targets in meters; None if that is not wanted.
     """
 
     recording: Recording
@@ -64,6 +74,7 @@ class Plan:
     parameters: Mapping[str, Any]
     seed: int
     keyframes: tuple[KeyframeTrack, ...] = ()
+    positions: RecordedPositions | None = None
 
     @property
     def max_targets(self) -> int:
@@ -78,7 +89,10 @@ class Plan:
         return ActivePreset.of({**values, "max_targets": 1} if self.keyframes else values).summary
 
     def track(self) -> Generator[TrackedFrame, None, None]:
-        """Track; see `track_recording` and `track_between_keyframes`."""
+        """Track, and locate; see `track_recording` and `track_between_keyframes`."""
+        return self.positions.locate(self._track()) if self.positions else self._track()
+
+    def _track(self) -> Generator[TrackedFrame, None, None]:
         if self.keyframes:
             return track_between_keyframes(
                 self.recording, self.keyframes, parameters=self.parameters, seed=self.seed
@@ -153,8 +167,9 @@ def make_plan(
         ParameterError: A parameter is invalid.
         FootageError: The detections of a bag cannot be read.
     """
+    positions = _positions(recording, options)
     if options.keyframes is not None:
-        return _keyframe_plan(recording, options)
+        return replace(_keyframe_plan(recording, options), positions=positions)
     with_detector = uses_detector(options)
     targets: tuple[Target, ...] = ()
     if draw is None:
@@ -168,11 +183,31 @@ def make_plan(
         if draw is not None:
             targets = draw(_parameters(options)["max_targets"])
         parameters = _parameters(options, targets)
-        return Plan(recording, targets, detection_source, options.preset, parameters, options.seed)
+        return Plan(
+            recording,
+            targets,
+            detection_source,
+            options.preset,
+            parameters,
+            options.seed,
+            positions=positions,
+        )
     except BaseException:
         if detection_source is not None:
             detection_source.close()
         raise
+
+
+def _positions(recording: Recording, options: argparse.Namespace) -> RecordedPositions | None:
+    if options.localizer is None:
+        return None
+    if not isinstance(recording, BagRecording):
+        raise RecordingError(
+            f"--world needs the calibration of the camera, which {recording.path} does not have; "
+            "give a bag with CameraInfo"
+        )
+    given = dict(options.world_topic)
+    return RecordedPositions(recording.path, recording.image_topic, given, options.localizer)
 
 
 def _keyframe_plan(recording: Recording, options: argparse.Namespace) -> Plan:
@@ -192,10 +227,40 @@ def apply_parameter_file(options: argparse.Namespace) -> None:
     Raises:
         ParameterError: The file cannot be read, or is not for a tracker.
         EvaluationError: Another option contradicts it.
+        RecordingError: A parameter of the localizer is given without --world.
     """
+    file = options.params_file
+    only_localizer = _take_localizer_parameters(options)
+    options.params_file = None if only_localizer else file
     settings = merge_parameter_file(options)
+    options.params_file = file
     if options.seed is None:
         options.seed = settings.seed or 0
+
+
+def _take_localizer_parameters(options: argparse.Namespace) -> bool:
+    """Move the parameters of the localizer from the tracker's to `options.localizer`.
+
+    Returns:
+        Whether the parameter file is for the localizer alone.
+    """
+    names = declarations(LocalizerParameters).keys() - WITHOUT_EFFECT
+    own = [one for one in options.parameter if one.partition("=")[0].strip() in names]
+    options.localizer, options.localizer_parameters = None, {}
+    if not options.world:
+        if own or options.world_topic:
+            given = f"--parameter {own[0]}" if own else "--world-topic"
+            raise RecordingError(f"{given} is for the localizer; add --world")
+        return False
+    options.parameter = [one for one in options.parameter if one not in own]
+    nodes: list[str] = []
+    values: dict[str, Any] = {}
+    if options.params_file is not None:
+        values, nodes = read_node_section(options.params_file, _LOCALIZER)
+    values |= parse_parameters(own, declared_in=LocalizerParameters)
+    options.localizer_parameters = values
+    options.localizer = build(LocalizerParameters, values)
+    return bool(nodes) and all(node.rpartition("/")[2] == _LOCALIZER for node in nodes)
 
 
 def uses_detector(options: argparse.Namespace) -> bool:

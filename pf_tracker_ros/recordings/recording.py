@@ -146,7 +146,10 @@ class FootageRecording:
 
 
 class BagRecording:
-    """The images of a bag, decoded as in the node; attributes as `FootageRecording`.
+    """The images of a bag, decoded as in the node.
+
+    Attributes, beside those of `FootageRecording`:
+        image_topic: Their topic.
 
     Args:
         bag: The opened bag.
@@ -155,6 +158,7 @@ class BagRecording:
 
     def __init__(self, bag: ImageBag, *, as_recorded: bool = False) -> None:
         self.path = bag.path
+        self.image_topic = bag.image_topic
         self.frame_count = bag.image_count or None
         self.has_ground_truth = bag.ground_truth_topic is not None
         self.note = ""

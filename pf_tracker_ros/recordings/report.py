@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, suppress
@@ -14,19 +15,30 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.evaluation import metrics
-from pf_tracker_ros.evaluation.reports.content import SequenceContent, forward_fill
+from pf_tracker_ros.evaluation.reports.content import (
+    GroundRegion,
+    GroundTrack,
+    GroundView,
+    SequenceContent,
+    forward_fill,
+)
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
 from pf_tracker_ros.evaluation.reports.thumbnails import make_thumbnails
 from pf_tracker_ros.evaluation.results import FrameDetails, Scores
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.recordings.keyframes.summary import KeyframeSummary
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
+from pf_tracker_ros.world import FilteredPosition
+from pf_tracker_ros.world_messages import region_90
 
 ABSENT = (np.nan, np.nan, np.nan, np.nan)
 # A section takes half a megabyte, mostly images.
 _MAX_SECTIONS = 20
+# Regions on the way of a target.
+_MAX_REGIONS = 12
 
 
 @dataclass(frozen=True)
@@ -80,10 +92,17 @@ class RecordingReport:
         recording: The tracked recording; its frames are read again for the images.
         preset: Name of the preset.
         facts: Further facts of the run, name to value.
+        fixed_frame: Frame of the positions; empty without positions.
     """
 
     def __init__(
-        self, path: Path, *, recording: Recording, preset: str, facts: Mapping[str, str]
+        self,
+        path: Path,
+        *,
+        recording: Recording,
+        preset: str,
+        facts: Mapping[str, str],
+        fixed_frame: str = "",
     ) -> None:
         self._path = path
         self._recording = recording
@@ -93,11 +112,14 @@ class RecordingReport:
         self._frames: list[FrameSummary] = []
         self._states: list[str] = []
         self._tracks: dict[int, _Track] = {}
+        self._ground = _GroundPaths(fixed_frame) if fixed_frame else None
 
     def write(self, tracked: TrackedFrame) -> None:
         """Add a frame."""
         self._states.append(tracked.state)
         self._keyframes.add(tracked)
+        if self._ground and tracked.located:
+            self._ground.add(tracked.located)
         if tracked.max_targets == 1:
             self._frames.append(summary_of(tracked))
             return
@@ -125,7 +147,12 @@ class RecordingReport:
         if self._recording.has_ground_truth:
             true_boxes = np.array([each.true_box or ABSENT for each in self._frames])
         return recording_page(
-            self._recording, self._frames, true_boxes, preset=self._preset, facts=self._facts
+            self._recording,
+            self._frames,
+            true_boxes,
+            preset=self._preset,
+            facts=self._facts,
+            ground=self._ground.view if self._ground else None,
         )
 
     def _multi_target_page(self) -> str:
@@ -138,7 +165,14 @@ class RecordingReport:
         states = Counter(self._states).most_common()
         frames = ", ".join(f"{number} {state}" for state, number in states)
         facts = {**self._facts, "targets": count, "frames": frames}
-        return _page(self._recording, contents, preset=self._preset, facts=facts, kind="target")
+        return _page(
+            self._recording,
+            contents,
+            preset=self._preset,
+            facts=facts,
+            kind="target",
+            ground=self._ground.view if self._ground else None,
+        )
 
 
 def recording_page(
@@ -148,6 +182,7 @@ def recording_page(
     *,
     preset: str,
     facts: Mapping[str, str],
+    ground: GroundView | None = None,
 ) -> str:
     """The report of a single target, with the scores of an evaluation if there is ground truth.
 
@@ -157,10 +192,12 @@ def recording_page(
         true_boxes: (frames, 4) boxes to compare with, or None.
         preset: Name of the preset.
         facts: Further facts of the run, name to value.
+        ground: Target and camera from above, None without positions.
     """
     content = _content(recording.path.name, frames, true_boxes)
     content = _with_scores(content, np.array([each.seconds for each in frames]))
-    return _page(recording, [content], preset=preset, facts=facts, mean=content.scores)
+    header = {"preset": preset, "facts": facts, "mean": content.scores, "ground": ground}
+    return _page(recording, [content], **header)
 
 
 def _page(recording: Recording, contents: Sequence[SequenceContent], **header: Any) -> str:
@@ -191,6 +228,59 @@ def _with_scores(content: SequenceContent, seconds: NDArray[np.float64]) -> Sequ
         success_curve=metrics.success_curve(overlaps),
         precision_curve=metrics.precision_curve(errors),
     )
+
+
+class _GroundPaths:
+    """The ways of targets and camera on the ground."""
+
+    def __init__(self, fixed_frame: str) -> None:
+        self._fixed_frame = fixed_frame
+        self._camera: list[NDArray[np.float64]] = []
+        self._axes: list[NDArray[np.float64]] = []
+        self._names: dict[int, str] = {}
+        self._frames: list[Mapping[int, FilteredPosition]] = []
+
+    def add(self, located: LocatedFrame) -> None:
+        """Add a frame."""
+        found = {target.id: target for target in located.world_targets}
+        self._frames.append({id: target.filtered for id, target in found.items()})
+        self._names |= {id: f"target {id} {one.label}".rstrip() for id, one in found.items()}
+        if located.sensed:
+            pose = located.sensed.pose.pose
+            forward = pose.rotation[:2, 2]
+            self._camera.append(pose.translation[:2])
+            self._axes.append(forward / max(float(np.linalg.norm(forward)), 1e-9))
+
+    @property
+    def view(self) -> GroundView | None:
+        """The view from above; None if no target has a position."""
+        lengths = Counter(id for frame in self._frames for id in frame)
+        shown = sorted(id for id, _ in lengths.most_common(_MAX_SECTIONS))
+        if not shown:
+            return None
+        return GroundView(
+            [self._track(id, lengths[id]) for id in shown],
+            np.array(self._camera).reshape(-1, 2),
+            np.array(self._axes).reshape(-1, 2),
+            self._fixed_frame,
+        )
+
+    def _track(self, id: int, length: int) -> GroundTrack:
+        found = [frame.get(id) for frame in self._frames]
+        absent = np.array([np.nan, np.nan])
+        positions = np.array([one.position if one else absent for one in found])
+        known = [one for one in found if one]
+        # The last one, and others at equal distances before it.
+        step = max(1, math.ceil(length / _MAX_REGIONS))
+        regions = [
+            GroundRegion(
+                float(one.position[0]),
+                float(one.position[1]),
+                *region_90(one.covariance[:2, :2]),
+            )
+            for one in known[::-1][::step]
+        ]
+        return GroundTrack(self._names[id], positions, regions)
 
 
 class _Track:

@@ -9,38 +9,71 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from pf_tracker_ros.localization.world_tracks import LocatedTarget
 from pf_tracker_ros.recordings.tracking import TrackedFrame, published_box
 
 COLUMNS = ("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
 LABELED_COLUMNS = (*COLUMNS, "label")
 """The columns with max_targets above 1."""
+POSITION_COLUMNS = (
+    "position_x",
+    "position_y",
+    "velocity_x",
+    "velocity_y",
+    "covariance_xx",
+    "covariance_xy",
+    "covariance_yy",
+    "velocity_covariance_xx",
+    "velocity_covariance_xy",
+    "velocity_covariance_yy",
+    "method",
+)
+"""Further columns with positions, in meters and meters per second."""
 # Unicode categories: control characters, line separators, paragraph separators, surrogates.
 _REPLACED_CATEGORIES = {"Cc", "Zl", "Zp", "Cs"}
 _PARQUET_BATCH_ROWS = 4096
 
 
-def rows(tracked: TrackedFrame) -> list[tuple[Any, ...]]:
-    """The rows of a frame, with a value for each of `LABELED_COLUMNS`.
+def rows(tracked: TrackedFrame) -> list[dict[str, Any]]:
+    """The rows of a frame, with values for the columns above; others have no value.
 
-    There is a row for each target, and one row for a frame without targets. None means no value.
-    Frames count from 0, stamps are in nanoseconds, boxes in pixels. A lost target has no box. The
-    id of a row without a target is 1 if max_targets is 1.
+    There is a row for each target, and one row for a frame without targets. Frames count from 0,
+    stamps are in nanoseconds, boxes in pixels. A lost target has no box. The id of a row without a
+    target is 1 if max_targets is 1. A target without a recent measurement has no position, and a
+    position that this frame did not measure has no method.
     """
-    frame = (tracked.frame.index, tracked.frame.stamp)
+    frame = {"frame": tracked.frame.index, "stamp": tracked.frame.stamp}
     if not tracked.targets:
         id = 1 if tracked.max_targets == 1 else None
-        return [(*frame, id, *(None,) * 4, tracked.state, None, None)]
-    return [
-        (
-            *frame,
-            target.id,
-            *(published_box(target.estimate) or (None,) * 4),
-            target.estimate.state,
-            float(target.estimate.confidence),
-            single_line(target.label) or None,
-        )
-        for target in tracked.targets
-    ]
+        return [{**frame, "id": id, "state": tracked.state}]
+    positions = {}
+    if tracked.located:
+        positions = {one.reported.id: _position_values(one) for one in tracked.located.targets}
+    made = []
+    for target in tracked.targets:
+        box = published_box(target.estimate) or ()
+        values = {
+            "id": target.id,
+            **dict(zip(COLUMNS[3:7], box, strict=False)),
+            "state": target.estimate.state,
+            "confidence": float(target.estimate.confidence),
+            "label": single_line(target.label) or None,
+        }
+        made.append({**frame, **values, **positions.get(target.id, {})})
+    return made
+
+
+def _position_values(located: LocatedTarget) -> dict[str, Any]:
+    if located.world is None:
+        return {}
+    filtered = located.world.filtered
+    numbers = [*filtered.position, *filtered.velocity]
+    for block in (filtered.covariance[:2, :2], filtered.covariance[2:, 2:]):
+        numbers += [block[0, 0], block[0, 1], block[1, 1]]
+    values: dict[str, Any] = dict(zip(POSITION_COLUMNS[:-1], map(float, numbers), strict=True))
+    is_measured = located.place is not None and not located.problem
+    values["method"] = located.place.method if located.place and is_measured else None
+    return values
 
 
 def single_line(label: str) -> str:
@@ -57,14 +90,14 @@ class BoxesCsv:
 
     Args:
         path: Of the new file.
-        columns: The first ones of `LABELED_COLUMNS`.
+        columns: Of `LABELED_COLUMNS` and `POSITION_COLUMNS`.
 
     Raises:
         OSError: It cannot be written.
     """
 
     def __init__(self, path: Path, columns: Sequence[str] = COLUMNS) -> None:
-        self._column_count = len(columns)
+        self._columns = columns
         # Unbuffered: on a full disk, the rows before stay.
         self._file = path.open("wb", buffering=0)
         self._complete_size = 0
@@ -72,7 +105,7 @@ class BoxesCsv:
 
     def write(self, tracked: TrackedFrame) -> None:
         """Write the rows of a frame."""
-        self._write([row[: self._column_count] for row in rows(tracked)])
+        self._write([[row.get(name) for name in self._columns] for row in rows(tracked)])
 
     def close(self) -> None:
         """Complete the file."""
@@ -110,7 +143,7 @@ class BoxesParquet:
         from pyarrow import parquet
 
         types = {"frame": "int64", "stamp": "int64", "id": "int32"}
-        types |= dict.fromkeys(("state", "label"), "string")
+        types |= dict.fromkeys(("state", "label", "method"), "string")
         self._pyarrow = pyarrow
         self._schema = pyarrow.schema(
             [(name, getattr(pyarrow, types.get(name, "float64"))()) for name in columns]
@@ -121,7 +154,8 @@ class BoxesParquet:
 
     def write(self, tracked: TrackedFrame) -> None:
         """Write the rows of a frame."""
-        self._rows += [row[: len(self._schema)] for row in rows(tracked)]
+        names = self._schema.names
+        self._rows += [tuple(row.get(name) for name in names) for row in rows(tracked)]
         if len(self._rows) >= _PARQUET_BATCH_ROWS:
             self._write_rows()
 

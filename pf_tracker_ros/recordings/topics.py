@@ -4,16 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pf_tracker_ros.footage.bag_writing import BagWriter
-from pf_tracker_ros.messages import ERROR, STATUS_TYPE, WARN, Status, status_message
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.located_frame import LocatedFrame
+from pf_tracker_ros.localization.position_topics import POSITION_TOPICS, Headers
+from pf_tracker_ros.messages import (
+    DETECTIONS_3D_TYPE,
+    ERROR,
+    STATUS_TYPE,
+    WARN,
+    Status,
+    status_message,
+)
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.targets.tracked_target import description
 from pf_tracker_ros.topics import OUTPUT_TOPICS, StatusValues
 from pf_tracker_ros.tracking.estimate import SEVERITIES
 
 NODE = "/pf_tracker"
+LOCALIZER = "/localizer"
 _STATUS = f"{NODE}/status"
+# rosbags has no definitions of vision_msgs.
+_POSITION_TOPICS = tuple(
+    topic for topic in POSITION_TOPICS if topic.message_type != DETECTIONS_3D_TYPE
+)
 
 
 class TopicBag:
@@ -26,17 +42,29 @@ class TopicBag:
         path: Of the new file.
         preset: As in the status.
         max_targets: As in the tracker.
+        localizer: Parameters of the localizer, for the topics of targets in meters; None without.
 
     Raises:
         FootageError: rosbags is missing.
         OSError: It cannot be written.
     """
 
-    def __init__(self, path: Path, preset: str, max_targets: int) -> None:
+    def __init__(
+        self,
+        path: Path,
+        preset: str,
+        max_targets: int,
+        localizer: LocalizerParameters | None = None,
+    ) -> None:
         names = ["box", *(["boxes"] if max_targets > 1 else []), "particles", "overlay"]
         self._outputs = {f"{NODE}/{one.name}": one for one in OUTPUT_TOPICS if one.name in names}
         types = {name: output.message_type for name, output in self._outputs.items()}
-        self.topics: Mapping[str, str] = {**types, _STATUS: STATUS_TYPE}
+        types[_STATUS] = STATUS_TYPE
+        self._localizer = localizer
+        if localizer:
+            types |= {f"{LOCALIZER}/{one.name}": one.message_type for one in _POSITION_TOPICS}
+            types[f"{LOCALIZER}/status"] = STATUS_TYPE
+        self.topics: Mapping[str, str] = types
         self._preset = preset
         self._last_state = "idle"
         self._writer = BagWriter(path)
@@ -55,9 +83,25 @@ class TopicBag:
                 messages[topic] = output.build(new, header, tracked)
         statuses = [self._status(tracked), *tracked.target_statuses(NODE)]
         messages[_STATUS] = status_message(new, header, statuses)
+        if self._localizer and tracked.located:
+            messages |= self._position_messages(tracked.located, header, self._localizer)
         for topic, message in messages.items():
             if message is not None:
                 self._writer.write_message(topic, frame.log_time, message)
+
+    def _position_messages(
+        self, located: LocatedFrame, header: Any, parameters: LocalizerParameters
+    ) -> dict[str, Any]:
+        new = self._writer.new
+        headers = Headers(self._writer.header(located.frame.stamp, parameters.fixed_frame), header)
+        messages = {
+            f"{LOCALIZER}/{topic.name}": topic.build(
+                new, headers, located, parameters.min_confidence
+            )
+            for topic in _POSITION_TOPICS
+        }
+        statuses = located.statuses(LOCALIZER)
+        return {**messages, f"{LOCALIZER}/status": status_message(new, header, statuses)}
 
     def close(self) -> None:
         """Complete the file."""

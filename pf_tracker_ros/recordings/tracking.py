@@ -19,6 +19,7 @@ import cv2
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.prefetch import Prefetch
+from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.opencv import one_opencv_thread
 from pf_tracker_ros.recordings.detections.source import DetectionSource
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
@@ -49,6 +50,7 @@ class TrackedFrame(FrameResult):
             the images.
         to_check: Id of a target to the reason why a person should look at its box; with keyframes.
         keyframes: Ids of the targets whose box a person has given in this frame.
+        located: The positions in meters; None if they are not wanted.
     """
 
     frame: RecordedFrame
@@ -58,6 +60,7 @@ class TrackedFrame(FrameResult):
     warnings: tuple[str, ...] = ()
     to_check: Mapping[int, str] = field(default_factory=dict)
     keyframes: frozenset[int] = frozenset()
+    located: LocatedFrame | None = None
 
     @property
     def state(self) -> str:

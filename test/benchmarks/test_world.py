@@ -120,6 +120,13 @@ def test_rendered_people_are_located(world):
         assert float(row[2]) < 5.0
 
 
+def test_late_images_of_a_robot_that_turns_have_the_right_direction(world):
+    pytest.importorskip("rosbags", reason="bags are written with rosbags")
+    table = world.turning_table(lambda name, done: None, frames=4)
+    assert [row[1] for row in table.groups[0]] == ["4", "4"]
+    assert all(float(row[-1]) < 1.0 for row in table.groups[0])
+
+
 def test_the_command_writes_its_tables(world, tmp_path, capsys):
     (tmp_path / "0001.csv").write_text(KITTI)
     output = tmp_path / "world.md"

@@ -202,14 +202,29 @@ def test_the_demo_ends_with_a_page_of_files_beside_it(demo):
     page = demo[0] / "index.html"
     assert demo[1].splitlines()[-1].endswith(page.resolve().as_uri())
     text = page.read_text()
-    addresses = set(re.findall(r'(?:src|href)="([^"]*)"', text)) - {"data:,"}
+    # Without those of parts of a plot.
+    addresses = set(re.findall(r'(?:src|href)="([^"#][^"]*)"', text)) - {"data:,"}
     assert {f"{clip}/overlay.webm" for clip in (*FRAME_COUNTS, STREET)} < addresses
     assert {f"{clip}/tracked/report.html" for clip in (*FRAME_COUNTS, STREET)} < addresses
     assert [one for one in sorted(addresses) if not (page.parent / one).is_file()] == []
-    # In styles as well, nothing of another host.
-    assert not re.search(r"https?://|@import", text)
+    # In styles as well, nothing of another host; a plot names its standards.
+    named = re.sub(r'xmlns(:\w+)?="[^"]*"', "", text)
+    assert not re.search(r"https?://|@import", named)
     assert "track " in text
     assert "--detector people" in text
+
+
+def test_the_demo_ends_with_people_seen_from_above(demo):
+    folder = demo[0] / "room"
+    capture = cv2.VideoCapture(str(folder / "overlay.webm"))
+    assert capture.read()[0]
+    with (folder / "tracked" / "boxes.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["id"] for row in rows if row["position_x"]} == {"1", "2"}
+    page = (demo[0] / "index.html").read_text()
+    shown = page[page.index("positions in meters") :]
+    assert "x in odom, m" in shown[: shown.index("</svg>")]
+    assert "track demo/room" in page or f"track {folder}" in page
 
 
 @every_clip

@@ -36,6 +36,7 @@ LAYERS = (
     {"formats"},
     {"decoding", "overlay"},
     {"topics", "world_messages"},
+    {"localization"},
     {"evaluation"},
     {"pages"},
     {"recordings"},

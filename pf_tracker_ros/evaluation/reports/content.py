@@ -31,6 +31,56 @@ class FrameRange(NamedTuple):
     last: int
 
 
+class GroundRegion(NamedTuple):
+    """A 90 % region of a position on the ground: an ellipse.
+
+    Attributes:
+        x: Middle, meters.
+        y: Middle, meters.
+        first: Longer half axis, meters.
+        second: Shorter half axis, meters.
+        angle: Of the longer axis from x to y, radians.
+    """
+
+    x: float
+    y: float
+    first: float
+    second: float
+    angle: float
+
+
+@dataclass(frozen=True, eq=False)
+class GroundTrack:
+    """The way of a target on the ground.
+
+    Attributes:
+        name: Name of the target.
+        positions: (frames, 2) x and y in meters; NaN without a position.
+        regions: Some of the 90 % regions on the way.
+    """
+
+    name: str
+    positions: NDArray[np.float64]
+    regions: Sequence[GroundRegion]
+
+
+@dataclass(frozen=True, eq=False)
+class GroundView:
+    """Targets and camera from above.
+
+    Attributes:
+        tracks: The targets.
+        camera: (frames, 2) positions of the camera, meters.
+        axes: (frames, 2) unit vectors of its horizontal direction.
+        frame: Name of the fixed frame.
+    """
+
+    tracks: Sequence[GroundTrack]
+    camera: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    frame: str
+
+
 @dataclass(frozen=True, eq=False)
 class SequenceContent:
     """A target in the frames of one sequence.

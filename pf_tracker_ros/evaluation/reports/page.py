@@ -11,8 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pf_tracker_ros.evaluation.reports.content import SequenceContent, state_columns
-from pf_tracker_ros.evaluation.reports.svg_plots import precision_plot, series_plots, success_plot
+from pf_tracker_ros.evaluation.reports.content import GroundView, SequenceContent, state_columns
+from pf_tracker_ros.evaluation.reports.svg_plots import (
+    precision_plot,
+    series_plots,
+    success_plot,
+    view_from_above,
+)
 from pf_tracker_ros.evaluation.reports.thumbnails import FrameThumbnail
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 from pf_tracker_ros.plurals import counted
@@ -49,6 +54,7 @@ class Report:
         compared: Label to the results of other runs.
         seeds: Number of seeds in the means.
         kind: Kind of the sections, "sequence" or "target".
+        ground: Targets and camera from above; None without positions.
     """
 
     title: str
@@ -59,6 +65,7 @@ class Report:
     compared: Mapping[str, SavedResults] = field(default_factory=dict)
     seeds: int = 1
     kind: str = "sequence"
+    ground: GroundView | None = None
 
 
 class SavedResults(NamedTuple):
@@ -113,6 +120,7 @@ def render(report: Report) -> str:
         "report.html.jinja",
         report=report,
         plots=plots,
+        view_from_above=Markup(view_from_above(report.ground)) if report.ground else "",
         sections=list(zip(report.sections, series, strict=True)),
         changes={
             label: (counted(other.seeds, "seed"), changes(contents, other))

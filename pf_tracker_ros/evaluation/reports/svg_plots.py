@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.evaluation.metrics import SUCCESS_THRESHOLDS
-from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.content import GroundView, SequenceContent
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 # Inches; small, so that the letters are readable at a phone's width.
 _SIZE = (4.4, 2.5)
 _TALL = (4.4, 3.3)
+_SQUARE = (5.6, 4.8)
+# Arrows where the camera looks.
+_ARROWS = 4
 # Placeholder color to CSS variable.
 _PAGE_COLORS = {
     "#010101": "var(--ink)",
@@ -78,6 +81,44 @@ def series_plots(content: SequenceContent) -> dict[str, str]:
     if content.cue_weights:
         plots["cue weights"] = _series(content, content.cue_weights, (0, 1.02))
     return plots
+
+
+def view_from_above(view: GroundView) -> str:
+    """Ways of the targets and of the camera on the ground, with 90 % regions; x to the right."""
+    return _svg(_view_from_above(view), "View from above")
+
+
+def _view_from_above(view: GroundView) -> Figure:
+    from matplotlib.patches import Ellipse
+
+    figure, axes = _figure(_SQUARE, f"x in {view.frame}, m", "y, m")
+    for track in view.tracks:
+        _line(axes, track.positions[:, 0], track.positions[:, 1], track.name)
+        color = axes.lines[-1].get_color()
+        for region in track.regions:
+            ellipse = Ellipse(
+                (region.x, region.y),
+                2.0 * region.first,
+                2.0 * region.second,
+                angle=float(np.degrees(region.angle)),
+                facecolor=color,
+                edgecolor=color,
+                alpha=0.3,
+                linewidth=0.6,
+            )
+            axes.add_patch(ellipse)
+        known = track.positions[np.isfinite(track.positions).all(axis=1)]
+        axes.plot(*known[-1:].T, color=color, marker="o", markersize=4)
+    if len(view.camera):
+        axes.plot(*view.camera.T, color=_INK, linewidth=1.0, label="camera")
+        length = 0.08 * max(np.ptp(axes.dataLim.intervalx), np.ptp(axes.dataLim.intervaly), 1.0)
+        for index in np.linspace(0, len(view.camera) - 1, _ARROWS).astype(int):
+            start, end = view.camera[index], view.camera[index] + length * view.axes[index]
+            arrow = {"arrowstyle": "->", "color": _INK, "linewidth": 0.8}
+            axes.annotate("", xy=end, xytext=start, arrowprops=arrow)
+    axes.set_aspect("equal", adjustable="datalim")
+    _legend(axes)
+    return figure
 
 
 def _series(

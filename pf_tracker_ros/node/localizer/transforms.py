@@ -11,13 +11,10 @@ from rclpy.node import Node
 from rclpy.time import Time
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
+from pf_tracker_ros.localization.rigid_pose import RigidPose
+from pf_tracker_ros.localization.sensors import NotYetError
 
 _TOPIC, _STATIC_TOPIC = "/tf", "/tf_static"
-
-
-class NotYetError(ValueError):
-    """What an image needs has not arrived, but may still."""
 
 
 class Transforms:

@@ -49,7 +49,7 @@ from pf_tracker_ros.recordings.archives.tasks import (
     write_manifest,
 )
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
-from pf_tracker_ros.recordings.plan import SIDECAR, make_plan, open_from_options
+from pf_tracker_ros.recordings.plan import SIDECAR, WITHOUT_EFFECT, make_plan, open_from_options
 from pf_tracker_ros.recordings.sidecar_files import DETECTIONS_SUFFIX
 
 # A dry run tracks about this many recordings, and this many frames of each.
@@ -157,6 +157,15 @@ def _arguments(options: argparse.Namespace) -> list[str]:
             f"--detector-rate={options.detector_rate}",
         ]
     arguments += [f"--{flag}" for flag in ("video", "parquet", "bag") if getattr(options, flag)]
+    if options.world:
+        arguments.append("--world")
+        arguments += [f"--world-topic={sensor}={topic}" for sensor, topic in options.world_topic]
+        localizer = options.localizer_parameters.items()
+        arguments += [
+            f"--parameter={name}={str(value).lower() if isinstance(value, bool) else value}"
+            for name, value in localizer
+            if name not in WITHOUT_EFFECT
+        ]
     if options.format:
         arguments.append(f"--format={','.join(options.format)}")
     return arguments + (["--report"] if options.report is not None else [])

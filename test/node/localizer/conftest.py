@@ -195,9 +195,9 @@ class Scene(Node):
 
     def calibrate(self, localizer, info=None):
         """Send a calibration, and wait until the localizer has it."""
-        before = localizer._camera_info.arrivals.count
+        before = localizer._inputs.camera_info.arrivals.count
         self.send("camera_info", info or camera_info())
-        self.wait_for(lambda: localizer._camera_info.arrivals.count > before, "calibration")
+        self.wait_for(lambda: localizer._inputs.camera_info.arrivals.count > before, "calibration")
 
     def publish(self, stamp, targets, selected=1, **values):
         """Send a frame of the tracker."""

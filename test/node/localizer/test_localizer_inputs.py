@@ -12,9 +12,9 @@ from sensor_msgs.msg import CompressedImage, Image, Imu
 
 from pf_tracker_ros.decoding.depth_decoding import decode_depth
 from pf_tracker_ros.decoding.image_decoding import ImageError
-from pf_tracker_ros.node.localizer.camera_pose import mounted_pose
-from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
-from pf_tracker_ros.node.localizer.stamped_buffer import StampedBuffer
+from pf_tracker_ros.localization.camera_pose import mounted_pose
+from pf_tracker_ros.localization.rigid_pose import RigidPose
+from pf_tracker_ros.localization.stamped_buffer import StampedBuffer
 from pf_tracker_ros.world import GroundPlane
 
 SECOND = 10**9

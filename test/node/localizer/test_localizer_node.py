@@ -219,9 +219,9 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer
     values = (depth * 1e3).astype(kind) if kind is np.uint16 else depth.astype(kind)
     if kind is np.float32:
         values[1::7], values[2::7] = np.nan, np.inf
-    before = localizer._depth.arrivals.count
+    before = localizer._inputs.depth.arrivals.count
     scene.send("depth", given.depth(given.start + 20_000_000, values))
-    scene.wait_for(lambda: localizer._depth.arrivals.count > before, "depth")
+    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count > before, "depth")
     near = scene.show(given.start, [given.target(box=box)])
     assert near.targets[1]["method"] == "depth"
     assert float(near.values["depth_offset"]) == pytest.approx(0.02)
@@ -243,7 +243,7 @@ def test_depth_that_is_compressed_is_used(scene, make_localizer, given):
     message = CompressedImage(format="16UC1; compressedDepth png", data=array("B", bytes(12) + png))
     message.header = given.odometry(given.start).header
     scene.send("depth/compressedDepth", message)
-    scene.wait_for(lambda: localizer._depth.arrivals.count, "depth")
+    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count, "depth")
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert status.targets[1]["method"] == "depth"
     assert float(status.targets[1]["x"]) == pytest.approx(5.5, abs=0.2)
@@ -264,18 +264,19 @@ def test_of_two_depths_in_a_box_that_of_the_targets_colors_counts(scene, make_lo
     probability[:, 6:14] = 243
     # The first depth makes it subscribe to the colors.
     scene.send("depth", given.depth(given.start, depth))
-    scene.wait_for(lambda: localizer._depth.arrivals.count, "depth")
+    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count, "depth")
     scene.show(given.start, [given.target(box=box, state="occluded")])
-    colors = localizer._probability
+    colors = localizer._inputs.probability
     scene.meet(localizer)
     for index in range(1, 4):
         stamp = given.start + index * given.frame
-        before = localizer._depth.arrivals.count, colors.arrivals.count
+        before = localizer._inputs.depth.arrivals.count, colors.arrivals.count
         scene.send("depth", given.depth(stamp, depth))
         scene.send("pf_tracker/target_probability", given.gray(stamp, probability))
         scene.wait_for(
             lambda before=before: (
-                localizer._depth.arrivals.count > before[0] and colors.arrivals.count > before[1]
+                localizer._inputs.depth.arrivals.count > before[0]
+                and colors.arrivals.count > before[1]
             ),
             "depth and colors",
         )
@@ -292,7 +293,7 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
     pitch = 0.2
     up = (0.0, -math.cos(pitch), -math.sin(pitch))
     scene.send("imu", given.imu(given.start, up))
-    scene.wait_for(lambda: localizer._gravity.arrivals.count, "gravity")
+    scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count, "gravity")
     target = given.target(box=(310.0, 140.0, 20.0, 100.0))
     status = scene.show(given.start, [target])
     assert status.values["camera_mounting"] == "imu"
@@ -300,7 +301,7 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
     # The optical axis meets the ground at height / tan(pitch).
     assert float(status.targets[1]["x"]) == pytest.approx(1.5 / math.tan(pitch), abs=FOOT_TO_CENTER)
     scene.send("imu", given.imu(given.start + given.frame, up, frame="base_link"))
-    scene.wait_for(lambda: localizer._gravity.arrivals.count > 1, "gravity")
+    scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count > 1, "gravity")
     other = scene.show(given.start + given.frame, [target])
     if util.find_spec("tf2_ros") is None:
         assert "gravity is in the frame 'base_link'" in other.values["reason"]
@@ -332,7 +333,7 @@ def test_time_that_goes_back_starts_anew(scene, make_localizer, given):
     first = scene.show_all(given, 1, lambda index: (12.0, 3.0))[0]
     assert first.values["pose"] == "published"
     assert float(first.targets[1]["x"]) == pytest.approx(12.0, abs=0.5)
-    assert localizer._time_jumps == 1
+    assert localizer._frames.time_jumps == 1
 
 
 def test_several_targets_have_their_ids(scene, make_localizer, listened, given):

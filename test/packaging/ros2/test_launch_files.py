@@ -147,7 +147,7 @@ def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
 
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     pytest.importorskip("rclpy")
-    from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
+    from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
     from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
     from pf_tracker_ros.node_parameters import NodeParameters
     from pf_tracker_ros.parameters import declarations

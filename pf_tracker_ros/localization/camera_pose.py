@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pf_tracker_ros.node.localizer.inputs import GravityInput, OdometryInput
-from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
-from pf_tracker_ros.node.localizer.rigid_pose import RigidPose
-from pf_tracker_ros.node.localizer.transforms import Transforms
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.rigid_pose import RigidPose
+from pf_tracker_ros.localization.sensors import BasePoses, Gravity, TransformSource
 from pf_tracker_ros.world import GroundPlane
 
 # Least length of the horizontal part of a camera's axis to be the direction forward.
@@ -69,7 +68,7 @@ class CameraPoses:
     """
 
     def __init__(
-        self, odometry: OdometryInput, gravity: GravityInput, transforms: Transforms | None
+        self, odometry: BasePoses, gravity: Gravity, transforms: TransformSource | None
     ) -> None:
         self._odometry = odometry
         self._gravity = gravity
@@ -87,7 +86,7 @@ class CameraPoses:
         Args:
             stamp: Of the image, nanoseconds.
             camera_frame: `frame_id` of the image.
-            parameters: Of the node.
+            parameters: Of the localizer.
             learned: The ground learned from people, None without.
 
         Raises:

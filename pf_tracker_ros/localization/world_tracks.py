@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.node.localizer.camera_pose import CameraPose
-from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
-from pf_tracker_ros.node.localizer.tracker_status import ReportedTarget, TrackerFrame
+from pf_tracker_ros.localization.camera_pose import CameraPose
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import (
     METHODS,
@@ -108,7 +108,7 @@ class WorldTracks:
         Args:
             frame: Of the tracker, later than the last one.
             sensed: At its stamp.
-            parameters: Of the node.
+            parameters: Of the localizer.
 
         Returns:
             All targets of the frame.

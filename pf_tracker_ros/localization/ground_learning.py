@@ -11,9 +11,9 @@ from collections import deque
 from dataclasses import dataclass
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.node.localizer.localizer_parameters import LocalizerParameters
-from pf_tracker_ros.node.localizer.tracker_status import TrackerFrame
-from pf_tracker_ros.node.localizer.world_tracks import distrust
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.tracker_frame import TrackerFrame
+from pf_tracker_ros.localization.world_tracks import distrust
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import CameraModel, GroundPlane, fit_ground_plane
 

@@ -1,13 +1,14 @@
-"""What is wrong with the inputs: logged once in a sentence, and kept while it lasts."""
+"""What is wrong with the inputs: told once in a sentence, and kept while it lasts."""
 
 from __future__ import annotations
 
+import math
 import re
 import time
-from typing import Any
+from collections.abc import Callable
 
-# Seconds until a sentence that comes and goes is logged again.
-_LOG_INTERVAL = 60.0
+# Seconds until a sentence that comes and goes is told again.
+_INTERVAL = 60.0
 _LONGEST = 1000
 _NUMBERS = re.compile(r"-?[\d.]+")
 
@@ -16,13 +17,15 @@ class Problems:
     """The present problems by topic; sentences that differ only in numbers are the same.
 
     Args:
-        logger: Logger of the node.
+        warn: Called with a sentence that is worth a warning.
+        interval: Seconds after which the same sentence is worth one again.
     """
 
-    def __init__(self, logger: Any) -> None:
-        self._logger = logger
+    def __init__(self, warn: Callable[[str], object], interval: float = _INTERVAL) -> None:
+        self._warn = warn
+        self._interval = interval
         self._present: dict[str, str] = {}
-        self._logged_at: dict[tuple[str, str], float] = {}
+        self._told_at: dict[tuple[str, str], float] = {}
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -39,14 +42,14 @@ class Problems:
         self.tell(topic, sentence)
 
     def tell(self, topic: str, sentence: str) -> None:
-        """Log an event that does not last."""
+        """Tell an event that does not last."""
         kind = topic, _NUMBERS.sub("", sentence)
         now = time.monotonic()
-        if now - self._logged_at.get(kind, -_LOG_INTERVAL) >= _LOG_INTERVAL:
-            self._logger.warning(sentence[:_LONGEST])
-            self._logged_at[kind] = now
+        if now - self._told_at.get(kind, -math.inf) >= self._interval:
+            self._warn(sentence[:_LONGEST])
+            self._told_at[kind] = now
 
     def clear(self) -> None:
         """Forget all problems, as after a deactivation."""
         self._present.clear()
-        self._logged_at.clear()
+        self._told_at.clear()

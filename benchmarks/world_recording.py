@@ -1,0 +1,221 @@
+r"""Writes a bag of a rendered room with exact truth, to try positions in meters on.
+
+    python benchmarks/world_recording.py room.mcap
+    track room.mcap --bag-topic /camera/image_raw --world --output room --bag --report \
+        --parameter camera.height=1.2 --parameter camera.pitch=0.05
+
+| topic | content |
+|---|---|
+| /camera/image_raw, /camera/camera_info | images with distortion, and their calibration |
+| /camera/depth/image | depth in millimeters, with holes and noise |
+| /camera/imu | accelerometer in the camera's optical frame, 50 Hz |
+| /odom | the robot's base, 50 Hz |
+| /ground_truth | box of the first walker, also behind others |
+| /truth/walker_N | where each walker is, geometry_msgs/PoseStamped |
+
+room.target.yaml beside it has the boxes of the people in the first frame.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from world_room import (
+    CAMERA_PITCH,
+    PILLAR,
+    WALKERS,
+    Base,
+    Room,
+    RoomFrame,
+    driving,
+)
+
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.bag_writing import BagWriter
+from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
+from pf_tracker_ros.recordings.sidecar_files import target_file
+from pf_tracker_ros.recordings.target import Target, file_text
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.world import CameraModel
+
+IMAGE_TOPIC, DEPTH_TOPIC = "/camera/image_raw", "/camera/depth/image"
+CAMERA_INFO_TOPIC, IMU_TOPIC, ODOMETRY_TOPIC = "/camera/camera_info", "/camera/imu", "/odom"
+TRUTH = "/ground_truth"
+FRAME, FIXED_FRAME = "camera_optical_frame", "odom"
+_START = 1_700_000_000 * NANOSECONDS
+_SENSOR_RATE, _GRAVITY, _IMU_NOISE = 50.0, 9.81, 0.05
+_POSE = "geometry_msgs/msg/PoseStamped"
+
+
+def stamp_at(time: float) -> int:
+    """The stamp of a time in seconds since the first frame, nanoseconds."""
+    return _START + round(time * NANOSECONDS)
+
+
+def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list[RoomFrame]:
+    """Write a bag.
+
+    Args:
+        room: The room.
+        path: Of the new bag.
+        count: Number of frames.
+        latency: Seconds by which the images and the depth arrive late.
+
+    Returns:
+        The frames.
+
+    Raises:
+        FootageError: The bag cannot be written.
+    """
+    frames = list(room.frames(count))
+    late = round(latency * NANOSECONDS)
+    with BagWriter(path) as writer:
+        new = writer.new
+        topics = {
+            IMAGE_TOPIC: IMAGE_TYPE,
+            DEPTH_TOPIC: IMAGE_TYPE,
+            CAMERA_INFO_TOPIC: "sensor_msgs/msg/CameraInfo",
+            IMU_TOPIC: "sensor_msgs/msg/Imu",
+            ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
+            TRUTH: POLYGON_TYPE,
+        }
+        topics |= {f"/truth/walker_{one}": _POSE for one in range(1, len(room.walkers) + 1)}
+        for topic, message_type in topics.items():
+            writer.add_topic(topic, message_type)
+        # (log time, topic, message)
+        messages: list[tuple[int, str, Any]] = []
+        generator = np.random.default_rng(room.seed)
+        # Past the last image, which is interpolated between two poses.
+        for index in range(int((count / room.rate + 0.1) * _SENSOR_RATE) + 1):
+            time = index / _SENSOR_RATE
+            stamp = stamp_at(time)
+            messages.append((stamp, ODOMETRY_TOPIC, _odometry(writer, stamp, room.base(time))))
+            messages.append((stamp, IMU_TOPIC, _imu(writer, stamp, generator)))
+        for frame in frames:
+            stamp = stamp_at(frame.time)
+            header = writer.header(stamp, FRAME)
+            messages += [
+                (stamp + late, CAMERA_INFO_TOPIC, _camera_info(writer, header, room.camera)),
+                (stamp + late, IMAGE_TOPIC, image_message(new, header, frame.image)),
+                (stamp + late, DEPTH_TOPIC, image_message(new, header, frame.millimeters)),
+            ]
+            if frame.boxes[0]:
+                messages.append((stamp + late, TRUTH, box_message(new, header, frame.boxes[0])))
+            for number, (x, y) in enumerate(frame.positions, start=1):
+                pose = _pose(writer, float(x), float(y), 0.0)
+                message = new(_POSE, header=writer.header(stamp, FIXED_FRAME), pose=pose)
+                messages.append((stamp, f"/truth/walker_{number}", message))
+        for log_time, topic, message in sorted(messages, key=lambda one: one[0]):
+            writer.write_message(topic, log_time, message)
+    return frames
+
+
+def first_targets(frame: RoomFrame, count: int) -> list[Target]:
+    """The first walkers in sight in a frame, as targets of `track`."""
+    size = frame.image.shape[1], frame.image.shape[0]
+    return [
+        Target(box, stamp=stamp_at(frame.time), frame=0, image_size=size, label=f"walker {number}")
+        for number, box in enumerate(frame.boxes[:count], start=1)
+        if box
+    ]
+
+
+def _pose(writer: BagWriter, x: float, y: float, yaw: float) -> Any:
+    return writer.new(
+        "geometry_msgs/msg/Pose",
+        position=writer.new("geometry_msgs/msg/Point", x=x, y=y),
+        orientation=writer.new(
+            "geometry_msgs/msg/Quaternion", z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2))
+        ),
+    )
+
+
+def _odometry(writer: BagWriter, stamp: int, base: Base) -> Any:
+    pose = _pose(writer, base.x, base.y, base.yaw)
+    return writer.new(
+        "nav_msgs/msg/Odometry",
+        header=writer.header(stamp, FIXED_FRAME),
+        child_frame_id="base_link",
+        pose=writer.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
+        twist=writer.new("geometry_msgs/msg/TwistWithCovariance", covariance=np.zeros(36)),
+    )
+
+
+def _imu(writer: BagWriter, stamp: int, generator: np.random.Generator) -> Any:
+    # Upward at rest, in axes to the right, down and forward.
+    up = -np.array([0.0, np.cos(CAMERA_PITCH), np.sin(CAMERA_PITCH)])
+    x, y, z = (_GRAVITY * up + generator.normal(0.0, _IMU_NOISE, 3)).tolist()
+    zeros = np.zeros(9)
+    return writer.new(
+        "sensor_msgs/msg/Imu",
+        header=writer.header(stamp, FRAME),
+        orientation_covariance=np.array([-1.0, *zeros[1:]]),
+        angular_velocity_covariance=zeros,
+        linear_acceleration=writer.new("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        linear_acceleration_covariance=_IMU_NOISE**2 * np.eye(3).ravel(),
+    )
+
+
+def _camera_info(writer: BagWriter, header: Any, camera: CameraModel) -> Any:
+    k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    return writer.new(
+        "sensor_msgs/msg/CameraInfo",
+        header=header,
+        height=camera.height,
+        width=camera.width,
+        distortion_model=camera.model,
+        d=np.array(camera.distortion, dtype=float),
+        k=k.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.column_stack([k, np.zeros(3)]).ravel(),
+    )
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Write the bag."""
+    parser = argparse.ArgumentParser(
+        description=str(__doc__), formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bag", type=Path, help="the new bag, such as room.mcap")
+    parser.add_argument("--frames", type=int, default=80, help="(default: %(default)s)")
+    parser.add_argument(
+        "--rate", type=float, default=10.0, metavar="HZ", help="of frames (default: %(default)s)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
+    parser.add_argument(
+        "--turn",
+        type=float,
+        default=7.0,
+        metavar="DEGREES",
+        help="angular velocity of the robot in degrees per second (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--latency",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="by which images and depth arrive late (default: %(default)s)",
+    )
+    options = parser.parse_args(argv)
+    if options.frames < 1 or options.latency < 0.0 or not options.rate > 0.0:
+        parser.error("--frames is at least 1, --latency at least 0, --rate above 0")
+    base = driving(0.15, 0.2, float(np.radians(options.turn)))
+    room = Room((*WALKERS, PILLAR), base, rate=options.rate, seed=options.seed)
+    try:
+        frames = write_room(room, options.bag, options.frames, options.latency)
+        targets = first_targets(frames[0], len(WALKERS))
+        text = file_text(targets, options.bag, "as they were rendered")
+        target_file(options.bag).write_text(text, encoding="utf-8")
+    except (FootageError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,106 @@
+"""The topics of the localizer, for its node and for bag writers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from pf_tracker_ros.localization.located_frame import LocatedFrame
+from pf_tracker_ros.localization.world_tracks import distrust
+from pf_tracker_ros.messages import DETECTIONS_3D_TYPE, MARKERS_TYPE, MessageFactory
+from pf_tracker_ros.world_messages import (
+    BEARING_TYPE,
+    ODOMETRY_TYPE,
+    POSE_TYPE,
+    POSE_WITH_COVARIANCE_TYPE,
+    TARGET_FRAME,
+    WorldTarget,
+    bearing_message,
+    detections_3d_message,
+    odometry_message,
+    pose_message,
+    pose_with_covariance_message,
+    world_markers_message,
+)
+
+
+class Headers(NamedTuple):
+    """The headers of a frame's messages.
+
+    Attributes:
+        fixed: With the fixed frame.
+        image: With the image's frame.
+    """
+
+    fixed: Any
+    image: Any
+
+
+class PositionTopic(NamedTuple):
+    """A topic of each located frame.
+
+    Attributes:
+        name: Below the node's name.
+        message_type: As `package/msg/Name`.
+        build: Builds the message from `new`, the headers, the frame and the confidence below which
+            a target is not trusted; None without a message.
+    """
+
+    name: str
+    message_type: str
+    build: Callable[[MessageFactory, Headers, LocatedFrame, float], Any]
+
+
+def certain_target(located: LocatedFrame) -> WorldTarget | None:
+    """The selected target, where it is sure enough for a robot to act on; else None."""
+    selected = located.selected
+    return selected.world if selected and not located.silence else None
+
+
+def _of_selected(
+    build: Callable[[MessageFactory, Any, WorldTarget], Any],
+) -> Callable[[MessageFactory, Headers, LocatedFrame, float], Any]:
+    def built(new: MessageFactory, headers: Headers, located: LocatedFrame, _: float) -> Any:
+        target = certain_target(located)
+        return build(new, headers.fixed, target) if target else None
+
+    return built
+
+
+def _odometry(new: MessageFactory, header: Any, target: WorldTarget) -> Any:
+    return odometry_message(new, header, target, TARGET_FRAME)
+
+
+def _bearing(
+    new: MessageFactory, headers: Headers, located: LocatedFrame, min_confidence: float
+) -> Any:
+    selected = located.selected
+    if not selected or not selected.bearing or distrust(selected.reported, min_confidence):
+        return None
+    return bearing_message(new, headers.image, selected.bearing.direction)
+
+
+def _detections_3d(new: MessageFactory, headers: Headers, located: LocatedFrame, _: float) -> Any:
+    if not located.sensed:
+        return None
+    return detections_3d_message(new, headers.fixed, located.world_targets)
+
+
+def _markers(new: MessageFactory, headers: Headers, located: LocatedFrame, _: float) -> Any:
+    if not located.sensed:
+        return None
+    return world_markers_message(new, headers.fixed, located.world_targets, located.frame.selected)
+
+
+POSITION_TOPICS = (
+    PositionTopic("pose", POSE_TYPE, _of_selected(pose_message)),
+    PositionTopic(
+        "pose_with_covariance",
+        POSE_WITH_COVARIANCE_TYPE,
+        _of_selected(pose_with_covariance_message),
+    ),
+    PositionTopic("odometry", ODOMETRY_TYPE, _of_selected(_odometry)),
+    PositionTopic("bearing", BEARING_TYPE, _bearing),
+    PositionTopic("detections_3d", DETECTIONS_3D_TYPE, _detections_3d),
+    PositionTopic("markers", MARKERS_TYPE, _markers),
+)
