@@ -35,6 +35,15 @@ _REVISIT_INTERVAL = 3
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
+# Seconds after which another look at the same place is a chance of its own to be wrong.
+_INDEPENDENT_AFTER = 0.5
+# Factor of the number of looks after a target has left the image: it may be nowhere in it.
+_LOOKS_AFTER_LEAVING = 3.0
+# Share of the logarithm of the number of looks that counts against a finding.
+_LOOKS_WEIGHT = 0.5
+
+MODES = ("automatic", "ask")
+
 
 @dataclass(frozen=True)
 class RedetectionParameters:
@@ -50,6 +59,13 @@ class RedetectionParameters:
         "max_targets above 1, any other value enables redetection by appearance instead.",
         minimum=0,
         maximum=100,
+    )
+    mode: str = declared(
+        "automatic",
+        "What happens when a lost target seems to be seen again. automatic: it is tracked. ask: it "
+        "stays lost, with the candidate in its box, until somebody confirms it by a box on "
+        "~/target or a click on ~/click.",
+        choices=MODES,
     )
 
 
@@ -74,6 +90,22 @@ def window_centers(
     number = np.arange(first, first + count) * stride % total
     places = np.stack([number % across, number // across], axis=1) + 0.5
     return places * np.array([image_size[0] / across, image_size[1] / down])
+
+
+def found_above(threshold: float, hidden_for: float, *, has_left: bool = False) -> float:
+    """Confidence from which on a target out of sight is found again, 0 to 1.
+
+    The best of many looks is often wrong: the log odds that are needed rise with the logarithm of
+    their number.
+
+    Args:
+        threshold: Confidence needed for a single look, 0 to 1.
+        hidden_for: Seconds out of sight.
+        has_left: Whether the target was last seen at the border of the image, and this box is not.
+    """
+    looks = (1.0 + hidden_for / _INDEPENDENT_AFTER) * (_LOOKS_AFTER_LEAVING if has_left else 1.0)
+    factor = looks**-_LOOKS_WEIGHT
+    return threshold / (threshold + (1.0 - threshold) * factor)
 
 
 class Candidate(NamedTuple):
@@ -114,6 +146,7 @@ class Redetector:
         self._fusion = fusion
         self._confidence = confidence
         self._windows = parameters.windows
+        self.asks = parameters.mode == "ask"
         self._side = side
         self._doubtful_below = doubtful_below
 
