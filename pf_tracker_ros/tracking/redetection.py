@@ -92,7 +92,9 @@ def window_centers(
     return places * np.array([image_size[0] / across, image_size[1] / down])
 
 
-def found_above(threshold: float, hidden_for: float, *, has_left: bool = False) -> float:
+def found_above(
+    threshold: float, hidden_for: float, places: float, *, has_left: bool = False
+) -> float:
     """Confidence from which on a target out of sight is found again, 0 to 1.
 
     The best of many looks is often wrong: the log odds that are needed rise with the logarithm of
@@ -101,10 +103,11 @@ def found_above(threshold: float, hidden_for: float, *, has_left: bool = False) 
     Args:
         threshold: Confidence needed for a single look, 0 to 1.
         hidden_for: Seconds out of sight.
+        places: Largest number of looks: boxes side by side in the area searched, at least 1.
         has_left: Whether the target was last seen at the border of the image, and this box is not.
     """
-    looks = (1.0 + hidden_for / _INDEPENDENT_AFTER) * (_LOOKS_AFTER_LEAVING if has_left else 1.0)
-    factor = looks**-_LOOKS_WEIGHT
+    looks = min(1.0 + hidden_for / _INDEPENDENT_AFTER, places)
+    factor = (looks * (_LOOKS_AFTER_LEAVING if has_left else 1.0)) ** -_LOOKS_WEIGHT
     return threshold / (threshold + (1.0 - threshold) * factor)
 
 
@@ -122,6 +125,10 @@ class Candidate(NamedTuple):
 
 class Redetector:
     """Searches for a target outside the window of the particles.
+
+    Attributes:
+        asks: Whether a lost target has to be confirmed by somebody.
+        places: Boxes side by side in a window.
 
     Args:
         measurer: Lays the search grid of a window.
@@ -147,6 +154,7 @@ class Redetector:
         self._confidence = confidence
         self._windows = parameters.windows
         self.asks = parameters.mode == "ask"
+        self.places = max(side * side, 1.0)
         self._side = side
         self._doubtful_below = doubtful_below
 

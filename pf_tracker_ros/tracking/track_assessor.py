@@ -119,7 +119,7 @@ class TrackAssessor:
             )
             if candidate is not None:
                 box = candidate.box
-                needed = self._found_above(state, box, measurement)
+                needed = self._found_above(state, box, measurement, self._redetector)
                 assessment = self._redetected(candidate, assessment, needed)
         if box is None:
             return assessment
@@ -154,22 +154,28 @@ class TrackAssessor:
     ) -> TrackStatus:
         """The status of this frame: with redetection, finding again needs more evidence."""
         thresholds, status = self._thresholds, state.status
-        if self._redetector is None:
+        redetector = self._redetector
+        if redetector is None:
             return status.advance(confidence, similarity, interval, thresholds)
-        if self._redetector.asks and status.state == "lost":
+        if redetector.asks and status.state == "lost":
             # Only somebody's confirmation starts it again.
             return status.advance(0.0, 0.0, interval, thresholds)
-        needed = self._found_above(state, measurement.box, measurement)
+        needed = self._found_above(state, measurement.box, measurement, redetector)
         return status.advance(confidence, similarity, interval, thresholds, needed)
 
     def _found_above(
-        self, state: FilterState, box: NDArray[np.float64], measurement: Measurement
+        self,
+        state: FilterState,
+        box: NDArray[np.float64],
+        measurement: Measurement,
+        redetector: Redetector,
     ) -> float:
         """See `found_above`."""
         size = measurement.frame.size
         has_left = is_truncated(np.array(state.last_seen_box), size) and not is_truncated(box, size)
         threshold = self._thresholds.recovered_above
-        return found_above(threshold, state.status.hidden_for, has_left=has_left)
+        hidden_for, places = state.status.hidden_for, redetector.places
+        return found_above(threshold, hidden_for, places, has_left=has_left)
 
 
 def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:
