@@ -206,8 +206,8 @@ class TrackThresholds:
     recovered_above: float = declared(
         0.5,
         "An occluded or lost target is tracked again when the confidence reaches this, and also "
-        "'occluded_below'. With 'proposal.method' search it has to exceed this by more, the longer "
-        "the target has been out of sight.",
+        "'occluded_below'. With 'proposal.method' search and 'max_targets' 1 it has to exceed this "
+        "by more, the longer the target has been out of sight.",
         minimum=0.0,
         maximum=1.0,
     )

@@ -37,6 +37,8 @@ class TrackAssessor:
         redetector: Searches elsewhere; None without redetection.
         initializer: Redraws particles.
         thresholds: Thresholds of the track states.
+        weighs_looks: Whether redetection is the only evidence for a finding, so that it needs more
+            of it; detections and descriptors confirm several targets.
     """
 
     def __init__(
@@ -46,12 +48,15 @@ class TrackAssessor:
         redetector: Redetector | None,
         initializer: FilterInitializer,
         thresholds: TrackThresholds,
+        *,
+        weighs_looks: bool = True,
     ) -> None:
         self._confidence = confidence
         self._occlusion_policy = occlusion_policy
         self._redetector = redetector
         self._initializer = initializer
         self._thresholds = thresholds
+        self._weighs_looks = weighs_looks
 
     def assess(
         self,
@@ -170,7 +175,9 @@ class TrackAssessor:
         measurement: Measurement,
         redetector: Redetector,
     ) -> float:
-        """See `found_above`."""
+        """See `found_above`; 0 where looks have no weight."""
+        if not self._weighs_looks:
+            return 0.0
         size = measurement.frame.size
         has_left = is_truncated(np.array(state.last_seen_box), size) and not is_truncated(box, size)
         threshold = self._thresholds.recovered_above
