@@ -4,12 +4,15 @@ The footage is made of sequences:
 
 1. the illumination changes in the middle;
 2. a cut to another scene without the target;
-3. the target leaves for five seconds, over moving backgrounds, alone and next to a distractor.
+3. the target leaves for five seconds, over moving backgrounds, alone and next to a distractor;
+4. the target is hidden, erased, copied or distorted for 100 frames, in a situation made from the
+   sequence's own pixels, between 50 and 75 frames as they were.
 
     python benchmarks/honesty.py SEQUENCE_DIR... --preset default --seeds 1
 
 Of the color sequences every third one is a scene to cut to, at most 8; at most 12 of the others are
-targets. It writes honesty.md and honesty.csv (a line for each run).
+targets. Situations are made of all sequences with the target in 60 frames in a row, played back and
+forth where they are short. It writes honesty.md and honesty.csv (a line for each run).
 """
 
 from __future__ import annotations
@@ -19,12 +22,13 @@ import math
 import multiprocessing
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 # One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -45,6 +49,7 @@ from honesty_footage import (
     same_place,
     step,
 )
+from honesty_situations import SITUATIONS
 from numpy.typing import NDArray
 from tables import Table
 
@@ -78,6 +83,11 @@ SURE_ABOVE = 0.5
 # Tolerated frames on another object, and seconds within which the target must be found again.
 MOST_WRONG, BACK_WITHIN = 10, 2.0
 RIGHT_ABOVE = 0.5
+# Frames before a situation, in it, and after it; least frames of a sequence.
+BEFORE, DURING, AFTER, LEAST_FRAMES = 50, 100, 75, 60
+# Overlap with the target below which a box is on something else.
+WRONG_BELOW = 0.1
+PARTS = ("light", "cut", "gone")
 
 
 @dataclass(frozen=True)
@@ -108,10 +118,11 @@ class Run:
         kind: Kind of footage.
         name: Name of the footage.
         seed: Seed of the tracker.
-        figure: Overlap after the light changed, frames in which it was sure after the cut, or while
-            the target was gone.
+        figure: Overlap after the light changed, frames in which it was sure after the cut, while
+            the target was gone, or of something else in a situation.
         seconds: Time until the target was tracked again; NaN if not measured, infinite for never.
         is_apart: Whether the other scene is the place of the target itself.
+        share: Share of the frames of a situation that are called tracking on something else.
     """
 
     kind: str
@@ -120,6 +131,7 @@ class Run:
     figure: float
     seconds: float = math.nan
     is_apart: bool = False
+    share: float = math.nan
 
 
 def trace(
@@ -177,17 +189,85 @@ def away(preset: str, seed: int, folder: Path, background_folder: Path, kind: st
     return Run(kind, shown.name, seed, int(answer.is_sure[gone].sum()), seconds)
 
 
+def in_situation(preset: str, seed: int, folder: Path, kind: str) -> Run | None:
+    """What is called tracking in a situation, and the time until the target is found after it.
+
+    None where the sequence is too short, or the situation not possible in it.
+    """
+    clip = read_with_target(folder)
+    shown = clip and SITUATIONS[kind](clip, BEFORE, BEFORE + DURING)
+    if shown is None:
+        return None
+    answer = trace(preset, seed, shown.images, shown.boxes[0], shown.interval)
+    overlaps = np.zeros(len(answer.boxes))
+    known = has_target(shown.boxes[1:])
+    overlaps[known] = overlap(answer.boxes[known], shown.boxes[1:][known])
+    is_wrong = overlaps < WRONG_BELOW
+    during, after = np.s_[BEFORE - 1 : -AFTER], np.s_[-AFTER:]
+    back = np.flatnonzero(answer.is_tracking[after] & (overlaps[after] > RIGHT_ABOVE))
+    return Run(
+        kind,
+        shown.name,
+        seed,
+        int((answer.is_sure & is_wrong)[during].sum()),
+        float(back[0] * shown.interval) if len(back) else math.inf,
+        share=float((answer.is_tracking & is_wrong)[during].mean()),
+    )
+
+
+@lru_cache(maxsize=1)
+def read_with_target(folder: Path) -> Clip | None:
+    """Part of the sequence in a folder with the target in each frame; None if too short."""
+    footage = read_sequences([folder])[0]
+    return Clip.with_target(footage, BEFORE + DURING + AFTER, LEAST_FRAMES)
+
+
 @lru_cache(maxsize=2)
 def read(folder: Path, frames: int | None = None) -> Clip:
     """The sequence in a folder, or its first frames."""
     return Clip.of(read_sequences([folder])[0], frames)
 
 
-def measured(preset: str, seeds: int, folders: Sequence[Path], processes: int) -> list[Run]:
-    """All runs, on the color sequences.
+def measured(
+    preset: str, seeds: int, folders: Sequence[Path], processes: int, parts: Collection[str]
+) -> list[Run]:
+    """All runs of some parts.
+
+    Args:
+        preset: Preset of the tracker.
+        seeds: Number of seeds.
+        folders: Folders of sequences.
+        processes: Number of processes.
+        parts: Of `PARTS`, on color sequences, and names of situations, on all.
 
     Raises:
-        EvaluationError: There are not two of them.
+        EvaluationError: There are not two color sequences.
+    """
+    situations = [kind for kind in SITUATIONS if kind in parts]
+    jobs: list[tuple[Callable[..., Run | None], Iterable[tuple[Any, ...]]]] = [
+        (in_situation, product(folders, situations))
+    ]
+    if not set(PARTS).isdisjoint(parts):
+        jobs += jobs_in_color(folders, parts)
+    # A process forked while OpenCV has threads would wait for them forever.
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        results = [
+            pool.submit(job, preset, seed, *of)
+            for job, each in jobs
+            for of in each
+            for seed in range(seeds)
+        ]
+        runs = [result.result() for result in results]
+    return [run for run in runs if run is not None]
+
+
+def jobs_in_color(
+    folders: Sequence[Path], parts: Collection[str]
+) -> list[tuple[Callable[..., Run], Iterable[tuple[Any, ...]]]]:
+    """The functions for the parts in `PARTS`, and the arguments for each of their runs.
+
+    Raises:
+        EvaluationError: There are not two color sequences.
     """
     starts = {folder: read(folder, MOST_BACKGROUND) for folder in folders}
     colored = [folder for folder, start in starts.items() if start.is_colored]
@@ -196,19 +276,12 @@ def measured(preset: str, seeds: int, folders: Sequence[Path], processes: int) -
     if not targets:
         raise EvaluationError("fewer than two sequences with colors: a target and another scene")
     backgrounds = sorted(scenes, key=lambda folder: -starts[folder].motion)[:BACKGROUNDS]
-    # A process forked while OpenCV has threads would wait for them forever.
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        jobs = [
-            pool.submit(job, preset, seed, *of)
-            for seed in range(seeds)
-            for job, each in (
-                (in_light, product(colored, LIGHTS)),
-                (after_cut, product(targets, scenes)),
-                (away, product(targets, backgrounds, DEPARTURES)),
-            )
-            for of in each
-        ]
-        return [job.result() for job in jobs]
+    jobs: dict[str, tuple[Callable[..., Run], Iterable[tuple[Any, ...]]]] = {
+        "light": (in_light, product(colored, LIGHTS)),
+        "cut": (after_cut, product(targets, scenes)),
+        "gone": (away, product(targets, backgrounds, DEPARTURES)),
+    }
+    return [jobs[part] for part in PARTS if part in parts]
 
 
 def light_table(runs: Sequence[Run]) -> Table:
@@ -268,6 +341,38 @@ def away_table(runs: Sequence[Run]) -> Table:
     return Table(f"A target that is gone for {DEPARTURE[1]:g} s", headings, [rows])
 
 
+def situation_table(runs: Sequence[Run]) -> Table:
+    """What is called tracking in each situation."""
+    rows = []
+    for kind in SITUATIONS:
+        of_kind = [run for run in runs if run.kind == kind]
+        if of_kind:
+            bold = sum(run.figure > MOST_WRONG for run in of_kind)
+            back = sum(run.seconds <= BACK_WITHIN for run in of_kind)
+            share = np.mean([run.share for run in of_kind])
+            rows.append([kind, str(len(of_kind)), f"{share:.1%}", str(bold), str(back)])
+    headings = (
+        "situation",
+        "runs",
+        "something else called tracking",
+        f"for more than {MOST_WRONG} frames above {SURE_ABOVE}",
+        f"back within {BACK_WITHIN:g} s",
+    )
+    return Table("Situations made from the sequences' own pixels", headings, [rows])
+
+
+def tables_of(runs: Sequence[Run]) -> list[Table]:
+    """A table for each part that was measured."""
+    kinds = {run.kind for run in runs}
+    parts = (
+        (LIGHTS, light_table),
+        (("cut",), cut_table),
+        (DEPARTURES, away_table),
+        (SITUATIONS, situation_table),
+    )
+    return [make_table(runs) for of_part, make_table in parts if not kinds.isdisjoint(of_part)]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and write the files."""
     parser = options_of.sequence_parser(__doc__, seeds=1)
@@ -275,13 +380,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--processes", type=options_of.at_least(1), default=1, metavar="N", help="in parallel [1]"
     )
+    parser.add_argument(
+        "--only",
+        action="append",
+        choices=(*PARTS, *SITUATIONS),
+        metavar="PART",
+        help=f"{', '.join(PARTS)} or the name of a situation in the table; may be repeated [all]",
+    )
     options = parser.parse_args(arguments)
     try:
         Tracker.from_preset(options.preset)
         folders = find_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)
-        runs = measured(options.preset, options.seeds, folders, options.processes)
-        tables = [light_table(runs), cut_table(runs), away_table(runs)]
+        parts = options.only or (*PARTS, *SITUATIONS)
+        runs = measured(options.preset, options.seeds, folders, options.processes, parts)
+        tables = tables_of(runs)
         lines = [f"# Honesty of preset {options.preset}", ""]
         for table in tables:
             table.show()
@@ -289,9 +402,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (options.output / "honesty.md").write_text("\n".join(lines), encoding="utf-8")
         with (options.output / "honesty.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(["kind", "footage", "seed", "figure", "seconds"])
+            writer.writerow(["kind", "footage", "seed", "figure", "seconds", "share"])
             writer.writerows(
-                [run.kind, run.name, run.seed, run.figure, run.seconds] for run in runs
+                [run.kind, run.name, run.seed, run.figure, run.seconds, run.share] for run in runs
             )
     except (EvaluationError, FootageError, ParameterError, OSError) as error:
         parser.error(" ".join(str(error).split()))

@@ -48,6 +48,24 @@ class Clip:
         boxes[~has_target(boxes)] = np.nan
         return cls(footage.name, tuple(images), boxes, footage.nominal_interval)
 
+    @classmethod
+    def with_target(cls, footage: Footage, frames: int, at_least: int) -> Clip | None:
+        """The longest part of a sequence with the target in every frame.
+
+        Args:
+            footage: A sequence with ground truth.
+            frames: Frames of the clip: of a longer part the first ones; a shorter one is played
+                back and forth.
+            at_least: Frames of a part that is long enough; otherwise None is returned.
+        """
+        start, length = _longest_run(has_target(np.asarray(footage.ground_truth)))
+        if length < at_least:
+            return None
+        part = cls.of(footage, start + min(length, frames))
+        order = [start + _back_and_forth(index, min(length, frames)) for index in range(frames)]
+        images = tuple(part.images[index] for index in order)
+        return cls(part.name, images, part.boxes[order], part.interval)
+
     @property
     def is_colored(self) -> bool:
         """Whether the first image has colors."""
@@ -58,6 +76,16 @@ class Clip:
         """Mean pixel difference of successive images, gray levels."""
         pairs = zip(self.images[:-1:5], self.images[1::5], strict=False)
         return float(np.mean([cv2.absdiff(*pair).mean() for pair in pairs]))
+
+
+def _longest_run(holds: NDArray[np.bool_]) -> tuple[int, int]:
+    """Start and length of the first longest run of frames in which a condition, (F,), holds."""
+    changes = np.flatnonzero(np.diff(holds.astype(int), prepend=0, append=0))
+    starts, ends = changes[::2], changes[1::2]
+    if not len(starts):
+        return 0, 0
+    longest = int(np.argmax(ends - starts))
+    return int(starts[longest]), int(ends[longest] - starts[longest])
 
 
 def same_place(one: Clip, other: Clip) -> bool:

@@ -4,8 +4,8 @@ A frame is right if its overlap is above one half.
 
     python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
 
-With two or more `--group`s it also reports the area under the ROC curve in each group, of the
-preset's confidence and of one fitted to the other groups.
+With two or more `--group`s, such as kinds of footage, it also reports all figures of each group,
+and the area under the ROC curve of a confidence fitted to the other groups.
 
 It writes uncertainty.md, uncertainty.csv (a line for each range of confidence) and uncertainty.png.
 """
@@ -20,6 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 # One thread for linear algebra; read when NumPy is imported.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
@@ -290,30 +291,55 @@ def summary(
         groups: Name of a group of sequences to its frames.
         carried: The same, with the confidence fitted on the other groups.
     """
-    right, tracking = frames.is_right, frames.is_tracking
-    gone = frames.astray > GONE_FOR
-    rows = [["area under the ROC curve of the confidence", _area(frames)]]
+    area, *others = figures(frames)
+    rows = [list(area)]
     rows += [[f"the same in {name}", _area(one)] for name, one in (groups or {}).items()]
     if carried:
         rows.append(
             ["the area, each group's fitted on the others", _area(together([*carried.values()]))]
         )
         rows += [[f"the same in {name}", _area(one)] for name, one in carried.items()]
-    rows += [
+    return Table(title, ("figure", "value"), [[*rows, *map(list, others)]])
+
+
+def group_table(groups: Mapping[str, Frames]) -> Table:
+    """The figures of each group of sequences, such as a kind of footage."""
+    columns = [figures(frames) for frames in groups.values()]
+    rows = [[cells[0][0], *(value for _, value in cells)] for cells in zip(*columns, strict=True)]
+    return Table("By group", ("figure", *groups), [rows])
+
+
+def figures(frames: Frames) -> list[tuple[str, str]]:
+    """Name and value of each figure, the area under the ROC curve first."""
+    right, tracking = frames.is_right, frames.is_tracking
+    gone = frames.astray > GONE_FOR
+    return [
+        ("area under the ROC curve of the confidence", _area(frames)),
+        ("expected calibration error", _text(calibration_error(frames))),
         *(
-            [f"true center inside the {share:.0%} ellipse", _text(inside(frames, share))]
+            (f"true center inside the {share:.0%} ellipse", _text(inside(frames, share)))
             for share in SHARES
         ),
-        ["NEES of the center", _text(float(on_target(frames).mean()) / 2)],
-        ["right frames that are called tracking", _text(_mean(tracking[right]))],
-        ["wrong frames that are called tracking", _text(_mean(tracking[~right]))],
-        [
+        ("NEES of the center", _text(_mean(on_target(frames)) / 2)),
+        ("right frames that are called tracking", _text(_mean(tracking[right]))),
+        ("wrong frames that are called tracking", _text(_mean(tracking[~right]))),
+        (
+            f"frames with an overlap below {GONE_BELOW} that are called tracking",
+            _text(_mean(tracking[frames.overlap < GONE_BELOW])),
+        ),
+        (
             f"frames more than {GONE_FOR:g} s after the target was lost that are called occluded "
             "or lost",
             _text(_mean(~tracking[gone])),
-        ],
+        ),
     ]
-    return Table(title, ("figure", "value"), [rows])
+
+
+def calibration_error(frames: Frames) -> float:
+    """Expected difference of confidence and share of right frames, over `RANGES` ranges."""
+    number = np.minimum((frames.confidence * RANGES).astype(np.intp), RANGES - 1)
+    excess = np.bincount(number, frames.confidence - frames.is_right, RANGES)
+    return float(np.abs(excess).sum() / len(number))
 
 
 def reliability(frames: Frames) -> Table:
@@ -342,7 +368,7 @@ def plot(path: Path, frames: Frames, title: str) -> None:
     figure.savefig(path, dpi=120)
 
 
-def _mean(values: NDArray[np.bool_]) -> float:
+def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
@@ -387,6 +413,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         carried = carried_over(sequences, options.preset, members, outputs, recorded)
         tables = [summary(frames, title, groups, carried.frames if carried else None)]
         tables.append(reliability(frames))
+        if groups:
+            tables.append(group_table(groups))
         if carried:
             tables.append(weights_table(carried.weights))
         for table in tables:

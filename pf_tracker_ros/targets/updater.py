@@ -320,7 +320,7 @@ class Updater:
         if not may_have_switched:
             return replace(track, may_have_switched=False)
         if filter_state.estimate.state == "tracking":
-            estimate = replace(filter_state.estimate, state="occluded")
+            estimate = replace(filter_state.estimate, state="occluded", reacquired_for=None)
             filter_state = replace(filter_state, estimate=estimate)
         return replace(
             track,

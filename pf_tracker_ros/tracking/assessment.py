@@ -72,6 +72,7 @@ class Assessment:
             effective_sample_size=self.particles.effective_sample_size,
             cue_weights=FrozenCueWeights(cue_weights),
             background=frame.background,
+            reacquired_for=self.status.reacquired_for,
         )
 
 

@@ -1,7 +1,8 @@
 """The estimate of a target after a frame, and the track states over time.
 
 1. A target is "tracking" while its confidence is at least `occluded_below`.
-2. Below, it is "occluded" until its confidence reaches `recovered_above`, a hysteresis.
+2. Below, it is "occluded" until its confidence reaches `recovered_above`, a hysteresis. With
+   redetection it takes more, the longer the target is out of sight; see `found_above`.
 3. Occluded for `lost_after`, it is "lost". A single frame that is similar enough restarts the time.
 4. A lost target that is seen again is on probation for two seconds. It is lost at once if its
    confidence falls in that time, and nothing is learned.
@@ -74,6 +75,8 @@ class Estimate:
         effective_sample_size: 1 / sum of squared weights, from 1 to N.
         cue_weights: Name of a cue to its weight in this frame's likelihood; they sum to 1.
         background: State of the background model in this frame; None without one.
+        reacquired_for: Seconds since the target was found again after an occlusion or loss; None
+            while it is not tracked, and if it has never been out of sight.
 
     Example:
         Standard deviations of the center, and of the lower edge, y + height / 2, in pixels:
@@ -103,6 +106,7 @@ class Estimate:
     effective_sample_size: float
     cue_weights: Mapping[str, float]
     background: BackgroundState | None = None
+    reacquired_for: float | None = None
 
     def __post_init__(self) -> None:
         for name in _ARRAYS:
@@ -141,8 +145,10 @@ def estimate_values(estimate: Estimate) -> dict[str, str | float | int]:
     cue_weights = {
         f"cue_weight_{name}": float(weight) for name, weight in estimate.cue_weights.items()
     }
+    found_again = estimate.reacquired_for
     return (
         background
+        | ({} if found_again is None else {"reacquired_for": float(found_again)})
         | cue_weights
         | {"box_x": x, "box_y": y, "box_width": width, "box_height": height}
         | {
@@ -200,7 +206,8 @@ class TrackThresholds:
     recovered_above: float = declared(
         0.5,
         "An occluded or lost target is tracked again when the confidence reaches this, and also "
-        "'occluded_below', or when redetection finds an occluded one elsewhere.",
+        "'occluded_below'. With 'proposal.method' search and 'max_targets' 1 it has to exceed this "
+        "by more, the longer the target has been out of sight.",
         minimum=0.0,
         maximum=1.0,
     )
@@ -221,11 +228,16 @@ class TrackStatus:
         state: As in `Estimate.state`.
         time_since_seen: Seconds since the target was last seen, 0 while tracking.
         probation: Seconds left on probation after the target was lost; templates are frozen.
+        hidden_for: Seconds for which it has not been tracked, whatever was similar in them; those
+            for which it has been since are subtracted.
+        reacquired_for: See `Estimate.reacquired_for`.
     """
 
     state: TrackState = "tracking"
     time_since_seen: float = 0.0
     probation: float = 0.0
+    hidden_for: float = 0.0
+    reacquired_for: float | None = None
 
     @property
     def is_settled(self) -> bool:
@@ -234,10 +246,15 @@ class TrackStatus:
 
     def as_lost(self, thresholds: TrackThresholds) -> TrackStatus:
         """The status of a target when the tracked box turns out to be another object."""
-        return TrackStatus("lost", thresholds.lost_after)
+        return TrackStatus("lost", thresholds.lost_after, hidden_for=self.hidden_for)
 
     def advance(
-        self, confidence: float, similarity: float, interval: float, thresholds: TrackThresholds
+        self,
+        confidence: float,
+        similarity: float,
+        interval: float,
+        thresholds: TrackThresholds,
+        found_above: float = 0.0,
     ) -> TrackStatus:
         """The status one frame later.
 
@@ -247,18 +264,30 @@ class TrackStatus:
                 `time_since_seen`, even before the smoothed confidence has risen.
             interval: Seconds since the last frame.
             thresholds: Thresholds between the track states.
+            found_above: Confidence that a target out of sight has to reach as well.
         """
         needed = thresholds.occluded_below
         if self.state != "tracking":
             needed = max(needed, thresholds.recovered_above)
         was_lost = self.state == "lost" or self.probation > 0.0
-        if confidence >= needed:
-            if self.state == "tracking":
-                return TrackStatus(probation=max(self.probation - interval, 0.0))
-            return TrackStatus(probation=_PROBATION if was_lost else 0.0)
+        if self.state == "tracking" and confidence >= needed:
+            tracked = None if self.reacquired_for is None else self.reacquired_for + interval
+            return TrackStatus(
+                probation=max(self.probation - interval, 0.0),
+                hidden_for=max(self.hidden_for - interval, 0.0),
+                reacquired_for=tracked,
+            )
+        if self.state != "tracking" and confidence >= max(needed, found_above):
+            return self.as_found(probation=_PROBATION if was_lost else 0.0)
+        hidden_for = self.hidden_for + interval
         if similarity >= needed:
-            return TrackStatus("occluded", interval, _PROBATION if was_lost else 0.0)
+            return TrackStatus("occluded", interval, _PROBATION if was_lost else 0.0, hidden_for)
         time_since_seen = interval + self.time_since_seen
         # A target on probation that is not confirmed is lost again.
         is_lost = was_lost or time_since_seen >= thresholds.lost_after
-        return TrackStatus("lost" if is_lost else "occluded", time_since_seen)
+        state: TrackState = "lost" if is_lost else "occluded"
+        return TrackStatus(state, time_since_seen, hidden_for=hidden_for)
+
+    def as_found(self, probation: float = 0.0) -> TrackStatus:
+        """The status in the frame in which a target is tracked again."""
+        return TrackStatus(probation=probation, hidden_for=self.hidden_for, reacquired_for=0.0)

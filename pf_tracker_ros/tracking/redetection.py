@@ -35,6 +35,15 @@ _REVISIT_INTERVAL = 3
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
+# Seconds after which another look at the same place is a chance of its own to be wrong.
+_INDEPENDENT_AFTER = 0.5
+# Factor of the number of looks after a target has left the image: it may be nowhere in it.
+_LOOKS_AFTER_LEAVING = 3.0
+# Share of the logarithm of the number of looks that counts against a finding.
+_LOOKS_WEIGHT = 0.5
+
+MODES = ("automatic", "ask")
+
 
 @dataclass(frozen=True)
 class RedetectionParameters:
@@ -50,6 +59,13 @@ class RedetectionParameters:
         "max_targets above 1, any other value enables redetection by appearance instead.",
         minimum=0,
         maximum=100,
+    )
+    mode: str = declared(
+        "automatic",
+        "What happens when a lost target seems to be seen again. automatic: it is tracked. ask: it "
+        "stays lost, with the candidate in its box, until somebody confirms it by a box on "
+        "~/target or a click on ~/click.",
+        choices=MODES,
     )
 
 
@@ -76,6 +92,25 @@ def window_centers(
     return places * np.array([image_size[0] / across, image_size[1] / down])
 
 
+def found_above(
+    threshold: float, hidden_for: float, places: float, *, has_left: bool = False
+) -> float:
+    """Confidence from which on a target out of sight is found again, 0 to 1.
+
+    The best of many looks is often wrong: the log odds that are needed rise with the logarithm of
+    their number.
+
+    Args:
+        threshold: Confidence needed for a single look, 0 to 1.
+        hidden_for: Seconds out of sight.
+        places: Largest number of looks: boxes side by side in the area searched, at least 1.
+        has_left: Whether the target was last seen at the border of the image, and this box is not.
+    """
+    looks = min(1.0 + hidden_for / _INDEPENDENT_AFTER, places)
+    factor = (looks * (_LOOKS_AFTER_LEAVING if has_left else 1.0)) ** -_LOOKS_WEIGHT
+    return threshold / (threshold + (1.0 - threshold) * factor)
+
+
 class Candidate(NamedTuple):
     """The likeliest box of a window.
 
@@ -90,6 +125,10 @@ class Candidate(NamedTuple):
 
 class Redetector:
     """Searches for a target outside the window of the particles.
+
+    Attributes:
+        asks: Whether a lost target has to be confirmed by somebody.
+        places: Boxes side by side in a window.
 
     Args:
         measurer: Lays the search grid of a window.
@@ -114,6 +153,8 @@ class Redetector:
         self._fusion = fusion
         self._confidence = confidence
         self._windows = parameters.windows
+        self.asks = parameters.mode == "ask"
+        self.places = max(side * side, 1.0)
         self._side = side
         self._doubtful_below = doubtful_below
 

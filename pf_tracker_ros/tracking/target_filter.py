@@ -118,6 +118,7 @@ class TargetFilter:
             self._redetector,
             self._initializer,
             parameters.track,
+            weighs_looks=parameters.max_targets == 1,
         )
         self.operations = StateOperations(
             self._predictor, self._measurer, self._initializer, parameters.track.lost_after

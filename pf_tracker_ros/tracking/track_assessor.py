@@ -13,14 +13,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import are_same_place, as_box, relative_center_distances
+from pf_tracker_ros.boxes import are_same_place, as_box, is_truncated, relative_center_distances
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
-from pf_tracker_ros.tracking.redetection import Candidate, Redetector
+from pf_tracker_ros.tracking.redetection import Candidate, Redetector, found_above
 from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
@@ -36,6 +37,8 @@ class TrackAssessor:
         redetector: Searches elsewhere; None without redetection.
         initializer: Redraws particles.
         thresholds: Thresholds of the track states.
+        weighs_looks: Whether redetection is the only evidence for a finding, so that it needs more
+            of it; detections and descriptors confirm several targets.
     """
 
     def __init__(
@@ -45,12 +48,15 @@ class TrackAssessor:
         redetector: Redetector | None,
         initializer: FilterInitializer,
         thresholds: TrackThresholds,
+        *,
+        weighs_looks: bool = True,
     ) -> None:
         self._confidence = confidence
         self._occlusion_policy = occlusion_policy
         self._redetector = redetector
         self._initializer = initializer
         self._thresholds = thresholds
+        self._weighs_looks = weighs_looks
 
     def assess(
         self,
@@ -83,7 +89,7 @@ class TrackAssessor:
         if known_distractor is not None and are_same_place(measurement.box, known_distractor):
             frame_confidence = similarity = 0.0
         confidence = self._confidence.update(state.estimate.confidence, frame_confidence)
-        status = state.status.advance(confidence, similarity, interval, thresholds)
+        status = self._advanced(state, measurement, confidence, similarity, interval)
         if self._redetector is None and status.probation:
             # No other candidate is searched for.
             status = replace(status, probation=0.0)
@@ -117,7 +123,9 @@ class TrackAssessor:
                 frame_confidence if is_seen else 0.0,
             )
             if candidate is not None:
-                box, assessment = candidate.box, self._redetected(candidate, assessment)
+                box = candidate.box
+                needed = self._found_above(state, box, measurement, self._redetector)
+                assessment = self._redetected(candidate, assessment, needed)
         if box is None:
             return assessment
         particles, boxes = self._initializer.redraw_particles(
@@ -125,18 +133,56 @@ class TrackAssessor:
         )
         return replace(assessment, box=box, particles=particles, boxes=boxes, learns=False)
 
-    def _redetected(self, candidate: Candidate, assessment: Assessment) -> Assessment:
+    def _redetected(
+        self, candidate: Candidate, assessment: Assessment, needed: float
+    ) -> Assessment:
         """The assessment with the confidence and status after a redetection.
 
-        If the target was occluded only, the candidate is the target. Otherwise it may be a similar
-        object, and the target counts as lost until more frames confirm it.
+        If the target was occluded only, a candidate with the needed confidence is the target.
+        Otherwise it may be a similar object, until more frames confirm it.
         """
         status = assessment.status
         if status.state == "tracking":
             return replace(assessment, confidence=0.0, status=status.as_lost(self._thresholds))
-        if status.state == "occluded" and not status.probation:
-            return replace(assessment, confidence=candidate.confidence, status=TrackStatus())
+        is_sure = candidate.confidence >= needed
+        if status.state == "occluded" and not status.probation and is_sure:
+            return replace(assessment, confidence=candidate.confidence, status=status.as_found())
         return assessment
+
+    def _advanced(
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        confidence: float,
+        similarity: float,
+        interval: float,
+    ) -> TrackStatus:
+        """The status of this frame: with redetection, finding again needs more evidence."""
+        thresholds, status = self._thresholds, state.status
+        redetector = self._redetector
+        if redetector is None:
+            return status.advance(confidence, similarity, interval, thresholds)
+        if redetector.asks and status.state == "lost":
+            # Only somebody's confirmation starts it again.
+            return status.advance(0.0, 0.0, interval, thresholds)
+        needed = self._found_above(state, measurement.box, measurement, redetector)
+        return status.advance(confidence, similarity, interval, thresholds, needed)
+
+    def _found_above(
+        self,
+        state: FilterState,
+        box: NDArray[np.float64],
+        measurement: Measurement,
+        redetector: Redetector,
+    ) -> float:
+        """See `found_above`; 0 where looks have no weight."""
+        if not self._weighs_looks:
+            return 0.0
+        size = measurement.frame.size
+        has_left = is_truncated(np.array(state.last_seen_box), size) and not is_truncated(box, size)
+        threshold = self._thresholds.recovered_above
+        hidden_for, places = state.status.hidden_for, redetector.places
+        return found_above(threshold, hidden_for, places, has_left=has_left)
 
 
 def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:

@@ -124,6 +124,78 @@ def test_the_tables_by_hand(honesty):
     assert honesty.away_table(gone).groups[0] == [[kind, "3", "1", "1"], [other, "1", "0", "1"]]
 
 
+@pytest.fixture
+def situations(benchmark):
+    return benchmark("honesty_situations").SITUATIONS
+
+
+def test_every_situation_leaves_the_frames_around_it_as_they_were(footage, situations):
+    plain = clip(footage, frames=60)
+    for name, situation in situations.items():
+        # The images roll by 2 px in each: not a still camera.
+        shown = situation(plain, 10, 50)
+        if name.startswith("fades"):
+            assert shown is None
+            continue
+        for index in (*range(10), *range(-10, 0)):
+            np.testing.assert_array_equal(shown.images[index], plain.images[index], err_msg=name)
+            np.testing.assert_array_equal(shown.boxes[index], plain.boxes[index])
+        assert len(shown.images) == len(shown.boxes)
+        assert {image.shape for image in shown.images} == {(96, 128, 3)}
+        assert np.abs(shown.images[45] - plain.images[45].astype(int)).max() > 0, name
+
+
+def test_where_the_target_is_in_a_situation(footage, situations):
+    """Gone from the first frame or the end of the transition on, in view, or turned and scaled."""
+    plain = clip(footage, frames=60)
+    first_gone = {
+        "black image": 10,
+        "erased by inpainting": 10,
+        "a stranger covers it and stays": 30,
+        # By 6.4 px a frame; its center, 50 px from the border, is outside in the eighth.
+        "view pans away": 17,
+    }
+    for name, first in first_gone.items():
+        gone = np.flatnonzero(np.isnan(situations[name](plain, 10, 50).boxes[:, 0]))
+        assert gone.tolist() == list(range(first, 50)), name
+    for name in ("one frozen image", "a copy of its first look passes", "noise"):
+        assert np.isfinite(situations[name](plain, 10, 50).boxes).all()
+    shrunk = situations["shrinking to 8 px"](plain, 10, 50).boxes[49]
+    assert np.sqrt(shrunk[2] * shrunk[3]) == pytest.approx(8.0)
+    np.testing.assert_allclose(shrunk[:2] + shrunk[2:] / 2, [50.0, 42.0])
+    # The footage stands still while the lens is covered: 5 s at 0.1 s.
+    assert len(situations["covered for 5 s, level 12"](plain, 10, 50).images) == 60 + 50
+
+
+def test_a_clip_is_the_longest_part_with_the_target(footage):
+    class Sequence:
+        name, nominal_interval = "", 0.1
+        ground_truth = np.full((9, 4), 5.0)
+
+        def frames(self):
+            for index in range(9):
+                yield type("Frame", (), {"image": np.full((4, 4, 3), index, np.uint8)})
+
+    Sequence.ground_truth[[0, 3, 4]] = np.nan
+    part = footage.Clip.with_target(Sequence(), 6, 4)
+    assert [int(image[0, 0, 0]) for image in part.images] == [5, 6, 7, 8, 7, 6]
+    assert footage.Clip.with_target(Sequence(), 6, 5) is None
+    Sequence.ground_truth[:] = np.nan
+    assert footage.Clip.with_target(Sequence(), 6, 1) is None
+
+
+def test_the_table_of_situations_by_hand(honesty):
+    run = honesty.Run
+    runs = [
+        run("black image", "a", 0, 0, 0.5, share=0.0),
+        run("noise", "a", 0, 11, math.inf, share=0.5),
+        run("noise", "b", 0, 10, 2.0, share=0.1),
+    ]
+    assert [table.groups[0] for table in honesty.tables_of(runs)] == [
+        [["black image", "1", "0.0%", "0", "1"], ["noise", "2", "30.0%", "1", "1"]]
+    ]
+
+
 def test_the_command_writes_its_files(honesty, tmp_path, capsys):
     for name, seed in (("first", 0), ("second", 5)):
         folder = tmp_path / name
@@ -133,6 +205,7 @@ def test_the_command_writes_its_files(honesty, tmp_path, capsys):
         lines = [f"{40 + index},30,20,24\n" for index in range(12)]
         (folder / "groundtruth.txt").write_text("".join(lines))
     arguments = [str(tmp_path), "--preset", "li2007", "--processes", "2"]
+    arguments += [text for part in honesty.PARTS for text in ("--only", part)]
     assert honesty.main([*arguments, "--output", str(tmp_path / "new")]) == 0
     text = (tmp_path / "new" / "honesty.md").read_text()
     assert "# Honesty of preset li2007" in text
@@ -142,6 +215,20 @@ def test_the_command_writes_its_files(honesty, tmp_path, capsys):
     # Two sequences in each light; one is the scene and background of the other.
     assert len(kinds) == 2 * len(honesty.LIGHTS) + 1 + len(honesty.DEPARTURES)
     assert "Cut to another scene" in capsys.readouterr().out
+
+
+def test_only_some_situations(honesty, moving_square_sequence, tmp_path, monkeypatch, capsys):
+    for name, count in {"BEFORE": 4, "DURING": 6, "AFTER": 5, "LEAST_FRAMES": 10}.items():
+        monkeypatch.setattr(honesty, name, count)
+    run = honesty.in_situation("default", 0, moving_square_sequence, "black image")
+    assert (run.figure, run.share) == (0, 0.0)
+    assert run.seconds >= 0.0
+    monkeypatch.setattr(honesty, "LEAST_FRAMES", 60)
+    honesty.read_with_target.cache_clear()
+    assert honesty.in_situation("default", 0, moving_square_sequence, "black image") is None
+    with pytest.raises(SystemExit):
+        honesty.main([str(moving_square_sequence), "--only", "nothing"])
+    assert "invalid choice: 'nothing'" in capsys.readouterr().err
 
 
 def test_a_single_sequence_is_not_enough(honesty, moving_square_sequence, capsys):

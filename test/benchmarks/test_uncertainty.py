@@ -104,6 +104,10 @@ def test_each_group_has_an_area_of_its_own(uncertainty):
     bad = replace(bad, confidence=bad.confidence[::-1])
     table = uncertainty.summary(uncertainty.together([good, bad]), "", {"a": good, "b": bad})
     assert table.groups[0][1:3] == [["the same in a", "1.000"], ["the same in b", "0.000"]]
+    by_group = uncertainty.group_table({"a": good, "b": bad}).groups[0]
+    assert by_group[0] == ["area under the ROC curve of the confidence", "1.000", "0.000"]
+    # Confidences of 0.9 and 0.2, right and wrong, or wrong and right.
+    assert by_group[1] == ["expected calibration error", "0.150", "0.850"]
 
 
 def test_the_command_writes_its_files(uncertainty, moving_square_sequence, tmp_path, capsys):

@@ -147,6 +147,12 @@ def test_numbers_of_a_status_read_back_unchanged(header):
     assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")
 
 
+def test_the_status_tells_how_long_ago_the_target_was_found_again():
+    estimate = make_estimate([(0, 0, 1, 1)], [1.0])
+    assert "reacquired_for" not in estimate_values(estimate)
+    assert estimate_values(replace(estimate, reacquired_for=0.0))["reacquired_for"] == 0.0
+
+
 def test_the_status_has_the_state_of_a_background_model():
     estimate = make_estimate([(0, 0, 1, 1)], [1.0])
     assert "background" not in estimate_values(estimate)

@@ -54,6 +54,7 @@ CONDITIONS = {
     "proposal.window": OF_SEARCH,
     "fusion.adaptation": OF_SEARCH,
     "redetection.windows": OF_SEARCH,
+    "redetection.mode": OF_SEARCH,
     "hog.weight": ("cues", ("hog",)),
     "foreground_color_histogram.keep": ("cues", ("foreground_color_histogram",)),
 }

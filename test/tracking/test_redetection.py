@@ -1,11 +1,13 @@
 """Windows of the redetection."""
 
+import cv2
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.tracking.redetection import window_centers
+from pf_tracker_ros.tracking.redetection import found_above, window_centers
 
 
 @settings(max_examples=40)
@@ -54,3 +56,52 @@ def test_the_next_windows_continue_the_sequence():
     # Consecutive windows are far apart.
     steps = np.linalg.norm(np.diff(together, axis=0), axis=1)
     assert np.median(steps) > 150.0
+
+
+@given(st.floats(0.01, 0.99), st.floats(0.0, 3600.0), st.floats(0.0, 3600.0))
+def test_the_longer_out_of_sight_the_more_evidence_a_finding_needs(threshold, hidden, longer):
+    assert found_above(threshold, 0.0, 9.0) == pytest.approx(threshold)
+    one, other = (found_above(threshold, seconds, 9.0) for seconds in sorted((hidden, longer)))
+    assert threshold <= one + 1e-12 <= other + 2e-12 <= 1.0 + 2e-12
+    assert one < found_above(threshold, min(hidden, longer), 9.0, has_left=True)
+
+
+def test_the_evidence_that_a_finding_needs_by_hand():
+    """One look at first and one more each half second; three times as many after leaving."""
+    assert found_above(0.5, 1.5, 9.0) == pytest.approx(2 / 3)
+    assert found_above(0.5, 1.0, 9.0, has_left=True) == pytest.approx(3 / 4)
+    assert found_above(0.5, 100.0, 9.0) == pytest.approx(3 / 4)
+    assert [found_above(threshold, 10.0, 9.0) for threshold in (0.0, 1.0)] == [0.0, 1.0]
+
+
+def frames_of_a_target_that_comes_back():
+    """20 frames with a textured square, 40 without it, 40 with it again."""
+    generator = np.random.default_rng(0)
+    ground, target = (
+        cv2.resize(generator.integers(low, high, (side, side, 3), np.uint8), (size, size))
+        for low, high, side, size in ((60, 160, 20, 160), (0, 255, 6, 32))
+    )
+    with_target = ground.copy()
+    with_target[60:92, 60:92] = target
+    return [with_target] * 20 + [ground] * 40 + [with_target] * 40
+
+
+@pytest.mark.parametrize("mode", ["automatic", "ask"])
+def test_a_lost_target_comes_back_by_itself_or_by_confirmation(mode):
+    tracker = Tracker.from_preset("default", parameters={"redetection.mode": mode})
+    images = frames_of_a_target_that_comes_back()
+    tracker.start(images[0], (60, 60, 32, 32))
+    estimates = [tracker.update(image, 0.1) for image in images[1:]]
+    assert [estimates[index].state for index in (18, 58)] == ["tracking", "lost"]
+    assert all(one.reacquired_for is None for one in estimates[:59])
+    again, last = estimates[59:], estimates[-1]
+    assert last.box == pytest.approx((60, 60, 32, 32), abs=2)
+    if mode == "ask":
+        assert {one.state for one in again} == {"lost"}
+        assert last.confidence > 0.6
+        tracker.start(images[-1], last.box)
+        assert tracker.update(images[-1], 0.1).state == "tracking"
+        return
+    assert last.state == "tracking"
+    found = next(index for index, one in enumerate(again) if one.state == "tracking")
+    assert last.reacquired_for == pytest.approx((len(again) - 1 - found) * 0.1)

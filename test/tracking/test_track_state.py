@@ -79,3 +79,20 @@ def test_a_lost_target_that_is_seen_again_is_tracked():
 def test_with_a_threshold_of_zero_the_target_is_never_occluded():
     thresholds = TrackThresholds(occluded_below=0.0)
     assert TrackStatus().advance(0.0, 0.0, 1.0, thresholds).state == "tracking"
+
+
+def test_finding_again_takes_more_than_going_on():
+    hidden = TrackStatus("occluded", 0.5, hidden_for=0.5)
+    assert hidden.advance(0.6, 0.6, 0.25, THRESHOLDS, 0.7).state == "occluded"
+    assert hidden.advance(0.7, 0.7, 0.25, THRESHOLDS, 0.7).state == "tracking"
+    assert TrackStatus().advance(0.3, 0.3, 0.25, THRESHOLDS, 0.7).state == "tracking"
+
+
+def test_the_times_out_of_sight_and_since_the_target_was_found_again():
+    """What is similar in a frame restarts the time to be lost, and not the one out of sight."""
+    status, times = TrackStatus(), []
+    for confidence, similarity in ((0.9, 0.9), (0.0, 0.0), (0.0, 0.9), (0.9, 0.9), (0.9, 0.9)):
+        status = status.advance(confidence, similarity, 0.25, THRESHOLDS)
+        times.append((status.hidden_for, status.reacquired_for))
+    assert times == [(0.0, None), (0.25, None), (0.5, None), (0.5, 0.0), (0.25, 0.25)]
+    assert status.advance(0.0, 0.0, 0.25, THRESHOLDS).reacquired_for is None

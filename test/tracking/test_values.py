@@ -66,6 +66,7 @@ def other_values(estimate):
     yield "effective_sample_size", estimate.effective_sample_size / 2
     yield "cue_weights", {name: weight / 2 for name, weight in estimate.cue_weights.items()}
     yield "background", None
+    yield "reacquired_for", 1.5
 
 
 def test_estimates_that_differ_in_any_field_are_not_equal(tracker):

@@ -1,0 +1,315 @@
+"""Situations made from a sequence's own pixels: the target is gone, covered, or not alone.
+
+Each is a function of a clip whose target is in every frame. It changes the frames from `first` to
+before `end`, and leaves the others as they are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+
+import cv2
+import numpy as np
+from honesty_footage import Clip, Image
+from numpy.typing import NDArray
+
+Situation = Callable[[Clip, int, int], Clip | None]
+# Part of the box that is erased; size that it is reduced to for this, pixels.
+_ERASED, _ERASED_SIZE = 1.2, 40.0
+# Frames in which the view pans, a stranger comes or the target fades.
+_TRANSITION = 20
+# Mean pixel difference of successive images of a still camera, gray levels.
+_STILL_BELOW = 4.0
+_NOISE_SEED = 43
+
+
+def dark(level: float, deviation: float, seconds: float | None = None) -> Situation:
+    """A covered lens: Gaussian noise around a gray level.
+
+    Args:
+        level: Mean, gray levels.
+        deviation: Standard deviation, gray levels.
+        seconds: Duration, for which the footage stands still; None for the frames of the situation,
+            which are replaced.
+    """
+
+    def situation(clip: Clip, first: int, end: int) -> Clip:
+        generator = np.random.default_rng(_NOISE_SEED)
+        count = end - first if seconds is None else max(round(seconds / clip.interval), 1)
+        shape = clip.images[0].shape
+        # A few images in turns: noise costs more than tracking.
+        noise = [
+            np.clip(np.rint(generator.normal(level, deviation, shape)), 0, 255).astype(np.uint8)
+            for _ in range(5 if deviation else 1)
+        ]
+        images = [noise[index % len(noise)] for index in range(count)]
+        after = end if seconds is None else first
+        boxes = [clip.boxes[:first], np.full((count, 4), np.nan), clip.boxes[after:]]
+        return Clip(
+            clip.name,
+            (*clip.images[:first], *images, *clip.images[after:]),
+            np.vstack(boxes),
+            clip.interval,
+        )
+
+    return situation
+
+
+def frozen(clip: Clip, first: int, end: int) -> Clip:
+    """One image again and again, while the target moves on."""
+    return _changed(
+        clip, first, end, lambda index, image, box: clip.images[first - 1], gone_after=None
+    )
+
+
+def panned(clip: Clip, first: int, end: int) -> Clip:
+    """The view pans to the mirrored scene without the target."""
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        width = image.shape[1]
+        other = cv2.flip(erased(image, box), 1)
+        shift = round(width * min((index + 1) / _TRANSITION, 1.0))
+        boxes[first + index, 0] -= shift
+        if boxes[first + index, 0] + box[2] / 2 < 0.0:
+            boxes[first + index] = np.nan
+        return np.hstack([image[:, shift:], other[:, :shift]])
+
+    boxes = clip.boxes.copy()
+    changed = _changed(clip, first, end, change)
+    return Clip(clip.name, changed.images, boxes, clip.interval)
+
+
+def inpainted(clip: Clip, first: int, end: int) -> Clip:
+    """The target is erased: its surroundings are continued over it."""
+    return _changed(clip, first, end, lambda index, image, box: erased(image, box))
+
+
+def faded(clip: Clip, first: int, end: int) -> Clip | None:
+    """The target fades into the background of a still camera; None for a moving one."""
+    if clip.motion >= _STILL_BELOW:
+        return None
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        opacity = min((index + 1) / _TRANSITION, 1.0)
+        return cv2.addWeighted(erased(image, box), opacity, image, 1.0 - opacity, 0.0)
+
+    return _changed(clip, first, end, change, gone_after=_TRANSITION)
+
+
+def covered_by_stranger(clip: Clip, first: int, end: int) -> Clip:
+    """A patch of the same image slides over the target and stays there; the target is gone."""
+    patch = _stranger(clip.images[first], clip.boxes[first])
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        base = image if index < _TRANSITION else erased(image, box)
+        place = clip.boxes[first + min(index, _TRANSITION)].copy()
+        place[0] -= place[2] * 2.0 * max(1.0 - index / _TRANSITION, 0.0)
+        return _pasted(base, patch, place)
+
+    return _changed(clip, first, end, change, gone_after=_TRANSITION)
+
+
+def crossed_by_copy(clip: Clip, first: int, end: int, *, is_alike: bool = True) -> Clip:
+    """A copy of the first look passes over the target, which stays visible but for the copy.
+
+    Args:
+        clip: The footage.
+        first: First frame of the situation.
+        end: Frame after its last one.
+        is_alike: Whether it is an exact copy; otherwise it is mirrored and 15 % darker.
+    """
+    patch = _crop(clip.images[0], clip.boxes[0])
+    if not is_alike:
+        patch = cv2.convertScaleAbs(cv2.flip(patch, 1), alpha=0.85)
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        progress = (index + 0.5) / (end - first)
+        place = box.copy()
+        place[0] += box[2] * 6.0 * (progress - 0.5)
+        return _pasted(image, patch, place)
+
+    return _changed(clip, first, end, change, gone_after=None)
+
+
+def defocused(clip: Clip, first: int, end: int) -> Clip:
+    """A blur whose standard deviation rises to a quarter of the target's size."""
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        return cv2.GaussianBlur(image, (0, 0), 0.1 + _size(box) / 4 * _rise(index, end - first))
+
+    return _changed(clip, first, end, change, gone_after=None)
+
+
+def noisy(clip: Clip, first: int, end: int) -> Clip:
+    """Noise with a standard deviation that rises to 40 gray levels."""
+    generator = np.random.default_rng(_NOISE_SEED)
+    noise = generator.normal(0.0, 40.0, clip.images[0].shape).astype(np.float32)
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        rolled = np.roll(noise, 7919 * (index + 1))
+        return np.clip(image + _rise(index, end - first) * rolled, 0, 255).astype(np.uint8)
+
+    return _changed(clip, first, end, change, gone_after=None)
+
+
+def motion_blurred(clip: Clip, first: int, end: int) -> Clip:
+    """A horizontal blur whose length rises to the target's size."""
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        length = max(round(_size(box) * _rise(index, end - first)), 1)
+        return cv2.blur(image, (length, 1))
+
+    return _changed(clip, first, end, change, gone_after=None)
+
+
+def turned(clip: Clip, first: int, end: int) -> Clip:
+    """The image turns around the target by 180 degrees."""
+    return _warped(clip, first, end, lambda rise, box: (180.0 * rise, 1.0))
+
+
+def shrunk(clip: Clip, first: int, end: int) -> Clip:
+    """The image shrinks around the target until this is 8 px large."""
+    return _warped(clip, first, end, lambda rise, box: (0.0, (min(8.0 / _size(box), 1.0)) ** rise))
+
+
+SITUATIONS: Mapping[str, Situation] = MappingProxyType(
+    {
+        "black image": dark(0.0, 0.0),
+        "dark sensor noise": dark(12.0, 4.0),
+        "view pans away": panned,
+        "erased by inpainting": inpainted,
+        "fades into the background": faded,
+        "a stranger covers it and stays": covered_by_stranger,
+        "a copy of its first look passes": crossed_by_copy,
+        "the same, mirrored and 15 % darker": partial(crossed_by_copy, is_alike=False),
+        "one frozen image": frozen,
+        "defocus": defocused,
+        "noise": noisy,
+        "motion blur": motion_blurred,
+        "turning": turned,
+        "shrinking to 8 px": shrunk,
+        **{
+            f"covered for {seconds:g} s, level {level}": dark(level, 4.0, seconds)
+            for seconds, level in ((0.2, 12), (1, 12), (5, 5), (5, 12), (5, 60), (30, 12))
+        },
+    }
+)
+"""Name of a situation to what makes it."""
+
+
+def erased(image: Image, box: NDArray[np.float64]) -> Image:
+    """The image without a (4,) box: its surroundings are continued over it."""
+    size = box[2:] * _ERASED
+    center = box[:2] + box[2:] / 2
+    low = np.maximum(np.floor(center - size), 0).astype(int)
+    high = np.minimum(np.ceil(center + size), image.shape[1::-1]).astype(int)
+    if (high - low < 2).any():
+        return image
+    window = image[low[1] : high[1], low[0] : high[0]]
+    mask = np.zeros(window.shape[:2], np.uint8)
+    start = np.maximum(np.floor(center - size / 2) - low, 0).astype(int)
+    stop = np.maximum(np.ceil(center + size / 2) - low, 0).astype(int)
+    mask[start[1] : stop[1], start[0] : stop[0]] = 255
+    scale = min(_ERASED_SIZE / _size(box), 1.0)
+    reduced = [max(round(side * scale), 1) for side in window.shape[1::-1]]
+    small = cv2.resize(window, reduced, interpolation=cv2.INTER_AREA)
+    small_mask = cv2.resize(mask, reduced, interpolation=cv2.INTER_NEAREST)
+    filled = cv2.inpaint(small, small_mask, 3, cv2.INPAINT_TELEA)
+    filled = cv2.resize(filled, window.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+    result = image.copy()
+    result[low[1] : high[1], low[0] : high[0]] = np.where(mask[..., None] > 0, filled, window)
+    return result
+
+
+def _changed(
+    clip: Clip,
+    first: int,
+    end: int,
+    change: Callable[[int, Image, NDArray[np.float64]], Image],
+    *,
+    gone_after: int | None = 0,
+) -> Clip:
+    """The clip with changed images from `first` to before `end`.
+
+    Args:
+        clip: The footage.
+        first: First frame of the situation.
+        end: Frame after its last one.
+        change: Makes an image from the number of frames since `first`, the image and the true box.
+        gone_after: Frames after which the target is not to be seen; None where it always is.
+    """
+    images, boxes = list(clip.images), clip.boxes.copy()
+    for index in range(first, end):
+        images[index] = change(index - first, images[index], clip.boxes[index])
+    if gone_after is not None:
+        boxes[first + gone_after : end] = np.nan
+    return Clip(clip.name, tuple(images), boxes, clip.interval)
+
+
+def _warped(
+    clip: Clip,
+    first: int,
+    end: int,
+    transform: Callable[[float, NDArray[np.float64]], tuple[float, float]],
+) -> Clip:
+    """The clip turned and scaled around the target, by degrees and factor of each frame."""
+    boxes = clip.boxes.copy()
+
+    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
+        degrees, scale = transform(_rise(index, end - first), box)
+        center = box[:2] + box[2:] / 2
+        boxes[first + index, 2:] = box[2:] * scale
+        boxes[first + index, :2] = center - box[2:] * scale / 2
+        matrix = cv2.getRotationMatrix2D(center.tolist(), degrees, scale)
+        size = image.shape[1::-1]
+        return cv2.warpAffine(
+            image, matrix, size, flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REFLECT
+        )
+
+    changed = _changed(clip, first, end, change, gone_after=None)
+    return Clip(clip.name, changed.images, boxes, clip.interval)
+
+
+def _stranger(image: Image, box: NDArray[np.float64]) -> Image:
+    """The patch of the box's size with the most structure that is apart from it."""
+    width, height = (max(round(side), 1) for side in box[2:])
+    gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    best, most = image[:height, :width], -1.0
+    for y in range(0, image.shape[0] - height + 1, max(height // 2, 1)):
+        for x in range(0, image.shape[1] - width + 1, max(width // 2, 1)):
+            is_apart = abs(x - box[0]) > 1.5 * width or abs(y - box[1]) > 1.5 * height
+            structure = float(gray[y : y + height, x : x + width].std())
+            if is_apart and structure > most:
+                best, most = image[y : y + height, x : x + width], structure
+    return best.copy()
+
+
+def _crop(image: Image, box: NDArray[np.float64]) -> Image:
+    """The part of the image in a (4,) box."""
+    left, top, right, bottom = np.rint([*box[:2], *(box[:2] + box[2:])]).astype(int)
+    return image[max(top, 0) : max(bottom, top + 1), max(left, 0) : max(right, left + 1)].copy()
+
+
+def _pasted(image: Image, patch: Image, box: NDArray[np.float64]) -> Image:
+    """The image with a patch scaled into a (4,) box, and clipped at the borders."""
+    width, height = (max(round(side), 1) for side in box[2:])
+    patch = cv2.resize(patch, (width, height), interpolation=cv2.INTER_AREA)
+    x, y = round(box[0]), round(box[1])
+    left, top = max(x, 0), max(y, 0)
+    right, bottom = min(x + width, image.shape[1]), min(y + height, image.shape[0])
+    result = image.copy()
+    if right > left and bottom > top:
+        result[top:bottom, left:right] = patch[top - y : bottom - y, left - x : right - x]
+    return result
+
+
+def _size(box: NDArray[np.float64]) -> float:
+    return max(math.sqrt(box[2] * box[3]), 1.0)
+
+
+def _rise(index: int, count: int) -> float:
+    """From 0 to 1 in the first half of a situation, and 1 from there on."""
+    return min(2.0 * (index + 1) / count, 1.0)
