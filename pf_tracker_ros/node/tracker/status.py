@@ -171,7 +171,7 @@ class TargetsLog:
         if ids == self._logged_ids or now - self._logged_at < _INTERVAL:
             return
         listed = ", ".join(f"{target.id} {target.label}".rstrip() for target in targets)
-        self._logger.info(f"targets: {listed or 'none'}")
+        self._logger.info(f"ids of the targets: {listed or 'none'}")
         self._logged_ids, self._logged_at = ids, now
 
 

@@ -155,7 +155,7 @@ def test_the_log_has_the_state_of_the_selected_target(capfd, two, client, walker
     assert status.values["state"] == "occluded"
     log = capfd.readouterr().err
     assert log.count("target 1 started on the box (30, 40, 24, 40)") == 1
-    assert log.count("targets: 1, 2\n") == 1
+    assert log.count("ids of the targets: 1, 2\n") == 1
     assert log.count("tracking -> occluded, confidence ") == 1
 
 
