@@ -77,10 +77,10 @@ def _parameter_tables() -> str:
         "one, has a valid value. An unknown parameter is reported and has no effect.",
         _table(_NODE),
         "## The tracker",
-        "The names are the same in the node and in the library (`Tracker.from_preset`). Each "
-        "preset has a column; the preset is `default` unless set. All can change at run time in "
-        "the node, and in the library by `set_parameters`. Those marked *relearns* make the "
-        "tracker learn every target again where it was last seen.",
+        "The names are the same in the node and in the library (`Tracker.from_preset`). The "
+        "preset is `default` unless set; other presets are listed where they differ from it. All "
+        "can change at run time in the node, and in the library by `set_parameters`. Those marked "
+        "*relearns* make the tracker learn every target again where it was last seen.",
         f"{_listed(selectors)} select parts of the tracker. The parameters of every part always "
         "exist; each is used only if its part is selected, as its description says.",
         "With `max_targets` above 1 the presets have the same values except for "
@@ -121,20 +121,18 @@ def _table(
     presets: Mapping[str, Mapping[str, Any]] | None = None,
     read_only: str = "no",
 ) -> str:
-    columns = presets or {
-        "default": {name: declaration.default for name, declaration in known.items()}
-    }
-    titles = ["name", "type", *columns]
-    if presets:
-        titles = ["name", "type", *(f"`{column}`" for column in columns)]
-    rows = [[*titles, "allowed", "unit", "at run time", "description"]]
+    others = ["other presets"] if presets else []
+    rows = [["name", "type", "default", *others, "allowed", "unit", "at run time", "description"]]
     rows.append(["---"] * len(rows[0]))
     for name, declaration in known.items():
-        cells = [
-            f"`{name}`",
-            declaration.type_name,
-            *(f"`{yaml_text(one[name])}`" for one in columns.values()),
-        ]
+        values = {preset: yaml_text(one[name]) for preset, one in (presets or {}).items()}
+        default = values.get("default", yaml_text(declaration.default))
+        cells = [f"`{name}`", declaration.type_name, f"`{default}`"]
+        if presets:
+            differing = (
+                f"{preset} `{value}`" for preset, value in values.items() if value != default
+            )
+            cells.append(", ".join(differing))
         at_run_time = read_only if declaration.read_only else "yes"
         rows.append(
             [*cells, declaration.allowed, declaration.unit, at_run_time, declaration.description]
