@@ -84,6 +84,22 @@ def test_boxes_that_determine_no_plane_say_so(camera, box_of):
             fit_ground_plane(camera, boxes)
 
 
+def test_one_box_many_times_determines_no_plane(camera, box_of):
+    box, _ = box_of(camera, GroundPlane.from_angles(5.0, 0.3), 12.0)
+    with pytest.raises(ValueError, match=r"do not determine the ground.*here 1\.00 times"):
+        fit_ground_plane(camera, [box] * 50)
+
+
+@pytest.mark.parametrize("height", [1.0, 2.0])
+def test_a_person_who_sways_determines_no_plane(camera, box_of, height):
+    """A detector's edge errors are as large as the variety of the distances."""
+    plane = GroundPlane.from_angles(height, 0.1)
+    for seed in range(10):
+        boxes = people(camera, box_of, plane, 50, noise=0.043, seed=seed, distances=(4.5, 5.5))
+        with pytest.raises(ValueError, match="do not determine the ground"):
+            fit_ground_plane(camera, boxes)
+
+
 @pytest.mark.parametrize(
     ("boxes", "height", "message"),
     [
