@@ -216,6 +216,9 @@ class CameraModel:
         self, normalized: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(N, 2) pixels of undistorted normalized coordinates, and (N, 2, 2) derivatives."""
+        if not len(normalized):
+            # OpenCV takes no empty array.
+            return np.empty((0, 2)), np.empty((0, 2, 2))
         points = np.ones((len(normalized), 3))
         points[:, :2] = normalized
         zero = np.zeros(3)
@@ -227,6 +230,8 @@ class CameraModel:
         self, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(N, 2) undistorted normalized coordinates, and (N, 2, 2) derivatives by the pixel."""
+        if not len(pixels):
+            return np.empty((0, 2)), np.empty((0, 2, 2))
         normalized = cv2.undistortPointsIter(
             pixels[:, None], self._matrix, self.distortion, None, None, _CRITERIA
         ).reshape(-1, 2)

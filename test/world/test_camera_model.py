@@ -95,6 +95,13 @@ def test_pixels_beyond_the_fold_of_the_polynomial_have_no_ray():
     assert np.isnan(rays[1]).all()
 
 
+@pytest.mark.parametrize("name", CAMERAS)
+def test_no_pixels_have_no_rays(name):
+    rays, jacobians = made(name).rays_with_jacobians(np.empty((0, 2)))
+    assert (rays.shape, jacobians.shape) == ((0, 3), (0, 3, 2))
+    assert made(name).project(np.empty((0, 3))).shape == (0, 2)
+
+
 def test_points_behind_the_camera_have_no_pixel():
     assert np.isnan(made("plumb_bob").project([[0.1, 0.1, -1.0]])).all()
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pf_tracker_ros.world import GroundPlane, fit_ground_plane
+from pf_tracker_ros.world import CameraModel, GroundPlane, fit_ground_plane
 
 
 def people(camera, box_of, plane, count, *, noise=0.0, height_sd=0.0, seed=0, distances=(5, 25)):
@@ -68,6 +68,13 @@ def test_too_few_whole_boxes_say_so(camera, box_of):
     boxes[0, 1] = 0.0
     with pytest.raises(ValueError, match="49 of 50 boxes are whole; a plane needs at least 50"):
         fit_ground_plane(camera, boxes)
+
+
+def test_cut_boxes_before_a_lens_with_distortion_say_so():
+    camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480, (-0.3, 0.1, 0.0, 0.0, 0.0))
+    # 3 px from the border are less than 2 % of the height.
+    with pytest.raises(ValueError, match="0 of 60 boxes are whole"):
+        fit_ground_plane(camera, [(300.0, 3.0, 80.0, 300.0)] * 60)
 
 
 def test_boxes_that_determine_no_plane_say_so(camera, box_of):
