@@ -27,6 +27,7 @@ from pf_tracker_ros.localization.sensors import (
 from pf_tracker_ros.localization.tracker_frame import TrackerFrame
 from pf_tracker_ros.localization.world_tracks import LocatedTarget, Sensed, WorldTracks
 from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.world.depth import check_depth
 
 # Nanoseconds from which an older frame is the first after a jump of the time.
 _JUMP = NANOSECONDS
@@ -191,6 +192,7 @@ class FrameLocalizer:
         if parameters.method in ("auto", "depth") and sensors.depth.is_used:
             try:
                 offset, depth = sensors.depth.find(frame.stamp, parameters.depth_tolerance)
+                depth = check_depth(depth, (camera.width, camera.height))
             except NotYetError as error:
                 if not is_last_chance:
                     raise

@@ -1,6 +1,6 @@
 """Learns the ground from people, where nobody gives the camera's height.
 
-1. Collect boxes of trusted targets that touch no border, at most two a second of each target.
+1. Collect whole boxes of trusted targets, at most two a second of each target.
 2. From 50 boxes on, and with every 50 more up to 200, fit height, pitch and roll of the camera.
 3. A fit that fails leaves the last ground, and the next 50 boxes try again.
 """
@@ -16,12 +16,11 @@ from pf_tracker_ros.localization.tracker_frame import TrackerFrame
 from pf_tracker_ros.localization.world_tracks import distrust
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import CameraModel, GroundPlane, fit_ground_plane
+from pf_tracker_ros.world.box_edges import BoxEdges
 
 _BATCH, _MAX_BOXES = 50, 200
 # Nanoseconds between two boxes of one target.
 _INTERVAL = NANOSECONDS // 2
-# Distance from the border, pixels, from which a box is whole.
-_BORDER = 2.0
 
 
 @dataclass
@@ -53,13 +52,7 @@ class GroundLearning:
             is_new = abs(frame.stamp - self._taken_at.get(target.id, 0)) >= _INTERVAL
             if distrust(target, parameters.min_confidence) or not is_new:
                 continue
-            x, y, width, height = target.box
-            inside = (
-                min(x, y) > _BORDER
-                and x + width < camera.width - _BORDER
-                and y + height < camera.height - _BORDER
-            )
-            if inside:
+            if _is_whole(target.box, camera):
                 self._taken_at[target.id] = frame.stamp
                 self._boxes.append(target.box)
                 self.boxes += 1
@@ -73,3 +66,11 @@ class GroundLearning:
             self.problem = f"the ground cannot be learned from {self.boxes} boxes: {error}"
         else:
             self.plane, self.problem = fitted.plane, ""
+
+
+def _is_whole(box: Box, camera: CameraModel) -> bool:
+    try:
+        edges = BoxEdges.of(box, None, (camera.width, camera.height))
+    except ValueError:
+        return False
+    return edges is not None and edges.is_whole

@@ -7,7 +7,6 @@ target.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +27,11 @@ _MIN_SD = 0.5
 _FROM_CENTER_AND_SIZE = np.array(
     [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.5], [0.0, 1.0, 0.0, -0.5]]
 )
+
+# Largest number of a box, and standard deviation, pixels.
+_LARGEST = 1e6
+# Asymmetry and negative eigenvalues of a covariance that are rounding, over its largest number.
+_ROUNDING = 1e-6
 
 _TO_CENTER = np.array([[1.0, 0.0, 0.0], [0.0, 0.5, 0.5]])
 
@@ -114,11 +118,17 @@ def _corners(box: ArrayLike) -> tuple[float, float, float, float]:
     values = np.asarray(box, dtype=np.float64)
     if values.shape == (4,):
         x, y, width, height = values.tolist()
-        if math.isfinite(x + y + width + height) and width > 0.0 and height > 0.0:
+        # A comparison with NaN is false.
+        if (
+            abs(x) <= _LARGEST
+            and abs(y) <= _LARGEST
+            and 0.0 < width <= _LARGEST
+            and 0.0 < height <= _LARGEST
+        ):
             return x, y, x + width, y + height
     raise ValueError(
-        f"box is {box!r}; expected four finite numbers (x, y, width, height) in pixels, with a "
-        "positive size"
+        f"box is {box!r}; expected four finite numbers (x, y, width, height) up to "
+        f"{_LARGEST:.0f} pixels, with a positive size"
     )
 
 
@@ -138,8 +148,17 @@ def _covariance(covariance: ArrayLike | None, height: float) -> NDArray[np.float
             f"box_covariance has shape {given.shape}; expected (4, 4) of center x, center y, width "
             "and height, or (2, 2) of the center"
         )
-    if not np.isfinite(full).all() or np.linalg.eigvalsh((full + full.T) / 2.0).min() < -1e-6:
-        raise ValueError("box_covariance must be finite, and positive semidefinite")
+    largest = float(np.abs(full).max())
+    # A comparison with NaN is false.
+    if not (
+        largest <= _LARGEST**2
+        and float(np.abs(full - full.T).max()) <= _ROUNDING * largest
+        and float(np.linalg.eigvalsh((full + full.T) / 2.0).min()) >= -_ROUNDING * largest
+    ):
+        raise ValueError(
+            "box_covariance must be finite, symmetric and positive semidefinite, with standard "
+            f"deviations up to {_LARGEST:.0f} px"
+        )
     edges = _FROM_CENTER_AND_SIZE @ full @ _FROM_CENTER_AND_SIZE.T + _IDENTITY * _MIN_SD**2
     return (edges + edges.T) / 2.0
 

@@ -37,6 +37,10 @@ _STEPS, _TOLERANCE = 50, 1e-6
 # OpenCV's fixed-point iteration, from which Newton's method starts.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 _ACROSS = np.eye(3)[:, :2]
+# Largest side of an image, least and largest focal length (a telephoto lens of 1 m has about 3e5),
+# and largest distance of the principal point from the first pixel, pixels.
+_LARGEST_SIDE, _LEAST_FOCAL, _LARGEST_FOCAL, _FARTHEST_CENTER = 1e5, 1.0, 1e6, 1e5
+_LARGEST_COEFFICIENT = 1e6
 
 
 class CameraModel:
@@ -53,8 +57,8 @@ class CameraModel:
         model: `plumb_bob`, `rational_polynomial` or `equidistant`.
 
     Raises:
-        ValueError: A number is not finite, a focal length or side is not positive, or the model
-            does not have that many coefficients.
+        ValueError: A number is not finite or no camera has it, or the model does not have that
+            many coefficients.
 
     Example:
         >>> from pf_tracker_ros.world import CameraModel
@@ -89,9 +93,25 @@ class CameraModel:
                 f"the focal lengths are {fx:g} and {fy:g} px; they are positive once the camera is "
                 "calibrated"
             )
-        if width < 1 or height < 1:
+        if min(width, height) < 1 or max(width, height) > _LARGEST_SIDE:
             raise ValueError(
-                f"the calibration is for {width} x {height} px; expected at least 1 x 1"
+                f"the calibration is for {width} x {height} px; expected at least 1 x 1, and sides "
+                f"up to {_LARGEST_SIDE:.0f}"
+            )
+        if min(fx, fy) < _LEAST_FOCAL or max(fx, fy) > _LARGEST_FOCAL:
+            raise ValueError(
+                f"the focal lengths are {fx:g} and {fy:g} px; expected {_LEAST_FOCAL:g} to "
+                f"{_LARGEST_FOCAL:.0f}, calibrate the camera"
+            )
+        if max(abs(cx), abs(cy)) > _FARTHEST_CENTER:
+            raise ValueError(
+                f"the principal point is ({cx:g}, {cy:g}) px; expected at most "
+                f"{_FARTHEST_CENTER:.0f} px from the first pixel, calibrate the camera"
+            )
+        if (np.abs(coefficients) > _LARGEST_COEFFICIENT).any():
+            raise ValueError(
+                f"a distortion coefficient is {coefficients[np.argmax(np.abs(coefficients))]:g}; "
+                f"expected at most {_LARGEST_COEFFICIENT:g}, calibrate the camera"
             )
         if len(coefficients) not in _COEFFICIENTS[model]:
             allowed = " or ".join(map(str, _COEFFICIENTS[model]))
@@ -137,7 +157,7 @@ class CameraModel:
             image_size: (width, height) of the images, to check them; None checks nothing.
 
         Raises:
-            ValueError: The calibration is empty, not finite, or of another image size.
+            ValueError: The calibration is empty, no camera has it, or it is of another image size.
         """
         matrix = np.array(intrinsics if projection is None else projection, dtype=np.float64)
         if matrix.size not in ((9,) if projection is None else (12,)):
@@ -149,6 +169,11 @@ class CameraModel:
         x, y, region_width, region_height = region
         if not (region_width and region_height):
             x, y, region_width, region_height = 0, 0, width, height
+        if min(x, y) < 0 or x + region_width > width or y + region_height > height:
+            raise ValueError(
+                f"the region of interest is {region_width} x {region_height} px at ({x}, {y}), "
+                f"outside of the calibrated image of {width} x {height} px"
+            )
         made = cls(
             matrix[0, 0] / binning_x,
             matrix[1, 1] / binning_y,
@@ -216,6 +241,9 @@ class CameraModel:
         self, normalized: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(N, 2) pixels of undistorted normalized coordinates, and (N, 2, 2) derivatives."""
+        if not len(normalized):
+            # OpenCV takes no empty array.
+            return np.empty((0, 2)), np.empty((0, 2, 2))
         points = np.ones((len(normalized), 3))
         points[:, :2] = normalized
         zero = np.zeros(3)
@@ -227,6 +255,8 @@ class CameraModel:
         self, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(N, 2) undistorted normalized coordinates, and (N, 2, 2) derivatives by the pixel."""
+        if not len(pixels):
+            return np.empty((0, 2)), np.empty((0, 2, 2))
         normalized = cv2.undistortPointsIter(
             pixels[:, None], self._matrix, self.distortion, None, None, _CRITERIA
         ).reshape(-1, 2)

@@ -44,11 +44,17 @@ _LEAST_SLOPE = 1e-3
 _HUBER, _AGREES_WITHIN = 2.0, 3.0
 # Smallest standard deviation of a residual, in units of the expected one.
 _LEAST_SD = 0.2
+# Smallest information of a direction of the parameters, against a division by zero.
+_LEAST_INFORMATION = 1e-9
 # Standard deviation of the logarithm of the people's true mean height.
 _MEAN_HEIGHT_SD = 0.03
 # Largest standard deviations in a usable fit: of the logarithm of the height, of the pitch
 # (radians), and of a residual in units of the expected one.
 _LARGEST_SDS = 0.15, 0.06, 1.5
+# Share of the boxes left out at each end, and least ratio of the farthest other box's distance to
+# the nearest's. Edge errors alone give less. Where they give most of the variety, the fit takes
+# them for the ground: it has a bias that the covariance does not contain.
+_ENDS, _LEAST_RATIO = 10.0, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +85,9 @@ def fit_ground_plane(
 
     Args:
         camera: Its calibration.
-        boxes: (N, 4) x, y, width, height in pixels, at least 50 that are whole, at various
-            distances, best of various people; boxes that the border cuts are left out.
+        boxes: (N, 4) x, y, width, height in pixels, at least 50 that are whole, best of various
+            people; boxes that the border cuts are left out. Without the nearest and the farthest
+            tenth, the farthest is at least 1.5 times as far as the nearest.
         target_height: Mean height of the people, meters.
 
     Raises:
@@ -116,12 +123,18 @@ def fit_ground_plane(
         )
     fits = [_Fit.of(rays, target_height, pitch) for pitch in _PITCHES]
     best = min(fits, key=lambda fit: fit.loss)
-    height_sd, pitch_sd, _ = np.sqrt(np.diagonal(np.linalg.pinv(best.information)))
+    height_sd, pitch_sd = best.standard_deviations()[:2]
     at_bound = (best.parameters <= _BOUNDS[0]) | (best.parameters >= _BOUNDS[1])
-    if at_bound.any() or (np.array([height_sd, pitch_sd, best.scale]) > _LARGEST_SDS).any():
+    ratio = _distance_ratio(best.parameters, rays)
+    if (
+        at_bound.any()
+        or (np.array([height_sd, pitch_sd, best.scale]) > _LARGEST_SDS).any()
+        or ratio < _LEAST_RATIO
+    ):
         raise ValueError(
             "the boxes do not determine the ground; expected people who stand on one plane, at "
-            "various distances"
+            f"various distances, the far ones at least {_LEAST_RATIO:g} times as far as the near "
+            f"ones (here {ratio:.2f} times)"
         )
     log_height, pitch, roll = best.parameters.tolist()
     height = math.exp(log_height)
@@ -197,6 +210,12 @@ class _Fit:
         mean = float(np.minimum(np.abs(residuals), 10.0).mean())
         return cls(parameters, residuals, scale, mean, information)
 
+    def standard_deviations(self) -> NDArray[np.float64]:
+        """(3,) of the parameters; huge where the boxes say nothing of one."""
+        values, vectors = np.linalg.eigh(self.information)
+        variances = np.square(vectors) / np.maximum(values, _LEAST_INFORMATION)
+        return np.sqrt(variances.sum(axis=1))
+
 
 def _rays(
     camera: CameraModel, boxes: NDArray[np.float64]
@@ -210,6 +229,15 @@ def _rays(
     rays = camera.rays(np.array(pixels)).reshape(-1, 2, 3)
     rays = rays[np.isfinite(rays).all(axis=(1, 2))]
     return rays[:, 0], rays[:, 1]
+
+
+def _distance_ratio(
+    parameters: NDArray[np.float64],
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> float:
+    """Distance of the far boxes over that of the near ones, by the people's height."""
+    near, far = np.percentile(_extents(parameters, rays)[0], (100.0 - _ENDS, _ENDS))
+    return float(near / far)
 
 
 def _residuals(
@@ -229,11 +257,19 @@ def _log_ratios(
     target_height: float,
 ) -> NDArray[np.float64]:
     """(N,) logarithms of the distance by the ground over that by the height."""
-    log_height, pitch, roll = parameters.tolist()
+    extent, foot = _extents(parameters, rays)
+    return np.log(extent / target_height) - np.log(foot) + float(parameters[0])
+
+
+def _extents(
+    parameters: NDArray[np.float64],
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N,) slopes of the feet less those of the heads, and (N,) slopes of the feet."""
+    _, pitch, roll = parameters.tolist()
     down = GroundPlane.from_angles(None, pitch, roll, 0.0).down
     foot, head = (_slopes(one @ down) for one in rays)
-    extent = np.maximum(foot - head, _LEAST_SLOPE) / target_height
-    return np.log(extent) - np.log(np.maximum(foot, _LEAST_SLOPE)) + log_height
+    return np.maximum(foot - head, _LEAST_SLOPE), np.maximum(foot, _LEAST_SLOPE)
 
 
 def _slopes(sines: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -21,6 +21,8 @@ _FIXED_ABOVE = 3.0
 # Standard deviation of the tilt between ground and camera, radians: of a vehicle that pitches on a
 # road that is not flat, and of a mounted camera.
 _TILT_SD_VEHICLE, _TILT_SD_FIXED = 0.01, 0.003
+# Least and largest height of a camera, meters; the largest is also that of its standard deviation.
+_LEAST_HEIGHT, _LARGEST_HEIGHT = 1e-3, 1e4
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,8 @@ class GroundPlane:
         height_sd: Standard deviation of the height, meters.
 
     Raises:
-        ValueError: A number is not finite, the height is not positive, or `down` has no direction.
+        ValueError: A number is out of its range (heights 0.001 to 10,000 m, their standard
+            deviation up to that, tilt_sd 0 to pi), or `down` has no direction.
 
     Example:
         Distances along rays from a level camera, 1.5 m above the ground:
@@ -55,16 +58,18 @@ class GroundPlane:
         down = np.array(self.down, dtype=np.float64)
         if down.shape != (3,) or not np.isfinite(down).all() or not down.any():
             raise ValueError(f"the direction down is {self.down!r}; expected three finite numbers")
-        if self.height is not None and not 0.0 < self.height < math.inf:
+        if self.height is not None and not _LEAST_HEIGHT <= self.height <= _LARGEST_HEIGHT:
             raise ValueError(
-                f"the camera's height is {self.height!r}; expected a positive number of meters, or "
-                "None where it is unknown"
+                f"the camera's height is {self.height!r}; expected {_LEAST_HEIGHT:g} to "
+                f"{_LARGEST_HEIGHT:g} meters, or None where it is unknown"
             )
-        if not (0.0 <= self.tilt_sd < math.inf and 0.0 <= self.height_sd < math.inf):
+        if not (0.0 <= self.tilt_sd <= math.pi and 0.0 <= self.height_sd <= _LARGEST_HEIGHT):
             raise ValueError(
-                f"tilt_sd is {self.tilt_sd!r} and height_sd {self.height_sd!r}; expected "
-                "radians and meters from 0 up"
+                f"tilt_sd is {self.tilt_sd!r} and height_sd {self.height_sd!r}; expected 0 to pi "
+                f"radians, and 0 to {_LARGEST_HEIGHT:g} meters"
             )
+        # The squares of large and small numbers are not finite or 0.
+        down /= np.abs(down).max()
         down /= np.linalg.norm(down)
         down.setflags(write=False)
         object.__setattr__(self, "down", down)

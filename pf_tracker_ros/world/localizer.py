@@ -43,6 +43,10 @@ METHODS = ("ground", "height", "depth")
 
 # Width of a person's box and its standard deviation, shares of the person's height.
 _WIDTH, _WIDTH_SD = 0.29, 0.11
+# Least and largest height of a target, meters; the largest is also that of its standard deviation.
+_LEAST_HEIGHT, _LARGEST_HEIGHT = 1e-3, 1e3
+# Largest range of a position, meters: beyond, the box says nothing.
+_FARTHEST = 1e4
 # Likelihood that a target is not where its box says: it sits, or is partly hidden.
 _UNEXPECTED = 0.05
 
@@ -87,10 +91,14 @@ class Localizer:
         tilt_sd: float | None = None,
         plane: GroundPlane | None = None,
     ) -> None:
-        if not (0.0 < target_height < math.inf and 0.0 <= target_height_sd < math.inf):
+        if not (
+            _LEAST_HEIGHT <= target_height <= _LARGEST_HEIGHT
+            and 0.0 <= target_height_sd <= _LARGEST_HEIGHT
+        ):
             raise ValueError(
                 f"target_height is {target_height!r} and target_height_sd {target_height_sd!r}; "
-                "expected a positive number of meters, and one from 0 up"
+                f"expected {_LEAST_HEIGHT:g} to {_LARGEST_HEIGHT:g} meters, and 0 to "
+                f"{_LARGEST_HEIGHT:g}"
             )
         self.camera = camera
         self.plane = plane or GroundPlane.from_angles(
@@ -150,7 +158,7 @@ class Localizer:
             plane: The ground in this frame, in place of the constructor's.
 
         Returns:
-            None where nothing can be said of the position.
+            None where nothing can be said of the position, or the range is above 10 km.
 
         Raises:
             ValueError: An argument has a wrong type, shape or range.
@@ -184,6 +192,9 @@ class Localizer:
             position, covariance = position_below(view, surface, self._target_height)
             used = ("depth",)
         else:
+            return None
+        # A comparison with NaN is false.
+        if not (np.linalg.norm(position) <= _FARTHEST and np.isfinite(covariance).all()):
             return None
         return Place(
             position,

@@ -26,6 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
 
+# Asymmetry of a covariance that is rounding, over its largest number.
+_ROUNDING = 1e-6
 # Standard deviation of the velocity of a new target, meters per second: people walk at 1.4.
 _FIRST_SPEED_SD = 1.2
 
@@ -132,7 +134,8 @@ class PositionFilter:
             Whether the measurement was used: it is neither late nor outside the gate.
 
         Raises:
-            ValueError: A number is not finite, or the covariance not positive definite.
+            ValueError: A number is not finite, or the covariance not symmetric and positive
+                definite.
         """
         place, noise = _horizontal(position, covariance)
         if self._state is None or self._stamp is None:
@@ -207,8 +210,10 @@ def _horizontal(
     place, noise = place[:2], noise[:2, :2]
     if not (np.isfinite(place).all() and np.isfinite(noise).all()):
         raise ValueError("position and covariance must be finite")
-    if noise[0, 0] <= 0.0 or np.linalg.det(noise) <= 0.0:
-        raise ValueError("the covariance of the position must be positive definite")
+    is_symmetric = abs(noise[0, 1] - noise[1, 0]) <= _ROUNDING * np.abs(noise).max()
+    noise = (noise + noise.T) / 2.0
+    if not is_symmetric or noise[0, 0] <= 0.0 or np.linalg.det(noise) <= 0.0:
+        raise ValueError("the covariance of the position must be symmetric and positive definite")
     return place, noise
 
 

@@ -62,6 +62,15 @@ def test_the_covariance_of_the_edges_is_that_of_samples():
     np.testing.assert_allclose(edges.center_covariance(), center, atol=0.15)
 
 
+def test_a_covariance_of_one_direction_is_one_at_any_scale():
+    direction = np.array([1.0, 2.0, 3.0, 4.0])
+    for sd in (1e-6, 1.0, 1e5):
+        covariance = sd**2 * np.outer(direction, direction)
+        edges = BoxEdges.of((300, 100, 40, 100), covariance, SIZE)
+        # The lower edge is center y and half the height.
+        assert edges.covariance[1, 1] == pytest.approx((4.0 * sd) ** 2 + 0.25)
+
+
 def test_a_covariance_of_the_center_leaves_the_size_as_a_detector_has_it():
     by_center = BoxEdges.of((300, 100, 40, 100), np.diag([9.0, 4.0]), SIZE)
     default = BoxEdges.of((300, 100, 40, 100), None, SIZE).covariance[1, 1] - 0.25
@@ -70,7 +79,16 @@ def test_a_covariance_of_the_center_leaves_the_size_as_a_detector_has_it():
 
 
 @pytest.mark.parametrize(
-    "box", [(0, 0, 0, 10), (0, 0, 10, -1), (np.nan, 0, 1, 1), (0, 0, np.inf, 1), (1, 2, 3)]
+    "box",
+    [
+        (0, 0, 0, 10),
+        (0, 0, 10, -1),
+        (np.nan, 0, 1, 1),
+        (0, 0, np.inf, 1),
+        (0, np.nan, 1, 1),
+        (0, 0, 1, 1e200),
+        (1, 2, 3),
+    ],
 )
 def test_a_box_that_is_none_is_rejected(box):
     with pytest.raises(ValueError, match="four finite numbers"):
@@ -83,6 +101,8 @@ def test_a_box_that_is_none_is_rejected(box):
         (np.eye(3), r"shape \(3, 3\)"),
         (np.full((2, 2), np.nan), "finite"),
         (-np.eye(4), "semidefinite"),
+        ([[4.0, 1.0], [-1.0, 4.0]], "symmetric"),
+        (1e20 * np.eye(2), "deviations up to"),
     ],
 )
 def test_a_covariance_that_is_none_is_rejected(covariance, message):

@@ -95,6 +95,13 @@ def test_pixels_beyond_the_fold_of_the_polynomial_have_no_ray():
     assert np.isnan(rays[1]).all()
 
 
+@pytest.mark.parametrize("name", CAMERAS)
+def test_no_pixels_have_no_rays(name):
+    rays, jacobians = made(name).rays_with_jacobians(np.empty((0, 2)))
+    assert (rays.shape, jacobians.shape) == ((0, 3), (0, 3, 2))
+    assert made(name).project(np.empty((0, 3))).shape == (0, 2)
+
+
 def test_points_behind_the_camera_have_no_pixel():
     assert np.isnan(made("plumb_bob").project([[0.1, 0.1, -1.0]])).all()
 
@@ -142,11 +149,21 @@ K = (500.0, 0, 322, 0, 510, 238, 0, 0, 1)
         ((640, 480, "omni", (), K), "'omni'; allowed: plumb_bob, rational_polynomial, equidistant"),
         ((640, 480, "", (), K[:4]), r"4 numbers; expected k \(9\)"),
         ((0, 0, "plumb_bob", (), K), "0 x 0"),
+        ((640, 2**32 - 1, "plumb_bob", (), K), "640 x 4294967295"),
+        ((640, 480, "plumb_bob", (), (1e7, *K[1:])), "1e[+]07 and 510 px; expected 1 to 1000000"),
+        ((640, 480, "plumb_bob", (), (*K[:2], -1e6, *K[3:])), "principal point"),
+        ((640, 480, "plumb_bob", (0.1, -1e300, 0, 0, 0), K), "coefficient is -1e[+]300"),
     ],
 )
 def test_a_calibration_that_cannot_be_says_so(arguments, message):
     with pytest.raises(ValueError, match=message):
         CameraModel.from_calibration(*arguments)
+
+
+@pytest.mark.parametrize("region", [(2**32 - 1, 0, 64, 64), (600, 0, 64, 64), (0, 0, 640, 481)])
+def test_a_region_outside_of_the_image_says_so(region):
+    with pytest.raises(ValueError, match="outside of the calibrated image of 640 x 480"):
+        CameraModel.from_calibration(640, 480, "", (), K, region=region)
 
 
 def test_a_calibration_of_another_image_size_says_so():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pf_tracker_ros.world import GroundPlane, fit_ground_plane
+from pf_tracker_ros.world import CameraModel, GroundPlane, fit_ground_plane
 
 
 def people(camera, box_of, plane, count, *, noise=0.0, height_sd=0.0, seed=0, distances=(5, 25)):
@@ -70,6 +70,13 @@ def test_too_few_whole_boxes_say_so(camera, box_of):
         fit_ground_plane(camera, boxes)
 
 
+def test_cut_boxes_before_a_lens_with_distortion_say_so():
+    camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480, (-0.3, 0.1, 0.0, 0.0, 0.0))
+    # 3 px from the border are less than 2 % of the height.
+    with pytest.raises(ValueError, match="0 of 60 boxes are whole"):
+        fit_ground_plane(camera, [(300.0, 3.0, 80.0, 300.0)] * 60)
+
+
 def test_boxes_that_determine_no_plane_say_so(camera, box_of):
     plane = GroundPlane.from_angles(5.0, 0.25)
     same = people(camera, box_of, plane, 50, noise=0.03, height_sd=0.05, distances=(15, 15.01))
@@ -80,6 +87,22 @@ def test_boxes_that_determine_no_plane_say_so(camera, box_of):
         [generator.uniform(50, 550, 60), rows, np.full(60, 40.0), 180.0 - rows / 2.0]
     )
     for boxes in (same, upside_down):
+        with pytest.raises(ValueError, match="do not determine the ground"):
+            fit_ground_plane(camera, boxes)
+
+
+def test_one_box_many_times_determines_no_plane(camera, box_of):
+    box, _ = box_of(camera, GroundPlane.from_angles(5.0, 0.3), 12.0)
+    with pytest.raises(ValueError, match=r"do not determine the ground.*here 1\.00 times"):
+        fit_ground_plane(camera, [box] * 50)
+
+
+@pytest.mark.parametrize("height", [1.0, 2.0])
+def test_a_person_who_sways_determines_no_plane(camera, box_of, height):
+    """A detector's edge errors are as large as the variety of the distances."""
+    plane = GroundPlane.from_angles(height, 0.1)
+    for seed in range(10):
+        boxes = people(camera, box_of, plane, 50, noise=0.043, seed=seed, distances=(4.5, 5.5))
         with pytest.raises(ValueError, match="do not determine the ground"):
             fit_ground_plane(camera, boxes)
 

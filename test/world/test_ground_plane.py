@@ -59,13 +59,21 @@ def test_a_plane_of_unknown_height_has_no_distances():
         (np.ones(3), 0.0, 0.0),
         (np.ones(3), math.inf, 0.0),
         (np.ones(3), math.nan, 0.0),
+        (np.ones(3), 1e200, 0.0),
         (np.ones(3), 1.0, -0.1),
+        (np.ones(3), 1.0, 1e200),
         (np.ones(3), 1.0, 0.1, math.nan),
     ],
 )
 def test_what_is_no_plane_is_rejected(arguments):
     with pytest.raises(ValueError, match="expected"):
         GroundPlane(*arguments)
+
+
+@pytest.mark.parametrize("length", [1e200, 1e-320])
+def test_gravity_has_any_length(length):
+    plane = GroundPlane.from_gravity(1.0, (0.0, length, length))
+    np.testing.assert_allclose(plane.down, (0.0, 0.5**0.5, 0.5**0.5))
 
 
 def test_angles_that_are_not_finite_are_rejected():

@@ -281,7 +281,11 @@ def test_wrong_arguments_are_rejected(camera, arguments, message):
         {"camera_height": 0.0},
         {"camera_height": np.nan},
         {"camera_pitch": np.inf},
+        {"camera_height": 1e200},
         {"target_height": -1.0},
+        {"target_height": 1e200},
+        {"target_height": 1e-200},
+        {"target_height_sd": 1e200},
         {"target_height_sd": np.nan},
         {"tilt_sd": -1.0},
     ],
@@ -289,6 +293,14 @@ def test_wrong_arguments_are_rejected(camera, arguments, message):
 def test_wrong_parameters_are_rejected(camera, arguments):
     with pytest.raises(ValueError, match=r"expected|finite"):
         Localizer(camera, **arguments)
+
+
+def test_a_range_above_10_km_is_no_position():
+    camera = CameraModel(1e6, 1e6, 319.5, 239.5, 640, 480)
+    # 1.75 m over 170 px, and over 200 px.
+    box, near = (300, 100, 60, 170), (300, 100, 60, 200)
+    assert Localizer(camera, None).locate(box) is None
+    assert Localizer(camera, None).locate(near).range == pytest.approx(8750.0, rel=1e-3)
 
 
 def test_any_box_gives_a_place_or_none(camera):

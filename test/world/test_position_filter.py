@@ -113,6 +113,7 @@ def test_the_uncertainty_grows_without_measurements():
         ((np.nan, 2.0), np.eye(2), "finite"),
         ((1.0, 2.0), np.full((2, 2), np.inf), "finite"),
         ((1.0, 2.0), np.zeros((2, 2)), "positive definite"),
+        ((1.0, 2.0), [[1.0, 5.0], [-5.0, 1.0]], "symmetric"),
     ],
 )
 def test_a_wrong_measurement_leaves_the_filter_as_it_was(position, covariance, message):

@@ -234,6 +234,18 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer
     assert "depth_offset" not in far.values
 
 
+def test_depth_of_another_shape_leaves_ground_and_height(scene, make_localizer, given):
+    scene.add_sensor(Image, "depth")
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.send("depth", given.depth(given.start, np.full((100, 640), 5.0, np.float32)))
+    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count, "depth")
+    status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
+    assert status.targets[1]["method"] == "ground+height"
+    assert "depth is 640 x 100 px and the image 640 x 480" in status.message
+
+
 def test_depth_that_is_compressed_is_used(scene, make_localizer, given):
     scene.add_sensor(CompressedImage, "depth/compressedDepth")
     localizer = make_localizer(**STILL, method="depth", depth_transport="compressedDepth")

@@ -1,0 +1,50 @@
+"""Learning the ground from the boxes of a tracker's frames."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.localization.ground_learning import GroundLearning
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.world import GroundPlane
+
+
+@pytest.fixture
+def learn(camera):
+    """Shows boxes of one target, one a second; returns what was learned."""
+
+    def show(boxes):
+        learning = GroundLearning()
+        for second, box in enumerate(boxes, 1):
+            target = ReportedTarget(1, "", "tracking", 0.9, tuple(map(float, box)), np.eye(4))
+            stamp = second * NANOSECONDS
+            frame = TrackerFrame(stamp, "camera", False, "tracking", 1, (640, 480), (target,))
+            learning.add(frame, camera, LocalizerParameters())
+        return learning
+
+    return show
+
+
+def walk(camera, box_of, distances):
+    plane = GroundPlane.from_angles(2.0, 0.1)
+    return [box_of(camera, plane, distance)[0] for distance in distances]
+
+
+def test_one_person_who_walks_teaches_the_ground(camera, box_of, learn):
+    learned = learn(walk(camera, box_of, np.linspace(5.0, 12.0, 50)))
+    assert learned.plane.height == pytest.approx(2.0, rel=0.02)
+    assert learned.problem == ""
+
+
+def test_one_person_who_stays_at_one_place_does_not(camera, box_of, learn):
+    learned = learn(walk(camera, box_of, np.linspace(5.0, 5.5, 50)))
+    assert learned.plane is None
+    assert "the ground cannot be learned from 50 boxes" in learned.problem
+
+
+def test_only_whole_boxes_count(camera, box_of, learn):
+    whole = walk(camera, box_of, np.linspace(5.0, 12.0, 49))
+    # 3 px from the border are less than 2 % of the height.
+    cut, none = (300, 3, 80, 300), (300, 100, 0, 100)
+    assert learn([*whole, cut, none]).boxes == 49
