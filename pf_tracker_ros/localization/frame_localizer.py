@@ -178,6 +178,7 @@ class FrameLocalizer:
         """
         sensors = self._sensors
         camera = sensors.calibration.model(frame.image_size, rectified=parameters.rectified)
+        self._problems.set("camera frame", sensors.calibration.difference(frame.frame_id))
         if not parameters.camera.height:
             self._learning.add(frame, camera, parameters)
             self._problems.set("ground", self._learning.problem)

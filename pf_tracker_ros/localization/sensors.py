@@ -128,6 +128,7 @@ class CameraCalibration(Store):
     def forget(self) -> None:
         """Forget all messages."""
         self._latest: Any = None
+        self._frame_id = ""
         self._key: Any = None
         self._model: CameraModel | ValueError | None = None
 
@@ -157,9 +158,23 @@ class CameraCalibration(Store):
             return self._model
         raise self._model or ValueError(f"no CameraInfo on {self._feed.topic}")
 
+    def difference(self, camera_frame: str) -> str:
+        """Why it may be the calibration of another camera; empty if nothing says so.
+
+        Args:
+            camera_frame: `frame_id` of the images.
+        """
+        own, images = self._frame_id.lstrip("/"), camera_frame.lstrip("/")
+        if not own or not images or own == images:
+            return ""
+        return (
+            f"the CameraInfo on {self._feed.topic} is of the frame '{own}', but the images are of "
+            f"'{images}'; if it is of another camera, positions are wrong: remap camera_info"
+        )
+
     def take(self, stamp: int, frame_id: str, message: Any) -> None:
         """Store a message; a calibration needs no stamp."""
-        self._latest = message
+        self._latest, self._frame_id = message, frame_id
 
 
 class DepthImages(Store):

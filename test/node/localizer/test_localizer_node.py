@@ -7,7 +7,7 @@ from importlib import util
 import cv2
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -322,6 +322,22 @@ def test_what_is_wrong_with_the_calibration_is_told_and_it_goes_on(scene, make_l
     assert "not finite" in reason(2, given.camera_info(focal=math.nan))
     assert "calibration is for images of 320 x 240" in reason(3, given.camera_info(320, 240))
     assert reason(4, given.camera_info()) == ""
+
+
+def test_the_calibration_of_another_camera_is_told_of(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    target = given.target(box=given.box_at(6.0, 0.0))
+    for index, (frame_id, is_other) in enumerate(
+        [("", False), ("rear_camera", True), (given.optical, False), (f"/{given.optical}", False)]
+    ):
+        info = given.camera_info()
+        info.header.frame_id = frame_id
+        scene.calibrate(localizer, info)
+        status = scene.show(given.start + index * given.frame, [target])
+        assert status.values["pose"] == "published"
+        assert ("/camera_info is of the frame 'rear_camera'" in status.message) == is_other
+        assert (status.level == DiagnosticStatus.WARN) == is_other
 
 
 def test_time_that_goes_back_starts_anew(scene, make_localizer, given):
