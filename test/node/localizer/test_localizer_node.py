@@ -300,9 +300,13 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
     assert float(status.values["camera_pitch"]) == pytest.approx(pitch, abs=1e-6)
     # The optical axis meets the ground at height / tan(pitch).
     assert float(status.targets[1]["x"]) == pytest.approx(1.5 / math.tan(pitch), abs=FOOT_TO_CENTER)
-    scene.send("imu", given.imu(given.start + given.frame, up, frame="base_link"))
+    late = scene.show(given.start + 100 * 10**9, [target])
+    assert "last measured 100.000 s before the image" in late.values["reason"]
+    assert scene.show(given.start + 2 * 10**9, [target]).values["camera_mounting"] == "imu"
+    later = given.start + 2 * 10**9 + given.frame
+    scene.send("imu", given.imu(later, up, frame="base_link"))
     scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count > 1, "gravity")
-    other = scene.show(given.start + given.frame, [target])
+    other = scene.show(later, [target])
     if util.find_spec("tf2_ros") is None:
         assert "gravity is in the frame 'base_link'" in other.values["reason"]
 
