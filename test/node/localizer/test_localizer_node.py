@@ -414,8 +414,10 @@ def test_parameters_apply_at_run_time_and_wrong_ones_are_refused(scene, make_loc
     scene.calibrate(localizer)
     target = given.target(box=given.box_at(6.0, 0.0))
     assert scene.show(given.start, [target]).targets[1]["method"] == "height"
-    (refused,) = localizer.set_parameters([Parameter("camera.height", value=math.nan)])
-    assert not refused.successful
+    for name, value in (("camera.height", math.nan), ("fixed_frame", "")):
+        (refused,) = localizer.set_parameters([Parameter(name, value=value)])
+        assert not refused.successful
+        assert f"parameter '{name}' is {value!r}; allowed" in refused.reason
     (accepted,) = localizer.set_parameters([Parameter("method", value="ground")])
     assert accepted.successful
     assert scene.show(given.start + given.frame, [target]).targets[1]["method"] == "ground"
