@@ -210,4 +210,6 @@ def _silence(frame: TrackerFrame, targets: Sequence[LocatedTarget]) -> str:
     if not frame.selected:
         return "no target is selected" if frame.targets else "the tracker has no target"
     selected = next((one for one in targets if one.reported.id == frame.selected), None)
-    return selected.silence if selected else f"target {frame.selected} has ended"
+    return (
+        selected.silence if selected else f"target {frame.selected} is not in the tracker's status"
+    )

@@ -161,18 +161,25 @@ class LocalizerNode(ManagedNode):
 
     # Frames
 
+    @property
+    def _status_topic(self) -> str:
+        """Full name of the topic of the tracker's status."""
+        return str(self.resolve_topic_name(_STATUS_TOPIC))
+
     def _on_status(self, message: DiagnosticArray) -> None:
         self._arrivals.add()
         try:
-            frame = read_status(message)
+            frame, problem = read_status(message)
             if frame.stamp <= 0:
                 raise ValueError(
-                    "the images have no stamps, which positions and other sensors need; stamp them"
+                    "its images have no stamps, which positions and other sensors need; stamp them"
                 )
         except ValueError as error:
-            self._problems.set("status", str(error))
+            self._problems.set("status", f"the status on {self._status_topic} refused: {error}")
             return
-        self._problems.set("status", "")
+        self._problems.set(
+            "status", f"the status on {self._status_topic}: {problem}" if problem else ""
+        )
         self._waiting.append((frame, time.monotonic()))
         self._locate_waiting()
 
@@ -232,7 +239,7 @@ class LocalizerNode(ManagedNode):
             silent = self._arrivals.silent_for
             if silent > _STATUS_TIMEOUT:
                 level = WARN
-                message = f"no status of the tracker on {self._statuses.topic_name}"
+                message = f"no status of the tracker on {self._status_topic}"
         if self._binding.refused:
             level, message = ERROR, "; ".join(self._binding.refused.values())
         for fault in self._graph.lasting:

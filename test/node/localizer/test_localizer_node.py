@@ -16,6 +16,8 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pf_tracker_ros.node.localizer.tracker_status import read_status
+
 STILL = {"camera__height": 1.5}
 # A foot is seen where a target begins; its center, which is told, is behind that.
 FOOT_TO_CENTER = 0.1
@@ -146,7 +148,7 @@ def test_it_is_silent_without_a_selected_target(scene, make_localizer, given):
     assert reasons == [
         "the tracker has no target",
         "no target is selected",
-        "target 7 has ended",
+        "target 7 is not in the tracker's status",
         "the tracker skipped the image",
         "the image is not newer than the last one",
     ]
@@ -433,21 +435,50 @@ def test_with_an_invalid_parameter_it_says_why_there_is_no_position(scene, make_
     scene.wait_for(lambda: [one for one in scene.health if one.status[0].level == b"\x02"], "error")
 
 
-def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given):
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("box_x", None, "it has no key 'box_x'"),
+        ("box_width", "inf", "box_width is 'inf'; expected a finite number"),
+        ("covariance_xx", "a", "covariance_xx is 'a'; expected a finite number"),
+        ("id", "1.5", "id is '1.5'; expected a whole number"),
+    ],
+)
+def test_a_target_that_cannot_be_read_does_not_cost_the_others(given, key, value, reason):
+    broken = given.target(id=1) | {key: value}
+    if value is None:
+        del broken[key]
+    frame, problem = read_status(given.status(given.start, [broken, given.target(id=2)]))
+    assert [target.id for target in frame.targets] == [2]
+    assert problem.startswith(f"'target {broken['id']}' is left out: {reason}")
+
+
+def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given, capfd):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
     scene.calibrate(localizer)
     scene.publish_message(DiagnosticArray())
-    incomplete = given.target()
-    del incomplete["box_x"]
-    scene.publish(given.start, [incomplete])
-    infinite = given.target(box=(0.0, 0.0, math.inf, 1.0))
-    scene.publish(given.start, [infinite])
+    scene.publish(given.start, [], selected="first")
+    scene.publish(given.start, [], image_width="wide")
     scene.publish(0, [given.target()])
     scene.wait_for(lambda: localizer._arrivals.count == 4, "messages")
     assert scene.statuses == []
+    told = capfd.readouterr().err
+    for reason in (
+        "it is empty",
+        "selected is 'first'; expected a whole number",
+        "image_width is 'wide'; expected a whole number",
+        "its images have no stamps",
+    ):
+        assert f"the status on /pf_tracker/status refused: {reason}" in told
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert status.values["pose"] == "published"
+    wrong = given.target(id=2, confidence="high")
+    sound = given.target(box=given.box_at(6.0, 0.0))
+    status = scene.show(given.start + given.frame, [wrong, sound])
+    assert status.values["pose"] == "published"
+    assert "the status on /pf_tracker/status: 'target 2' is left out" in status.message
+    assert list(status.targets) == [1]
 
 
 def test_it_works_only_while_it_is_active(scene, make_localizer, services_of, given):
