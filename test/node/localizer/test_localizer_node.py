@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pf_tracker_ros.node import graph_monitor
 from pf_tracker_ros.node.localizer.tracker_status import read_status
 
 STILL = {"camera__height": 1.5}
@@ -517,3 +518,18 @@ def test_its_health_names_the_tracker_that_is_missing(scene, make_localizer):
     scene.wait_for(lambda: [h for h in scene.health if h.status[0].message == missing], "warning")
     values = {item.key: item.value for item in scene.health[-1].status[0].values}
     assert {"camera_info_rate", "depth_rate", "odom_rate", "imu_rate"} <= values.keys()
+
+
+def test_a_second_tracker_on_the_status_is_named(scene, make_localizer, graph, monkeypatch):
+    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.02)
+    make_localizer(**STILL)
+    scene.listen(DiagnosticArray, "/diagnostics", scene.health.append)
+    other = graph.client(namespace="/left")
+    second = other.create_publisher(DiagnosticArray, "/pf_tracker/status", 10)
+    fault = (
+        "/pf_tracker/status has 2 publishers, '/left/client' and '/scene'; end all but one, or "
+        "remap them to topics of their own"
+    )
+    scene.wait_for(lambda: any(fault in h.status[0].message for h in scene.health), "report")
+    other.destroy_publisher(second)
+    scene.wait_for(lambda: fault not in scene.health[-1].status[0].message, "its end")
