@@ -314,6 +314,19 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
         assert "gravity is in the frame 'base_link'" in other.values["reason"]
 
 
+def test_gravity_of_the_opposite_sign_is_named_where_there_is_no_range(
+    scene, make_localizer, given
+):
+    scene.add_sensor(Imu, "imu")
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.send("imu", given.imu(given.start, (0.0, 1.0, 0.0)))
+    scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count, "gravity")
+    status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
+    assert "gives no range; gravity on the topic imu says" in status.values["reason"]
+
+
 def test_what_is_wrong_with_the_calibration_is_told_and_it_goes_on(scene, make_localizer, given):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
@@ -374,6 +387,20 @@ def test_several_targets_have_their_ids(scene, make_localizer, listened, given):
     scene.wait_for(lambda: len(listened["markers"]) == 3, "markers")
     labels = [m.text for m in listened["markers"][-1].markers if m.ns == "labels"]
     assert labels == ["3 person", "8 person"]
+
+
+def test_absurd_numbers_of_a_target_do_not_cost_the_others(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    targets = [
+        given.target(id=1, box=given.box_at(6.0, 0.0)),
+        given.target(id=2, box=(0.0, 0.0, 1.0, 1e200)),
+        given.target(id=3, box=(1e308, 1e308, 1e308, 1e308)),
+    ]
+    status = scene.show(given.start, targets)
+    assert status.values["pose"] == "published"
+    assert {2, 3} == {id for id, one in status.targets.items() if "reason" in one}
 
 
 def test_detections_in_three_dimensions(scene, make_localizer, given):
