@@ -69,6 +69,7 @@ class Declaration:
         minimum: Smallest allowed number, inclusive; of each element for a list; -inf for others.
         maximum: Largest allowed number, inclusive; of each element for a list; inf for others.
         choices: Allowed strings; empty allows any. A list of strings holds each at most once.
+        allows_empty: Whether a string may be empty.
         lengths: Allowed lengths of a list; empty allows any.
         read_only: Whether it is fixed once the tracker or node has started.
         condition: Condition under which it is active; None for always.
@@ -82,6 +83,7 @@ class Declaration:
     minimum: float = -math.inf
     maximum: float = math.inf
     choices: tuple[str, ...] = ()
+    allows_empty: bool = True
     lengths: tuple[int, ...] = ()
     read_only: bool = False
     condition: Condition | None = None
@@ -100,7 +102,8 @@ class Declaration:
         if self.type is bool:
             return "true or false"
         if self.type in (str, tuple[str, ...]):
-            return "any string" if self.type is str else "any strings"
+            text = "any string" if self.type is str else "any strings"
+            return text if self.allows_empty else f"{text} that is not empty"
         text = f"{self.minimum:.10g} to {self.maximum:.10g}"
         if self.lengths:
             lengths = " or ".join(str(length) for length in self.lengths)
@@ -146,6 +149,8 @@ class Declaration:
             raise self._refusal(value)
         if self.choices and element not in self.choices:
             raise self._refusal(value)
+        if not self.allows_empty and not element:
+            raise self._refusal(value)
         return element_type(element)
 
     def _number(self, element: Any, number_type: type, value: Any) -> Any:
@@ -184,6 +189,7 @@ def declared(
     minimum: float = -math.inf,
     maximum: float = math.inf,
     choices: Collection[str] = (),
+    allows_empty: bool = True,
     lengths: Sequence[int] = (),
     read_only: bool = False,
     only_with: Sequence[str] = (),
@@ -212,6 +218,7 @@ def declared(
                 "minimum": minimum,
                 "maximum": maximum,
                 "choices": choices,
+                "allows_empty": allows_empty,
                 "lengths": tuple(lengths),
                 "read_only": read_only,
             },

@@ -108,7 +108,7 @@ class CameraPoses:
             return CameraPose(
                 pose, GroundPlane.from_pose(pose.rotation, pose.translation), "tf2", "tf2"
             )
-        plane, mounting = self._mounting(camera_frame, parameters, learned)
+        plane, mounting = self._mounting(stamp, camera_frame, parameters, learned)
         mounted = mounted_pose(plane)
         if not self._odometry.is_used:
             return CameraPose(mounted, plane, mounting, "still")
@@ -122,14 +122,18 @@ class CameraPoses:
         return CameraPose(RigidPose(pose.rotation, on_ground), plane, mounting, "odometry")
 
     def _mounting(
-        self, camera_frame: str, parameters: LocalizerParameters, learned: GroundPlane | None
+        self,
+        stamp: int,
+        camera_frame: str,
+        parameters: LocalizerParameters,
+        learned: GroundPlane | None,
     ) -> tuple[GroundPlane, str]:
         camera = parameters.camera
         if not camera.height and learned is not None:
             return learned, "learned"
         height = camera.height or None
         if not (camera.pitch or camera.roll):
-            down = self._gravity.down(camera_frame, self._transforms)
+            down = self._gravity.down(stamp, camera_frame, self._transforms)
             if down is not None:
                 return GroundPlane.from_gravity(height, down), "imu"
         is_given = camera.height or camera.pitch or camera.roll

@@ -179,6 +179,7 @@ class FrameLocalizer:
         """
         sensors = self._sensors
         camera = sensors.calibration.model(frame.image_size, rectified=parameters.rectified)
+        self._problems.set("camera frame", sensors.calibration.difference(frame.frame_id))
         if not parameters.camera.height:
             self._learning.add(frame, camera, parameters)
             self._problems.set("ground", self._learning.problem)
@@ -211,4 +212,6 @@ def _silence(frame: TrackerFrame, targets: Sequence[LocatedTarget]) -> str:
     if not frame.selected:
         return "no target is selected" if frame.targets else "the tracker has no target"
     selected = next((one for one in targets if one.reported.id == frame.selected), None)
-    return selected.silence if selected else f"target {frame.selected} has ended"
+    return (
+        selected.silence if selected else f"target {frame.selected} is not in the tracker's status"
+    )

@@ -75,6 +75,7 @@ class LocalizerParameters:
         "odom",
         "Frame of the positions, with z up and the ground at 0. Without tf2 and odometry, its "
         "origin is the ground below the camera, with x forward.",
+        allows_empty=False,
     )
     camera: CameraParameters = group(CameraParameters)
     rectified: bool = declared(

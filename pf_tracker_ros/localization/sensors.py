@@ -30,6 +30,8 @@ _MAX_PIXELS, _MAX_PROBABILITIES = 2**24, 2**16
 _GRAVITY, _GRAVITY_TOLERANCE = 9.81, 1.0
 # Time constant of the low-pass filter of gravity, and least time between two samples, seconds.
 _GRAVITY_TIME, _GRAVITY_INTERVAL = 0.5, 0.01
+# Longest time between the last measurement of gravity and an image, seconds.
+_MAX_GRAVITY_AGE = 2.0
 _OPTICAL = "optical_frame"
 
 
@@ -128,6 +130,7 @@ class CameraCalibration(Store):
     def forget(self) -> None:
         """Forget all messages."""
         self._latest: Any = None
+        self._frame_id = ""
         self._key: Any = None
         self._model: CameraModel | ValueError | None = None
 
@@ -157,9 +160,23 @@ class CameraCalibration(Store):
             return self._model
         raise self._model or ValueError(f"no CameraInfo on {self._feed.topic}")
 
+    def difference(self, camera_frame: str) -> str:
+        """Why it may be the calibration of another camera; empty if nothing says so.
+
+        Args:
+            camera_frame: `frame_id` of the images.
+        """
+        own, images = self._frame_id.lstrip("/"), camera_frame.lstrip("/")
+        if not own or not images or own == images:
+            return ""
+        return (
+            f"the CameraInfo on {self._feed.topic} is of the frame '{own}', but the images are of "
+            f"'{images}'; if it is of another camera, positions are wrong: remap camera_info"
+        )
+
     def take(self, stamp: int, frame_id: str, message: Any) -> None:
         """Store a message; a calibration needs no stamp."""
-        self._latest = message
+        self._latest, self._frame_id = message, frame_id
 
 
 class DepthImages(Store):
@@ -292,24 +309,33 @@ class Gravity(Store):
 
     def forget(self) -> None:
         """Forget all messages."""
-        self._stamp_of_last = 0
+        self._stamp_of_last = self._measured_at = 0
         self._down: NDArray[np.float64] | None = None
         self._frame_id = ""
 
     def down(
-        self, camera_frame: str, transforms: TransformSource | None
+        self, stamp: int, camera_frame: str, transforms: TransformSource | None
     ) -> NDArray[np.float64] | None:
         """(3,) vector down in camera coordinates; None without measurements.
 
         Args:
+            stamp: Of the image, nanoseconds.
             camera_frame: Optical frame of the camera.
             transforms: Of tf2; without, the frame of the messages must be optical, too.
 
         Raises:
-            ValueError: The rotation between sensor and camera is unknown.
+            ValueError: The last measurement is too far from the stamp, or the rotation between
+                sensor and camera is unknown.
         """
         if self._down is None:
             return None
+        offset = (self._measured_at - stamp) / NANOSECONDS
+        if abs(offset) > _MAX_GRAVITY_AGE:
+            raise ValueError(
+                f"gravity on {self._feed.topic} was last measured {abs(offset):.3f} s "
+                f"{_side(offset)} the image; allowed: {_MAX_GRAVITY_AGE:g} s; let the sensor "
+                "publish, or set camera.pitch and camera.roll"
+            )
         frame = self._frame_id
         if frame == camera_frame or (frame.endswith(_OPTICAL) and camera_frame.endswith(_OPTICAL)):
             return self._down
@@ -343,6 +369,7 @@ class Gravity(Store):
         if abs(size - _GRAVITY) > _GRAVITY_TOLERANCE:
             # The robot accelerates.
             return
+        self._measured_at = stamp
         if self._down is None:
             self._down = down
         else:

@@ -33,6 +33,8 @@ _HIGH_ABOVE, _HIGH_FOR, _FAIR_FOR = 0.2, 1.0, 5.0
 # Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
 # dimensions), from which a target has a heading.
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
+# What a box with absurd numbers raises; the other targets are still located.
+_UNUSABLE = ValueError, ArithmeticError
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,10 +142,12 @@ class WorldTracks:
                     predicted_range=track.predicted_range(scene),
                     methods=scene.methods,
                 )
-                problem = f"the box of target {target.id} gives no range"
                 if place:
                     problem = track.measure(target, place, scene)
-            except ValueError as error:
+                else:
+                    hint = _contradiction(scene.sensed.pose)
+                    problem = f"the box of target {target.id} gives no range{hint}"
+            except _UNUSABLE as error:
                 problem = f"target {target.id} cannot be located: {error}"
         doubt = track.trust.update(stamp, target, min_confidence)
         return LocatedTarget(
@@ -161,9 +165,20 @@ class WorldTracks:
 def _bearing(localizer: Localizer, target: ReportedTarget) -> Bearing | None:
     try:
         return localizer.bearing(target.box, target.box_covariance)
-    except ValueError:
+    except _UNUSABLE:
         # `Localizer.locate` has the same reason.
         return None
+
+
+def _contradiction(pose: CameraPose) -> str:
+    """What gravity says about the camera if that explains a missing range; empty otherwise."""
+    if pose.mounting != "imu" or pose.plane.down[1] >= 0.0:
+        return ""
+    return (
+        "; gravity on the topic imu says that the camera is upside down: if it is not, the "
+        "accelerometer has the opposite sign (REP 145: upward at rest), or set camera.pitch and "
+        "camera.roll"
+    )
 
 
 @dataclass(frozen=True, eq=False)

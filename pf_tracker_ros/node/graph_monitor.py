@@ -25,6 +25,8 @@ _PERIOD = 0.5
 # later, and a crashed node stays in the graph for 20 s.
 _POLLS, _POLLS_UNNAMED, POLLS_NODE = 2, 8, 60
 _UNNAMED = "a node"
+# Names in a report.
+_MAX_LISTED = 4
 # Every node publishes it; rclpy reports its mismatches.
 _EVENTS = "/parameter_events"
 _RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
@@ -154,3 +156,29 @@ def node_name_of(endpoint: TopicEndpointInfo) -> str:
     if "UNKNOWN" in endpoint.node_name:
         return _UNNAMED
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
+def surplus_publishers(node: Node, topic: str, message_type: str) -> Iterator[tuple[str, int]]:
+    """That a topic with a single source has several publishers, as for `GraphMonitor`.
+
+    Args:
+        node: The subscribing node.
+        topic: Full name of the topic.
+        message_type: Its type, as `sensor_msgs/msg/Image`.
+    """
+    publishers = [
+        node_name_of(one)
+        for one in node.get_publishers_info_by_topic(topic)
+        if one.topic_type == message_type
+    ]
+    if len(publishers) > 1:
+        yield (
+            f"{topic} has {len(publishers)} publishers, {listed(publishers)}; end all but one, or "
+            "remap them to topics of their own",
+            POLLS_NODE,
+        )
+
+
+def listed(names: Iterable[str]) -> str:
+    """Some names in quotes."""
+    return " and ".join(f"'{name}'" for name in sorted(names)[:_MAX_LISTED])

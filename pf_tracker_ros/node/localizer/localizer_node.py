@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections import deque
+from collections.abc import Iterator
 from typing import Any
 
 import cv2
@@ -26,8 +27,8 @@ from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.localization.problems import Problems
 from pf_tracker_ros.localization.sensors import NotYetError
 from pf_tracker_ros.localization.tracker_frame import TrackerFrame
-from pf_tracker_ros.messages import ERROR, OK, WARN
-from pf_tracker_ros.node.graph_monitor import GraphMonitor
+from pf_tracker_ros.messages import ERROR, OK, STATUS_TYPE, WARN
+from pf_tracker_ros.node.graph_monitor import GraphMonitor, surplus_publishers
 from pf_tracker_ros.node.localizer.inputs import Arrivals, Inputs
 from pf_tracker_ros.node.localizer.localizer_status import LocalizerDiagnostics, Rate
 from pf_tracker_ros.node.localizer.outputs import Outputs
@@ -79,7 +80,7 @@ class LocalizerNode(ManagedNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer: Timer = self.create_timer(_WAIT_PERIOD, self._locate_waiting, clock=steady)
         self._timer.cancel()
-        self._graph = GraphMonitor(self, self._tell)
+        self._graph = GraphMonitor(self, self._tell, further=self._surplus_trackers)
         self._rates = {one.name: Rate() for one in self._inputs.sensors} | {_STATUS_TOPIC: Rate()}
         self._diagnostics = LocalizerDiagnostics(self, self._health, self._tell)
         if self._settings.autostart:
@@ -161,18 +162,25 @@ class LocalizerNode(ManagedNode):
 
     # Frames
 
+    @property
+    def _status_topic(self) -> str:
+        """Full name of the topic of the tracker's status."""
+        return str(self.resolve_topic_name(_STATUS_TOPIC))
+
     def _on_status(self, message: DiagnosticArray) -> None:
         self._arrivals.add()
         try:
-            frame = read_status(message)
+            frame, problem = read_status(message)
             if frame.stamp <= 0:
                 raise ValueError(
-                    "the images have no stamps, which positions and other sensors need; stamp them"
+                    "its images have no stamps, which positions and other sensors need; stamp them"
                 )
         except ValueError as error:
-            self._problems.set("status", str(error))
+            self._problems.set("status", f"the status on {self._status_topic} refused: {error}")
             return
-        self._problems.set("status", "")
+        self._problems.set(
+            "status", f"the status on {self._status_topic}: {problem}" if problem else ""
+        )
         self._waiting.append((frame, time.monotonic()))
         self._locate_waiting()
 
@@ -223,6 +231,11 @@ class LocalizerNode(ManagedNode):
 
     # Health
 
+    def _surplus_trackers(self) -> Iterator[tuple[str, int]]:
+        """Several publishers of the status, as for `GraphMonitor`: their targets would mix."""
+        if self._statuses:
+            yield from surplus_publishers(self, self._status_topic, STATUS_TYPE)
+
     def _health(self) -> tuple[int, str, StatusValues]:
         """Level, sentence and values of `/diagnostics`."""
         last = self._last
@@ -232,7 +245,7 @@ class LocalizerNode(ManagedNode):
             silent = self._arrivals.silent_for
             if silent > _STATUS_TIMEOUT:
                 level = WARN
-                message = f"no status of the tracker on {self._statuses.topic_name}"
+                message = f"no status of the tracker on {self._status_topic}"
         if self._binding.refused:
             level, message = ERROR, "; ".join(self._binding.refused.values())
         for fault in self._graph.lasting:

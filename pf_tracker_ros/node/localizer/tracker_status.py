@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.stamps import stamp_of
 
 # Rows and columns of the box covariance: center x, center y, width, height.
@@ -15,32 +18,39 @@ _AXES = "xywh"
 _BOX_KEYS = "box_x", "box_y", "box_width", "box_height"
 
 
-def read_status(message: DiagnosticArray) -> TrackerFrame:
-    """The frame of a status message.
+def read_status(message: DiagnosticArray) -> tuple[TrackerFrame, str]:
+    """The frame of a status message, and what is wrong with targets that it leaves out.
+
+    Returns:
+        The frame with all targets that can be read, and a sentence about the first other one;
+        empty if there is none.
 
     Raises:
-        ValueError: It is not the status of a tracker, or a number in it is not finite.
+        ValueError: It is not the status of a tracker, or a value of the frame cannot be read.
     """
     if not message.status:
-        raise ValueError("the tracker's status is empty; remap pf_tracker/status to its ~/status")
+        raise ValueError("it is empty; remap pf_tracker/status to the ~/status of a tracker")
     own, *others = message.status
     values = _values(own)
-    try:
-        size = values.get("image_width"), values.get("image_height")
-        return TrackerFrame(
-            stamp=stamp_of(message.header),
-            frame_id=message.header.frame_id,
-            is_skipped=values["state"] == "skipped",
-            state=values["state"],
-            selected=int(values.get("selected", "0")),
-            image_size=(int(size[0]), int(size[1])) if size[0] and size[1] else None,
-            targets=tuple(_target(_values(other)) for other in others),
-        )
-    except KeyError as error:
-        raise ValueError(
-            f"the tracker's status has no key {error}; remap pf_tracker/status to the ~/status of "
-            "a tracker of this version"
-        ) from None
+    targets, problem = [], ""
+    for other in others:
+        try:
+            targets.append(_target(_values(other)))
+        except ValueError as error:
+            problem = problem or f"'{other.name}' is left out: {error}"
+    has_size = values.get("image_width") and values.get("image_height")
+    frame = TrackerFrame(
+        stamp=stamp_of(message.header),
+        frame_id=message.header.frame_id,
+        is_skipped=_text(values, "state") == "skipped",
+        state=values["state"],
+        selected=_whole(values, "selected") if "selected" in values else 0,
+        image_size=(
+            (_whole(values, "image_width"), _whole(values, "image_height")) if has_size else None
+        ),
+        targets=tuple(targets),
+    )
+    return frame, problem
 
 
 def _values(status: DiagnosticStatus) -> dict[str, str]:
@@ -52,17 +62,40 @@ def _target(values: Mapping[str, str]) -> ReportedTarget:
     for row, one in enumerate(_AXES):
         for column, other in enumerate(_AXES[row:], row):
             # The tracker leaves out the pairs that are independent.
-            value = float(values.get(f"covariance_{one}{other}", "0"))
+            key = f"covariance_{one}{other}"
+            value = _number(values, key) if key in values else 0.0
             covariance[row, column] = covariance[column, row] = value
-    x, y, width, height = (float(values[key]) for key in _BOX_KEYS)
-    target = ReportedTarget(
-        id=int(values["id"]),
-        label=values["label"],
-        state=values["state"],
-        confidence=float(values["confidence"]),
+    x, y, width, height = (_number(values, key) for key in _BOX_KEYS)
+    return ReportedTarget(
+        id=_whole(values, "id"),
+        label=_text(values, "label"),
+        state=_text(values, "state"),
+        confidence=_number(values, "confidence"),
         box=(x, y, width, height),
         box_covariance=covariance,
     )
-    if not np.isfinite([*target.box, *covariance.ravel(), target.confidence]).all():
-        raise ValueError(f"box or covariance of target {target.id} is not finite")
-    return target
+
+
+def _text(values: Mapping[str, str], key: str) -> str:
+    if key not in values:
+        raise ValueError(
+            f"it has no key '{key}'; remap pf_tracker/status to the ~/status of a tracker of this "
+            "version"
+        )
+    return values[key]
+
+
+def _number(values: Mapping[str, str], key: str) -> float:
+    text = _text(values, key)
+    with suppress(ValueError):
+        if math.isfinite(number := float(text)):
+            return number
+    raise ValueError(f"{key} is {quoted(text)}; expected a finite number")
+
+
+def _whole(values: Mapping[str, str], key: str) -> int:
+    text = _text(values, key)
+    try:
+        return int(text)
+    except ValueError:
+        raise ValueError(f"{key} is {quoted(text)}; expected a whole number") from None

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from rclpy.node import Node
 
-from pf_tracker_ros.node.graph_monitor import POLLS_NODE, node_name_of
+from pf_tracker_ros.node.graph_monitor import listed, surplus_publishers
 
 # Seconds for which an image shows that its frame_id is in use, and consecutive polls of the graph
 # monitor before a report. A single change of the frame_id lasts for fewer.
 _WINDOW, _POLLS = 2.0, 10
-_MAX_LISTED = 4
 
 
 class ImageSources:
@@ -41,8 +40,8 @@ class ImageSources:
         """
         if self._seen_at and frame_id and not {frame_id, ""} & self._seen_at.keys():
             raise ValueError(
-                f"its frame_id is {_listed([frame_id])}, but that of the images is "
-                f"{_listed(self._seen_at)}; send pixels of these images, with their frame_id or an "
+                f"its frame_id is {listed([frame_id])}, but that of the images is "
+                f"{listed(self._seen_at)}; send pixels of these images, with their frame_id or an "
                 "empty one"
             )
 
@@ -55,27 +54,12 @@ class ImageSources:
         """
         if not topic:
             return
-        publishers = [
-            node_name_of(one)
-            for one in self._node.get_publishers_info_by_topic(topic)
-            if one.topic_type == message_type
-        ]
-        if len(publishers) > 1:
-            yield (
-                f"{topic} has {len(publishers)} publishers, {_listed(publishers)}; end all but "
-                "one, or remap them to topics of their own",
-                POLLS_NODE,
-            )
+        yield from surplus_publishers(self._node, topic, message_type)
         now = time.monotonic()
         frame_ids = [name for name, at in self._seen_at.items() if now - at < _WINDOW]
         if len(frame_ids) > 1:
             yield (
-                f"the images on {topic} have {len(frame_ids)} frame_ids, {_listed(frame_ids)}; let "
+                f"the images on {topic} have {len(frame_ids)} frame_ids, {listed(frame_ids)}; let "
                 "a single camera publish there, with one frame_id",
                 _POLLS,
             )
-
-
-def _listed(names: Iterable[str]) -> str:
-    """Some names in quotes."""
-    return " and ".join(f"'{name}'" for name in sorted(names)[:_MAX_LISTED])

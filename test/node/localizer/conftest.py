@@ -112,6 +112,7 @@ def given():
         camera_height=CAMERA_HEIGHT,
         box_at=box_at,
         target=target_values,
+        status=status_message,
         camera_info=camera_info,
         depth=depth_message,
         gray=lambda stamp, image: depth_message(stamp, image, "mono8"),

@@ -7,7 +7,7 @@ from importlib import util
 import cv2
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped, Vector3Stamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -15,6 +15,9 @@ from nav_msgs.msg import Odometry
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CompressedImage, Image, Imu
 from visualization_msgs.msg import Marker, MarkerArray
+
+from pf_tracker_ros.node import graph_monitor
+from pf_tracker_ros.node.localizer.tracker_status import read_status
 
 STILL = {"camera__height": 1.5}
 # A foot is seen where a target begins; its center, which is told, is behind that.
@@ -146,7 +149,7 @@ def test_it_is_silent_without_a_selected_target(scene, make_localizer, given):
     assert reasons == [
         "the tracker has no target",
         "no target is selected",
-        "target 7 has ended",
+        "target 7 is not in the tracker's status",
         "the tracker skipped the image",
         "the image is not newer than the last one",
     ]
@@ -312,11 +315,28 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
     assert float(status.values["camera_pitch"]) == pytest.approx(pitch, abs=1e-6)
     # The optical axis meets the ground at height / tan(pitch).
     assert float(status.targets[1]["x"]) == pytest.approx(1.5 / math.tan(pitch), abs=FOOT_TO_CENTER)
-    scene.send("imu", given.imu(given.start + given.frame, up, frame="base_link"))
+    late = scene.show(given.start + 100 * 10**9, [target])
+    assert "last measured 100.000 s before the image" in late.values["reason"]
+    assert scene.show(given.start + 2 * 10**9, [target]).values["camera_mounting"] == "imu"
+    later = given.start + 2 * 10**9 + given.frame
+    scene.send("imu", given.imu(later, up, frame="base_link"))
     scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count > 1, "gravity")
-    other = scene.show(given.start + given.frame, [target])
+    other = scene.show(later, [target])
     if util.find_spec("tf2_ros") is None:
         assert "gravity is in the frame 'base_link'" in other.values["reason"]
+
+
+def test_gravity_of_the_opposite_sign_is_named_where_there_is_no_range(
+    scene, make_localizer, given
+):
+    scene.add_sensor(Imu, "imu")
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    scene.send("imu", given.imu(given.start, (0.0, 1.0, 0.0)))
+    scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count, "gravity")
+    status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
+    assert "gives no range; gravity on the topic imu says" in status.values["reason"]
 
 
 def test_what_is_wrong_with_the_calibration_is_told_and_it_goes_on(scene, make_localizer, given):
@@ -334,6 +354,22 @@ def test_what_is_wrong_with_the_calibration_is_told_and_it_goes_on(scene, make_l
     assert "not finite" in reason(2, given.camera_info(focal=math.nan))
     assert "calibration is for images of 320 x 240" in reason(3, given.camera_info(320, 240))
     assert reason(4, given.camera_info()) == ""
+
+
+def test_the_calibration_of_another_camera_is_told_of(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    target = given.target(box=given.box_at(6.0, 0.0))
+    for index, (frame_id, is_other) in enumerate(
+        [("", False), ("rear_camera", True), (given.optical, False), (f"/{given.optical}", False)]
+    ):
+        info = given.camera_info()
+        info.header.frame_id = frame_id
+        scene.calibrate(localizer, info)
+        status = scene.show(given.start + index * given.frame, [target])
+        assert status.values["pose"] == "published"
+        assert ("/camera_info is of the frame 'rear_camera'" in status.message) == is_other
+        assert (status.level == DiagnosticStatus.WARN) == is_other
 
 
 def test_time_that_goes_back_starts_anew(scene, make_localizer, given):
@@ -363,6 +399,20 @@ def test_several_targets_have_their_ids(scene, make_localizer, listened, given):
     scene.wait_for(lambda: len(listened["markers"]) == 3, "markers")
     labels = [m.text for m in listened["markers"][-1].markers if m.ns == "labels"]
     assert labels == ["3 person", "8 person"]
+
+
+def test_absurd_numbers_of_a_target_do_not_cost_the_others(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    targets = [
+        given.target(id=1, box=given.box_at(6.0, 0.0)),
+        given.target(id=2, box=(0.0, 0.0, 1.0, 1e200)),
+        given.target(id=3, box=(1e308, 1e308, 1e308, 1e308)),
+    ]
+    status = scene.show(given.start, targets)
+    assert status.values["pose"] == "published"
+    assert {2, 3} == {id for id, one in status.targets.items() if "reason" in one}
 
 
 def test_detections_in_three_dimensions(scene, make_localizer, given):
@@ -406,8 +456,10 @@ def test_parameters_apply_at_run_time_and_wrong_ones_are_refused(scene, make_loc
     scene.calibrate(localizer)
     target = given.target(box=given.box_at(6.0, 0.0))
     assert scene.show(given.start, [target]).targets[1]["method"] == "height"
-    (refused,) = localizer.set_parameters([Parameter("camera.height", value=math.nan)])
-    assert not refused.successful
+    for name, value in (("camera.height", math.nan), ("fixed_frame", "")):
+        (refused,) = localizer.set_parameters([Parameter(name, value=value)])
+        assert not refused.successful
+        assert f"parameter '{name}' is {value!r}; allowed" in refused.reason
     (accepted,) = localizer.set_parameters([Parameter("method", value="ground")])
     assert accepted.successful
     assert scene.show(given.start + given.frame, [target]).targets[1]["method"] == "ground"
@@ -423,21 +475,50 @@ def test_with_an_invalid_parameter_it_says_why_there_is_no_position(scene, make_
     scene.wait_for(lambda: [one for one in scene.health if one.status[0].level == b"\x02"], "error")
 
 
-def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given):
+@pytest.mark.parametrize(
+    ("key", "value", "reason"),
+    [
+        ("box_x", None, "it has no key 'box_x'"),
+        ("box_width", "inf", "box_width is 'inf'; expected a finite number"),
+        ("covariance_xx", "a", "covariance_xx is 'a'; expected a finite number"),
+        ("id", "1.5", "id is '1.5'; expected a whole number"),
+    ],
+)
+def test_a_target_that_cannot_be_read_does_not_cost_the_others(given, key, value, reason):
+    broken = given.target(id=1) | {key: value}
+    if value is None:
+        del broken[key]
+    frame, problem = read_status(given.status(given.start, [broken, given.target(id=2)]))
+    assert [target.id for target in frame.targets] == [2]
+    assert problem.startswith(f"'target {broken['id']}' is left out: {reason}")
+
+
+def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given, capfd):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
     scene.calibrate(localizer)
     scene.publish_message(DiagnosticArray())
-    incomplete = given.target()
-    del incomplete["box_x"]
-    scene.publish(given.start, [incomplete])
-    infinite = given.target(box=(0.0, 0.0, math.inf, 1.0))
-    scene.publish(given.start, [infinite])
+    scene.publish(given.start, [], selected="first")
+    scene.publish(given.start, [], image_width="wide")
     scene.publish(0, [given.target()])
     scene.wait_for(lambda: localizer._arrivals.count == 4, "messages")
     assert scene.statuses == []
+    told = capfd.readouterr().err
+    for reason in (
+        "it is empty",
+        "selected is 'first'; expected a whole number",
+        "image_width is 'wide'; expected a whole number",
+        "its images have no stamps",
+    ):
+        assert f"the status on /pf_tracker/status refused: {reason}" in told
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert status.values["pose"] == "published"
+    wrong = given.target(id=2, confidence="high")
+    sound = given.target(box=given.box_at(6.0, 0.0))
+    status = scene.show(given.start + given.frame, [wrong, sound])
+    assert status.values["pose"] == "published"
+    assert "the status on /pf_tracker/status: 'target 2' is left out" in status.message
+    assert list(status.targets) == [1]
 
 
 def test_it_works_only_while_it_is_active(scene, make_localizer, services_of, given):
@@ -476,3 +557,18 @@ def test_its_health_names_the_tracker_that_is_missing(scene, make_localizer):
     scene.wait_for(lambda: [h for h in scene.health if h.status[0].message == missing], "warning")
     values = {item.key: item.value for item in scene.health[-1].status[0].values}
     assert {"camera_info_rate", "depth_rate", "odom_rate", "imu_rate"} <= values.keys()
+
+
+def test_a_second_tracker_on_the_status_is_named(scene, make_localizer, graph, monkeypatch):
+    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.02)
+    make_localizer(**STILL)
+    scene.listen(DiagnosticArray, "/diagnostics", scene.health.append)
+    other = graph.client(namespace="/left")
+    second = other.create_publisher(DiagnosticArray, "/pf_tracker/status", 10)
+    fault = (
+        "/pf_tracker/status has 2 publishers, '/left/client' and '/scene'; end all but one, or "
+        "remap them to topics of their own"
+    )
+    scene.wait_for(lambda: any(fault in h.status[0].message for h in scene.health), "report")
+    other.destroy_publisher(second)
+    scene.wait_for(lambda: fault not in scene.health[-1].status[0].message, "its end")
