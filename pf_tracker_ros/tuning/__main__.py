@@ -96,8 +96,7 @@ def _run(options: argparse.Namespace) -> int:
             "allowed: at least 2, as whole sequences are left out to test the values"
         )
     output: Path = options.output
-    journal = output.with_suffix(".journal")
-    _check_output(output, journal)
+    journal = _checked_journal(output)
     outputs = TuningFiles(output, request)
     with open_journal(journal) as storage, _executor(options) as executor:
         tuning = Tuning(request, sequences, storage, executor)
@@ -145,20 +144,22 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
         yield executor
 
 
-def _check_output(output: Path, journal: Path) -> None:
-    """Refuse to replace a file that is not of an earlier run.
+def _checked_journal(output: Path) -> Path:
+    """The journal of an output, which replaces no file but that of an earlier run.
 
     Raises:
         EvaluationError: The output exists, but not its journal, or has the wrong suffix.
     """
     if output.suffix not in (".yaml", ".yml"):
         raise EvaluationError(f"--output {output}; allowed: a file name that ends in .yaml")
+    journal = output.with_suffix(".journal")
     for path in (output, output.with_suffix(".html")):
         if path.is_file() and not journal.exists():
             raise EvaluationError(
                 f"{path} exists, and no {journal.name} beside it shows that tune wrote it; remove "
                 "it, or choose another --output"
             )
+    return journal
 
 
 def _complain(message: Any) -> None:

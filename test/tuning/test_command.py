@@ -72,6 +72,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes(folder):
         (["sequences", "--only", "particles"], "'particles' cannot be tuned here; allowed: color"),
         (["sequences", "--output", "own.yaml"], "own.yaml exists, and no own.journal"),
         (["sequences", "--output", "mine.txt"], "mine.txt; allowed: a file name that ends in .ya"),
+        (["sequences", "--output", "."], "--output .; allowed: a file name that ends in .yaml"),
         (["sequences", "--output", "nowhere/mine.yaml"], "no folder nowhere"),
     ],
 )
