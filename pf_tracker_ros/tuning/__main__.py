@@ -21,6 +21,7 @@ from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.evaluation.sequences import open_sequences
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
 from pf_tracker_ros.recordings.errors import RecordingError
@@ -100,16 +101,23 @@ def _run(options: argparse.Namespace) -> int:
     outputs = TuningFiles(output, request)
     with open_journal(journal) as storage, _executor(options) as executor:
         tuning = Tuning(request, sequences, storage, executor)
+        finished = tuning.finished if output.exists() else 0
+        if request.trials < finished:
+            raise EvaluationError(
+                f"{output} is the result of {finished} trials, and --trials {request.trials} would "
+                f"replace it by one of fewer; allowed: {finished} or more, or another --output"
+            )
         try:
             with progress_bar(tuning.runs, "runs") as on_progress:
                 result = tuning.run(on_progress)
         except (KeyboardInterrupt, _Termination, OSError) as stop:
-            kept = outputs.write_best(tuning.best, tuning.trials)
+            if finished:
+                kept = f"{output} keeps the result of {counted(finished, 'trial')}"
+            else:
+                error = outputs.write_best(tuning.best, tuning.trials)
+                kept = error or f"{output} has the best values so far"
             reason, code = _stopped(stop)
-            print(
-                f"tune: {reason}; {kept or f'{output} has the best values so far'}",
-                file=sys.stderr,
-            )
+            print(f"tune: {reason}; {kept}", file=sys.stderr)
             return code
     for each in tuning.errors:
         _complain(f"{each}; the figures are without this evaluation")
