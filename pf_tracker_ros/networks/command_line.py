@@ -69,8 +69,14 @@ def _add(name: str, folder: Path) -> Iterator[str]:
             raise ParameterError(f"{path} is missing; it comes from {document['source']}")
         part["sha256"] = file_hash(path)
     target = folder / DESCRIPTION_FILE
-    with atomic_write(target, may_replace=False) as draft:
-        draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    try:
+        with atomic_write(target, may_replace=False) as draft:
+            draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    except FileExistsError as error:
+        raise ParameterError(
+            f"{target} exists; `model check` tells whether it fits the files; remove it to write "
+            "it anew"
+        ) from error
     yield f"wrote {target}; its license: {document['license']}"
 
 

@@ -26,7 +26,7 @@ def test_add_writes_a_description_with_hashes(copy_files, capsys):
     assert "sha256: " in (folder / "model.yaml").read_text()
     assert main(["check", str(folder)]) == 0
     assert main(["add", "vittrack", str(folder)]) == 1
-    assert "model.yaml" in capsys.readouterr().err
+    assert "model.yaml exists; `model check` tells" in capsys.readouterr().err
 
 
 def test_add_names_a_missing_file_and_where_it_comes_from(tmp_path, capsys):

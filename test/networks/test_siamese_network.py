@@ -125,6 +125,10 @@ WRONG = [
     (with_text, "correlation.onnx cannot be read as a network in the ONNX format by opencv"),
     (cut_short, "correlation.onnx cannot be read as a network in the ONNX format by opencv"),
     (lambda folder: (folder / "model.yaml").unlink(), "description of a network .*`model add`"),
+    (
+        lambda folder: (folder / "model.yaml").write_text(""),
+        "model.yaml: the file has to hold names",
+    ),
     (edited("name: a", "name: [a"), "model.yaml cannot be read as YAML"),
     (edited("name: a correlation", "naming: a correlation"), "model.yaml: no parameter 'naming'"),
     (edited("stride: 4.0", "stride: 0.0"), "'head.stride' is 0.0; allowed: float, 1 to 256"),
