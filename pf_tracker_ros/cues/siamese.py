@@ -22,6 +22,7 @@ detection and tracking" (particles at detections).
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -113,9 +114,10 @@ class Siamese(SearchableCue):
 
     def __init__(self, parameters: SiameseParameters) -> None:
         # Imported here: nothing but this cue needs it.
-        from pf_tracker_ros.networks.siamese import SiameseNetwork
+        from pf_tracker_ros.networks.siamese import open_network
 
-        self._network = SiameseNetwork(parameters.model, parameters.engine)
+        self._network = open_network(parameters.model, parameters.engine)
+        self._has_told = False
         self._only_in_doubt = parameters.when == "doubtful"
         self._sharpness = parameters.sharpness
 
@@ -132,12 +134,20 @@ class Siamese(SearchableCue):
         return self.learn(observation.region, observation.box)
 
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
-        """See `Cue.precompute`; without it, the cue is silent in a region."""
+        """See `Cue.precompute`; without it, or where no cell has a box, the cue is silent."""
         for one in predicted_targets:
             if one.doubt > 0.0 or not self._only_in_doubt:
                 region = one.region
                 found = self._network.find(region.frame, one.template, region.center_box)
-                region.store(_key(one.template), found.likeliest(_COMPARED))
+                if len(found.boxes):
+                    region.store(_key(one.template), found.likeliest(_COMPARED))
+                elif not self._has_told:
+                    self._has_told = True
+                    logging.getLogger(__name__).warning(
+                        "the network %s gives no usable box in a frame; its cue is left out of "
+                        "such frames (told once)",
+                        self._network.description.name,
+                    )
 
     def responds(self, region: Region, template: NetworkTemplate) -> bool:
         """See `SearchableCue.responds`."""

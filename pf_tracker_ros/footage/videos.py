@@ -34,7 +34,8 @@ class VideoFootage:
     first frame, to report errors early.
 
     Attributes:
-        note: After reading: where frames may be missing, as a sentence, or empty.
+        note: That the times of the file are not used; after reading, where frames may be missing;
+            as a sentence, or empty.
 
     Args:
         path: The file.
@@ -67,6 +68,12 @@ class VideoFootage:
         self.note = ""
         slowest, fastest = _FRAME_RATES
         self._has_times = bool(video.interval and slowest <= 1.0 / video.interval <= fastest)
+        if video.interval is not None and not self._has_times:
+            self.note = (
+                f"the frames of {path.name} are {video.interval:.3g} s apart on average, allowed: "
+                f"{1.0 / fastest:g} to {1.0 / slowest:g} s; its times are not used, and "
+                f"{frame_rate:g} frames/s are assumed"
+            )
         self.nominal_interval = (self._has_times and video.interval) or 1.0 / frame_rate
         self.name = path.stem
         declared = None if video.frame_count is None else video.frame_count - first_frame

@@ -69,8 +69,14 @@ def _add(name: str, folder: Path) -> Iterator[str]:
             raise ParameterError(f"{path} is missing; it comes from {document['source']}")
         part["sha256"] = file_hash(path)
     target = folder / DESCRIPTION_FILE
-    with atomic_write(target, may_replace=False) as draft:
-        draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    try:
+        with atomic_write(target, may_replace=False) as draft:
+            draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    except FileExistsError as error:
+        raise ParameterError(
+            f"{target} exists; `model check` tells whether it fits the files; remove it to write "
+            "it anew"
+        ) from error
     yield f"wrote {target}; its license: {document['license']}"
 
 
@@ -100,7 +106,13 @@ def _check(model: str, engine: str) -> Iterator[str]:
             start = time.process_time()
             found = network.find(frame, template, box)
             times.append(time.process_time() - start)
-    yield f"cells:   {len(found.boxes)}"
+    cells = len(found.boxes) + found.left_out
+    if found.left_out > cells / 2:
+        raise ParameterError(
+            f"{found.left_out} of {cells} cells have no finite score and box near the crop on an "
+            "image of noise; check the description, or export the network again"
+        )
+    yield f"cells:   {cells}" + (f", {found.left_out} without a box" if found.left_out else "")
     yield f"time:    {np.median(times) * 1e3:.1f} ms a target and frame with {network.engine}"
     yield "It runs as its description says."
 

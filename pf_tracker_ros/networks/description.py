@@ -185,7 +185,7 @@ def read_model(model: str) -> Model:
 def _flat(document: Any, prefix: str) -> Iterator[tuple[str, Any]]:
     """Full name and value of every setting of a YAML document."""
     if not isinstance(document, Mapping):
-        raise ParameterError(f"'{prefix.rstrip('.')}' has to hold names with values")
+        raise ParameterError("the file has to hold names with values, see `model add`")
     for name, value in document.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{prefix}{name}.")

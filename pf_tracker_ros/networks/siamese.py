@@ -15,8 +15,10 @@ has no source.
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
+from weakref import WeakValueDictionary
 
 import cv2
 import numpy as np
@@ -30,6 +32,7 @@ from pf_tracker_ros.networks.description import (
     CropDescription,
     HeadDescription,
     ModelDescription,
+    description_path,
     read_model,
 )
 from pf_tracker_ros.networks.engines import Network, Tensor, engine_name, file_hash, load_network
@@ -42,6 +45,8 @@ _LARGEST_LOG_ODDS = 20.0
 # Share of the difference of the network's first box from the given one by which later boxes are
 # corrected; intersection over union below which the network's box is of something else.
 _CORRECTION, _SAME_ABOVE = 0.75, 0.4
+# Sides of the search crop beyond which a box is no box.
+_LARGEST_BOX = 10.0
 # Channels of the outputs.
 _SCORE_CHANNELS = {"log_odds": 1, "two_classes": 2, "probability": 1}
 _BOX_CHANNELS = {"distances": 4, "sizes": 2}
@@ -70,10 +75,12 @@ class Candidates(NamedTuple):
     Attributes:
         boxes: (M, 4), pixels of the frame, with sides of at least one pixel.
         log_odds: (M,) that each is the target.
+        left_out: Number of cells without a usable box or score.
     """
 
     boxes: NDArray[np.float64]
     log_odds: NDArray[np.float64]
+    left_out: int = 0
 
     @property
     def probabilities(self) -> NDArray[np.float64]:
@@ -97,7 +104,7 @@ class _Crop(NamedTuple):
 class SiameseNetwork:
     """A Siamese network with its description.
 
-    Copies and pickles hold the path and the hashes, and read the files again where needed.
+    A copy is the network itself. A pickle holds the path and the hashes, and reads the files again.
 
     Args:
         model: Folder of the model, or the path of its description.
@@ -144,6 +151,9 @@ class SiameseNetwork:
     def __reduce__(self) -> tuple[Any, ...]:
         return _restored, (type(self), self._arguments, self.hashes)
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> SiameseNetwork:
+        return self
+
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> NetworkTemplate:
         """Template of a (4,) box, pixels.
 
@@ -154,15 +164,16 @@ class SiameseNetwork:
         border = cv2.mean(view)[: 1 if view.ndim == 2 else 3]
         features, _ = self._features(frame, box, self.description.template, border)
         template = NetworkTemplate(features, border)
-        (own,) = self.find(frame, template, box).likeliest(1).boxes
-        if pairwise_iou(own[None], box[None])[0, 0] < _SAME_ABOVE:
+        likeliest = self.find(frame, template, box).likeliest(1).boxes
+        if not len(likeliest) or pairwise_iou(likeliest, box[None])[0, 0] < _SAME_ABOVE:
             return template
+        (own,) = likeliest
         size_ratio = (box[2:] / own[2:]) ** _CORRECTION
         offset = _CORRECTION * (box[:2] + box[2:] / 2 - own[:2] - own[2:] / 2) / own[2:]
         return replace(template, size_ratio=size_ratio, offset=offset)
 
     def find(self, frame: Frame, template: NetworkTemplate, box: NDArray[np.float64]) -> Candidates:
-        """One candidate for each cell around a (4,) box, pixels.
+        """One candidate for each cell around a (4,) box, pixels, but for cells without a box.
 
         Raises:
             ParameterError: The network does not fit its description.
@@ -175,14 +186,13 @@ class SiameseNetwork:
         self._check_shapes(outputs)
         log_odds = _log_odds(outputs[0][0], head)
         boxes = _boxes(outputs, head, branch.crop.pixels)
+        usable = _are_boxes(boxes, branch.crop.pixels) & np.isfinite(log_odds)
+        boxes, log_odds = boxes[usable], log_odds[usable]
         boxes *= np.tile(crop.size / branch.crop.pixels, 2)
         sizes = boxes[:, 2:] * template.size_ratio
         centers = boxes[:, :2] + crop.corner + boxes[:, 2:] * (0.5 + template.offset)
         boxes = np.hstack([centers - sizes / 2, np.maximum(sizes, 1.0)])
-        finite: NDArray[np.bool_] = np.all(np.isfinite(boxes), axis=1)
-        return Candidates(
-            np.where(finite[:, None], boxes, box), np.where(finite, log_odds, -_LARGEST_LOG_ODDS)
-        )
+        return Candidates(boxes, log_odds, left_out=int(np.sum(~usable)))
 
     def _check(self) -> None:
         """Run the network once, on an empty frame.
@@ -192,8 +202,13 @@ class SiameseNetwork:
         """
         key = (self.description, self.engine, tuple(self.hashes.items()))
         if key not in _CHECKED:
-            frame = Frame(np.zeros((64, 64), np.uint8))
-            self.learn(frame, np.array([16.0, 16.0, 32.0, 32.0]))
+            frame, box = Frame(np.zeros((64, 64), np.uint8)), np.array([16.0, 16.0, 32.0, 32.0])
+            if not len(self.find(frame, self.learn(frame, box), box).boxes):
+                raise ParameterError(
+                    f"the network {self.description.name} finds no box in any cell: its boxes or "
+                    "scores are not finite, not above 0 or far larger than the crop; check "
+                    "box_kind, mean and deviation in its description, or export it again"
+                )
             _CHECKED.add(key)
 
     def _features(
@@ -247,6 +262,35 @@ class SiameseNetwork:
                     f"the output {name} of the network {self.description.name} has the shape "
                     f"{values.shape}; its description requires {expected}"
                 )
+        extent, pixels = (max(cells) - 1) * head.stride, self.description.search.crop.pixels
+        if extent > pixels:
+            raise ParameterError(
+                f"the cells of the network {self.description.name} span {extent:g} px, more than "
+                f"its search crop of {pixels} px: 'head.stride' or 'search.crop.pixels' in its "
+                "description is wrong"
+            )
+
+
+# Networks in use, by path, engine and process.
+_IN_USE: WeakValueDictionary[tuple[str, str, int], SiameseNetwork] = WeakValueDictionary()
+
+
+def open_network(model: str, engine: str) -> SiameseNetwork:
+    """A network; one in use in this process is not read again, even if its files are gone.
+
+    Args:
+        model: As of `SiameseNetwork`.
+        engine: As of `SiameseNetwork`.
+
+    Raises:
+        ParameterError: As of `SiameseNetwork`.
+    """
+    # A forked process loads its own.
+    key = (model and str(description_path(model).absolute()), engine, os.getpid())
+    network = _IN_USE.get(key)
+    if network is None:
+        network = _IN_USE[key] = SiameseNetwork(model, engine)
+    return network
 
 
 # Networks that fit their descriptions.
@@ -309,7 +353,7 @@ def _inside(start: float, end: float, length: int) -> tuple[int, int]:
 
 
 def _log_odds(scores: Tensor, head: HeadDescription) -> NDArray[np.float64]:
-    """(M,) log odds of (channels, rows, columns) scores."""
+    """(M,) log odds of (channels, rows, columns) scores; not a number where a score is none."""
     values = scores.astype(np.float64).reshape(len(scores), -1)
     if head.score_kind == "two_classes":
         odds = values[1] - values[0]
@@ -320,7 +364,7 @@ def _log_odds(scores: Tensor, head: HeadDescription) -> NDArray[np.float64]:
         odds = values[0]
     scaled = head.score_slope * odds + head.score_offset
     limit = _LARGEST_LOG_ODDS
-    return np.nan_to_num(np.clip(scaled, -limit, limit), nan=-limit)
+    return np.clip(scaled, -limit, limit)
 
 
 def _boxes(outputs: list[Tensor], head: HeadDescription, pixels: int) -> NDArray[np.float64]:
@@ -338,3 +382,11 @@ def _boxes(outputs: list[Tensor], head: HeadDescription, pixels: int) -> NDArray
     points = (cells - middle) * head.stride + pixels / 2
     corners, ends = points - values[:2], points + values[2:]
     return np.concatenate([corners, ends - corners]).T.copy()
+
+
+def _are_boxes(boxes: NDArray[np.float64], pixels: int) -> NDArray[np.bool_]:
+    """(M,) whether (M, 4) boxes, pixels of the crop, have sides and are somewhere near the crop."""
+    # Comparisons with values that are not finite are false.
+    near = np.all(np.abs(boxes) <= _LARGEST_BOX * pixels, axis=1)
+    has_sides: NDArray[np.bool_] = np.all(boxes[:, 2:] > 0.0, axis=1)
+    return near & has_sides

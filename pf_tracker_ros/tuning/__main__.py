@@ -21,6 +21,7 @@ from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.evaluation.sequences import open_sequences
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
 from pf_tracker_ros.recordings.errors import RecordingError
@@ -96,21 +97,27 @@ def _run(options: argparse.Namespace) -> int:
             "allowed: at least 2, as whole sequences are left out to test the values"
         )
     output: Path = options.output
-    journal = output.with_suffix(".journal")
-    _check_output(output, journal)
+    journal = _checked_journal(output)
     outputs = TuningFiles(output, request)
     with open_journal(journal) as storage, _executor(options) as executor:
         tuning = Tuning(request, sequences, storage, executor)
+        finished = tuning.finished if output.exists() else 0
+        if request.trials < finished:
+            raise EvaluationError(
+                f"{output} is the result of {finished} trials, and --trials {request.trials} would "
+                f"replace it by one of fewer; allowed: {finished} or more, or another --output"
+            )
         try:
             with progress_bar(tuning.runs, "runs") as on_progress:
                 result = tuning.run(on_progress)
         except (KeyboardInterrupt, _Termination, OSError) as stop:
-            kept = outputs.write_best(tuning.best, tuning.trials)
+            if finished:
+                kept = f"{output} keeps the result of {counted(finished, 'trial')}"
+            else:
+                error = outputs.write_best(tuning.best, tuning.trials)
+                kept = error or f"{output} has the best values so far"
             reason, code = _stopped(stop)
-            print(
-                f"tune: {reason}; {kept or f'{output} has the best values so far'}",
-                file=sys.stderr,
-            )
+            print(f"tune: {reason}; {kept}", file=sys.stderr)
             return code
     for each in tuning.errors:
         _complain(f"{each}; the figures are without this evaluation")
@@ -145,20 +152,22 @@ def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
         yield executor
 
 
-def _check_output(output: Path, journal: Path) -> None:
-    """Refuse to replace a file that is not of an earlier run.
+def _checked_journal(output: Path) -> Path:
+    """The journal of an output, which replaces no file but that of an earlier run.
 
     Raises:
         EvaluationError: The output exists, but not its journal, or has the wrong suffix.
     """
     if output.suffix not in (".yaml", ".yml"):
         raise EvaluationError(f"--output {output}; allowed: a file name that ends in .yaml")
+    journal = output.with_suffix(".journal")
     for path in (output, output.with_suffix(".html")):
         if path.is_file() and not journal.exists():
             raise EvaluationError(
                 f"{path} exists, and no {journal.name} beside it shows that tune wrote it; remove "
                 "it, or choose another --output"
             )
+    return journal
 
 
 def _complain(message: Any) -> None:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pf_tracker_ros.evaluation.output_files import OutputFile
 from pf_tracker_ros.evaluation.reports.page import fill
 from pf_tracker_ros.parameter_files import yaml_text
@@ -94,7 +96,13 @@ class TuningFiles:
             f"{compared.tuned.mean():.3f}: {gain_text(compared)}"
         )
         if not self._changes(result.values):
-            return f"Nothing better than the preset was found; {figures}."
+            if np.array_equal(compared.preset, compared.tuned):
+                return f"No search found anything better than the preset; {figures}."
+            proven = "is proven" if compared.is_significant else "is not proven"
+            return (
+                "The search on all sequences found nothing better than the preset. Those without a "
+                f"group of sequences found other values, whose gain {proven}: {figures}."
+            )
         if self.uses(result):
             return f"The tuned values are better than the preset: {figures}."
         return f"Nothing is better than the preset by more than chance: {figures}."

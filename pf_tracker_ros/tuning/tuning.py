@@ -25,7 +25,7 @@ from pf_tracker_ros.tuning.search_space import SearchRange
 
 # Seeds of the comparison, other than those of the search.
 _COMPARED_SEEDS = 5
-_RUN, _REQUEST = "run", "request"
+_RUN, _REQUEST, _FINISHED = "run", "request", "finished"
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,15 @@ class Tuning:
         searches = [self._search(members, evaluations) for members in kept]
         self._run_searches(searches, evaluations, on_progress)
         found = [search.simplified()[0] for search in searches]
-        return self._compare(found, usable, folds, on_progress)
+        result = self._compare(found, usable, folds, on_progress)
+        self._study.set_user_attr(_FINISHED, request.trials)
+        return result
+
+    @property
+    def finished(self) -> int:
+        """Trials of the last run that came to its end; 0 without one."""
+        trials: int = self._study.user_attrs.get(_FINISHED, 0)
+        return trials
 
     @property
     def runs(self) -> int:

@@ -202,6 +202,16 @@ def test_a_gap_is_noted_where_no_list_tells_whether_frames_are_missing(
     assert footage.note == expected
 
 
+def test_times_that_are_not_used_are_noted(tmp_path, shifts, write_clip):
+    times = [0, 150_000, 300_000]
+    footage = open_footage(write_clip(tmp_path / "clip.mkv", shifts[:3], times))
+    assert footage.note == (
+        "the frames of clip.mkv are 150 s apart on average, allowed: 0.0001 to 100 s; its times "
+        "are not used, and 25 frames/s are assumed"
+    )
+    assert milliseconds(footage.frames()) == [0, 40, 80]
+
+
 def test_a_title_that_is_not_utf_8_does_not_matter(tmp_path, shifts, write_clip):
     av = pytest.importorskip("av")
     source = write_clip(tmp_path / "clip.avi", shifts[:5], STEADY[:5])

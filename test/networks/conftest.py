@@ -78,20 +78,21 @@ def _model(nodes, tensors, inputs, outputs):
     return _field(1, 7) + _field(7, graph) + _field(8, _field(2, 13))
 
 
-def correlation(box_channels=4, shapes=True, half=TEMPLATE / 2):
+def correlation(box_channels=4, shapes=True, half=TEMPLATE / 2, weight=0.0):
     """The bytes of the network: log odds, and boxes of one size.
 
     Args:
         box_channels: Channels of the boxes; 4 fits the description.
         shapes: Whether the outputs have shapes.
         half: Half of a box, pixels of the crop; 8 is the target's.
+        weight: What each value of the search crop adds to it.
     """
     place = (
         _integers("kernel_shape", TEMPLATE, TEMPLATE),
         _integers("pads", 8, 8, 7, 7),
         _integers("strides", STRIDE, STRIDE),
     )
-    weights = _tensor("weights", np.zeros((box_channels, 3, TEMPLATE, TEMPLATE)))
+    weights = _tensor("weights", np.full((box_channels, 3, TEMPLATE, TEMPLATE), weight))
     cells = (CELLS, CELLS)
     return _model(
         [

@@ -2,8 +2,10 @@
 
 import copy
 import pickle
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -115,6 +117,27 @@ def test_the_target_is_followed_and_every_run_has_the_same_bits(model, walk, whe
     assert one[-1].box == pytest.approx([153, 100, 40, 40], abs=6.0)
     assert one[-1].state == "tracking"
     assert "siamese" in one[-1].cue_weights
+
+
+def test_parameters_can_change_and_targets_start_after_the_folder_is_gone(model, walk):
+    tracker = learned(model, kind=MultiTracker)
+    shutil.rmtree(model)
+    tracker.set_parameters({"particles": 60})
+    assert tracker.start(walk[0], tuple(BOX)) == 1
+    assert [target.id for target in tracker.update(walk[1], INTERVAL)] == [1]
+
+
+def test_without_a_usable_cell_the_cue_is_silent(model, picture, caplog):
+    """As for a network that gives values that are not finite on some images only."""
+    cue = Siamese(SiameseParameters(model=str(model), engine="opencv"))
+    template = cue.learn(Region(Frame(picture((120, 100))), BOX[None]), BOX)
+    spoiled = replace(template, features=np.full_like(template.features, np.nan))
+    region = Region(Frame(picture((130, 100))), BOX[None], center_box=BOX)
+    for _ in range(2):
+        cue.precompute([PredictedTarget(region, spoiled, spoiled, 1.0)])
+    assert not cue.responds(region, spoiled)
+    assert [one.message[:26] for one in caplog.records] == ["the network a correlation "]
+    assert cue.log_odds(cue.observe(region, BOX), spoiled, spoiled) == {}
 
 
 def test_a_jump_is_found_where_the_other_cues_are_in_doubt(model, picture):

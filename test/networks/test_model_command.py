@@ -19,6 +19,14 @@ def test_check_says_what_is_wrong(model, capsys):
     assert line.startswith("model: error: the network a correlation needs ")
 
 
+def test_check_refuses_boxes_far_from_the_crop(write_model, correlation_bytes, description, capsys):
+    """On a black image, which the loading sees, they are right."""
+    text = description.replace("mean: [128.0, 128.0, 128.0]", "mean: [0.0, 0.0, 0.0]")
+    folder = write_model(correlation_bytes(weight=1e30), text)
+    assert main(["check", str(folder), "--engine", "opencv"]) == 1
+    assert "256 of 256 cells have no finite score and box near" in capsys.readouterr().err
+
+
 def test_add_writes_a_description_with_hashes(copy_files, capsys):
     folder = copy_files(object_tracking_vittrack_2023sep="vittrack")
     assert main(["add", "vittrack", str(folder)]) == 0
@@ -26,7 +34,7 @@ def test_add_writes_a_description_with_hashes(copy_files, capsys):
     assert "sha256: " in (folder / "model.yaml").read_text()
     assert main(["check", str(folder)]) == 0
     assert main(["add", "vittrack", str(folder)]) == 1
-    assert "model.yaml" in capsys.readouterr().err
+    assert "model.yaml exists; `model check` tells" in capsys.readouterr().err
 
 
 def test_add_names_a_missing_file_and_where_it_comes_from(tmp_path, capsys):

@@ -3,6 +3,7 @@
 import copy
 import os
 import pickle
+import shutil
 from importlib.util import find_spec
 
 import cv2
@@ -12,7 +13,7 @@ import pytest
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.networks.description import SHIPPED, read_model
 from pf_tracker_ros.networks.engines import engine_name, load_network
-from pf_tracker_ros.networks.siamese import SiameseNetwork
+from pf_tracker_ros.networks.siamese import SiameseNetwork, open_network
 from pf_tracker_ros.parameters import ParameterError
 
 BOX = np.array([120.0, 100.0, 40.0, 40.0])
@@ -124,6 +125,10 @@ WRONG = [
     (with_text, "correlation.onnx cannot be read as a network in the ONNX format by opencv"),
     (cut_short, "correlation.onnx cannot be read as a network in the ONNX format by opencv"),
     (lambda folder: (folder / "model.yaml").unlink(), "description of a network .*`model add`"),
+    (
+        lambda folder: (folder / "model.yaml").write_text(""),
+        "model.yaml: the file has to hold names",
+    ),
     (edited("name: a", "name: [a"), "model.yaml cannot be read as YAML"),
     (edited("name: a correlation", "naming: a correlation"), "model.yaml: no parameter 'naming'"),
     (edited("stride: 4.0", "stride: 0.0"), "'head.stride' is 0.0; allowed: float, 1 to 256"),
@@ -136,6 +141,7 @@ WRONG = [
     ),
     (edited("  file:", "  score: odds\n  file:"), "cannot run correlation.onnx as its description"),
     (edited("  file:", "  score: boxes\n  file:"), r"boxes .* shape \(1, 4, 16, 16\)"),
+    (edited("stride: 4.0", "stride: 200.0"), "span 3000 px, more than its search crop of 64 px"),
     (edited("pixels: 16", "pixels: 24"), "cannot run correlation.onnx as its description"),
 ]
 
@@ -146,6 +152,22 @@ def test_a_wrong_model_is_refused_in_a_sentence(model, spoil, message):
     with pytest.raises(ParameterError, match=message) as error:
         SiameseNetwork(str(model), "opencv")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("half", [np.nan, np.inf, 1e30, -8.0])
+def test_a_network_without_a_plausible_box_is_refused(write_model, correlation_bytes, half):
+    with pytest.raises(ParameterError, match="finds no box in any cell"):
+        SiameseNetwork(str(write_model(correlation_bytes(half=half))), "opencv")
+
+
+def test_a_network_in_use_is_not_read_again(model):
+    network = open_network(str(model), "opencv")
+    shutil.rmtree(model)
+    assert open_network(str(model), "opencv") is network
+    assert copy.deepcopy(network) is network
+    del network
+    with pytest.raises(ParameterError, match=r"model\.yaml"):
+        open_network(str(model), "opencv")
 
 
 def test_an_engine_that_is_not_installed_is_named(monkeypatch):

@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import pf_tracker_ros
@@ -50,6 +51,47 @@ def test_parameters_and_report_are_written_and_the_run_is_extended(folder, capsy
     assert (folder / "mine.yaml").read_bytes() == before
     assert __main__.main([*arguments, "--seeds", "2"]) == 2
     assert "another run (seeds differ); remove it" in capsys.readouterr().err
+    assert __main__.main([*arguments, "--trials", "2"]) == 2
+    assert "mine.yaml is the result of 3 trials" in capsys.readouterr().err
+    assert (folder / "mine.yaml").read_bytes() == before
+
+
+def test_an_interrupted_extension_keeps_the_finished_result(folder, capsys, monkeypatch):
+    arguments = ["sequences", *FEW, "--trials", "1", "--output", "mine.yaml"]
+    assert __main__.main(arguments) == 0
+    before = (folder / "mine.yaml").read_bytes()
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pf_tracker_ros.tuning.tuning.Tuning.run", interrupted)
+    assert __main__.main([*arguments, "--trials", "2"]) == 130
+    assert "mine.yaml keeps the result of 1 trial" in capsys.readouterr().err
+    assert (folder / "mine.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("tuned", "told"),
+    [
+        (
+            [0.5, 0.7],
+            "No search found anything better than the preset; on sequences left out, the ",
+        ),
+        ([0.52, 0.7], "found other values, whose gain is not proven: on sequences left out, the "),
+    ],
+)
+def test_the_verdict_without_a_change_tells_of_the_searches_without_a_group(tmp_path, tuned, told):
+    from pf_tracker_ros.tuning.comparison import Comparison
+    from pf_tracker_ros.tuning.output import TuningFiles
+    from pf_tracker_ros.tuning.search_space import search_space
+    from pf_tracker_ros.tuning.tuning import TuningRequest, TuningResult
+
+    space = search_space("li2007", {}, [])
+    request = TuningRequest("li2007", {}, space, trials=1, seeds=1, folds=2, seed=0)
+    own, found = (np.repeat([[a], [b]], 5, axis=1) for a, b in ([0.5, 0.7], tuned))
+    compared = Comparison(["a", "b"], own, found)
+    result = TuningResult(request.own, compared, compared)
+    assert told in TuningFiles(tmp_path / "mine.yaml", request).verdict(result)
 
 
 def test_the_result_does_not_depend_on_the_number_of_processes(folder):
@@ -72,6 +114,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes(folder):
         (["sequences", "--only", "particles"], "'particles' cannot be tuned here; allowed: color"),
         (["sequences", "--output", "own.yaml"], "own.yaml exists, and no own.journal"),
         (["sequences", "--output", "mine.txt"], "mine.txt; allowed: a file name that ends in .ya"),
+        (["sequences", "--output", "."], "--output .; allowed: a file name that ends in .yaml"),
         (["sequences", "--output", "nowhere/mine.yaml"], "no folder nowhere"),
     ],
 )

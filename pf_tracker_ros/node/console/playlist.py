@@ -17,7 +17,7 @@ Only `recording` is required.
 
 from __future__ import annotations
 
-import math
+import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -116,7 +116,7 @@ def _recording(path: Path, which: str, entry: Any) -> ListedRecording:
         raise _invalid(path, f"the content{which}", entry, f"a mapping with {', '.join(_KEYS)}")
     _check_keys(path, which, entry, _KEYS)
     recording, title, speed = (entry.get(name) for name in ("recording", "title", "speed"))
-    if not isinstance(recording, str) or not recording:
+    if not isinstance(recording, str) or not recording or "\0" in recording:
         raise _invalid(path, f"'recording'{which}", recording, "the path of a recording")
     if not isinstance(title, str | None):
         raise _invalid(path, f"'title'{which}", title, "a text")
@@ -127,8 +127,10 @@ def _recording(path: Path, which: str, entry: Any) -> ListedRecording:
         not isinstance(target, list)
         or not all(map(_is_number, target))
         or len(target) not in (0, 4)
+        or not all(side > 0 for side in target[2:])
     ):
-        raise _invalid(path, f"'target'{which}", target, "4 numbers: x, y, width, height")
+        allowed = "4 numbers: x, y, width, height; width and height above 0"
+        raise _invalid(path, f"'target'{which}", target, allowed)
     steps = entry.get("steps", [])
     if not isinstance(steps, list):
         raise _invalid(path, f"'steps'{which}", steps, "a list of texts")
@@ -164,7 +166,8 @@ def _parameters(path: Path, which: str, entry: Mapping[str, Any]) -> Mapping[str
 
 def _is_number(value: Any) -> bool:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and math.isfinite(value)
+    # An integer of YAML may be too large for a floating-point number.
+    return is_number and abs(value) <= sys.float_info.max
 
 
 def _check_keys(path: Path, which: str, entry: Mapping[Any, Any], known: Sequence[str]) -> None:
