@@ -205,9 +205,9 @@ class SiameseNetwork:
             frame, box = Frame(np.zeros((64, 64), np.uint8)), np.array([16.0, 16.0, 32.0, 32.0])
             if not len(self.find(frame, self.learn(frame, box), box).boxes):
                 raise ParameterError(
-                    f"the network {self.description.name} finds no box in any cell: its boxes or "
-                    "scores are not finite, not above 0 or far larger than the crop; check "
-                    "box_kind, mean and deviation in its description, or export it again"
+                    f"the network {self.description.name} finds no box in any cell: scores or "
+                    "boxes are not finite, or all boxes have no sides or are far from the crop; "
+                    "check box_kind, mean and deviation in its description, or export it again"
                 )
             _CHECKED.add(key)
 
