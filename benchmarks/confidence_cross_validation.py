@@ -67,9 +67,9 @@ def recording_tracker(preset: str, seed: int) -> tuple[Tracker, RecordedConfiden
     """A tracker and the recorded confidence in its boxes, without that of redetection."""
     recorded: list[RecordedConfidence] = []
 
-    def make_assessor(confidence: Confidence, *others: object) -> TrackAssessor:
+    def make_assessor(confidence: Confidence, *others: object, **options: bool) -> TrackAssessor:
         recorded.append(RecordedConfidence(confidence))
-        return TrackAssessor(recorded[-1], *others)
+        return TrackAssessor(recorded[-1], *others, **options)
 
     with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", make_assessor):
         tracker = Tracker.from_preset(preset, seed)

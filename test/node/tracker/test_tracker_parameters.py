@@ -14,7 +14,7 @@ from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
 QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
 # Including those of rclpy.
-MAX_PARAMETERS = 75
+MAX_PARAMETERS = 80
 KNOWN = declarations(NodeParameters) | declarations(TrackerParameters)
 
 
@@ -78,7 +78,7 @@ REFUSED = {
     "no cue": ("cues", ["smell"], ["color_contrast"], "list of strings, each at most once"),
     "one cue for a list": ("cues", "hog", ["color_contrast"], "list of strings, each at most once"),
     "a list too short": ("target_box", [1.0, 2.0], [20.0, 30.0, 24.0, 24.0], "0 or 4 numbers"),
-    "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'li2007'"),
+    "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'learned'"),
     "a seed below zero": ("seed", -1, 1, "int, 0 to"),
 }
 
