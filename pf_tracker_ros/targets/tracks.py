@@ -38,7 +38,7 @@ _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
 _MIN_BLEND_RATE = 0.05
 # Existence log odds above which a track is reported. Boxes of a target that the detector has just
-# missed are wrong more often than right.
+# missed are wrong at least as often as right.
 _REPORTED_ABOVE = 0.5
 # Seconds times targets over which the variance of growth is learned.
 _GROWTH_LEARNED_OVER = 30.0
