@@ -34,7 +34,6 @@ from pf_tracker_ros.cues.cue import (
     declared_keep,
 )
 from pf_tracker_ros.frames.region import Region, nearest_pixel
-from pf_tracker_ros.parameters import declared
 
 # Added to both histograms, so that unseen colors have probability 1/2.
 _PRIOR_SHARE = 1e-4
@@ -54,12 +53,6 @@ _MIN_CONTRAST = 1e-3
 class ColorContrastParameters(CueParameters):
     """The color contrast cue."""
 
-    sharpness: float = declared(
-        400.0,
-        "How fast the likelihood falls with a falling contrast between box and ring.",
-        minimum=0.0,
-        maximum=1000.0,
-    )
     keep: float = declared_keep(0.96)
 
 
@@ -105,20 +98,26 @@ class ColorContrast(SearchableCue):
     another cue measures its size. Other objects of the same colors have the same contrast.
 
     Args:
-        parameters: Sharpness and rate of template updates.
+        parameters: Rate of template updates.
         levels: Levels of each of red, green and blue, at most 32.
         ring: Width of the ring on each side of the box, box sides.
+        sharpness: How fast the log likelihood falls with a falling contrast.
     """
 
     uses_center_box_size = True
     is_discriminative = False
 
     def __init__(
-        self, parameters: ColorContrastParameters, *, levels: int = 16, ring: float = 0.4
+        self,
+        parameters: ColorContrastParameters,
+        *,
+        levels: int = 16,
+        ring: float = 0.4,
+        sharpness: float = 400.0,
     ) -> None:
         self._levels = levels
         self._ring = ring
-        self._sharpness = parameters.sharpness
+        self._sharpness = sharpness
         self._keep = parameters.keep
 
     @property

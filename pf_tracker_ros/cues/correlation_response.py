@@ -53,6 +53,8 @@ _REFINEMENT = 2
 # A window is colored if the mean difference of a pixel's largest and smallest channel is at least
 # this, gray levels. Some cameras send gray images with three channels.
 _MIN_COLOR_DIFFERENCE = 2.0
+# How fast the log likelihood falls with a falling response.
+_SHARPNESS = 100.0
 
 
 @dataclass(frozen=True)
@@ -74,12 +76,6 @@ class CorrelationResponseParameters(CueParameters):
         minimum=2.0,
         maximum=8.0,
         read_only=True,
-    )
-    sharpness: float = declared(
-        100.0,
-        "How fast the likelihood falls with a falling response.",
-        minimum=0.0,
-        maximum=1000.0,
     )
 
 
@@ -135,7 +131,7 @@ class CorrelationResponse(SearchableCue):
     """Response of a regularized correlation filter, relative to that to its training window.
 
     Args:
-        parameters: Features, window and sharpness.
+        parameters: Features and window.
         cells: Cells along each side of the window, even; the features define a cell's pixels.
         size_span: Size ratio of the two windows around the predicted size; 1 means one window,
             which does not measure the size.
@@ -164,7 +160,6 @@ class CorrelationResponse(SearchableCue):
         self._log_span = math.log(size_span)
         half_span = self._log_span / 2
         self._factors = (math.exp(-half_span), math.exp(half_span)) if half_span else (1.0,)
-        self._sharpness = parameters.sharpness
         self._interval = training_interval
         self._settling = settling_frames
         self._memory = memory
@@ -224,7 +219,7 @@ class CorrelationResponse(SearchableCue):
         self, response: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.log_likelihood_of`."""
-        return -self._sharpness * (1.0 - response)
+        return -_SHARPNESS * (1.0 - response)
 
     def match(self, observation: DeferredObservation, template: CorrelationTemplate) -> Match:
         """See `Cue.match`.
@@ -236,7 +231,7 @@ class CorrelationResponse(SearchableCue):
         maps = self._response_maps(observation.region, template)
         peak = max(float(maps.expected.max()), SMALLEST_RESPONSE)
         similarity = self._features.calibration.similarity(peak, maps.deviation, template.reference)
-        return Match(-self._sharpness * (1.0 - value), similarity)
+        return Match(-_SHARPNESS * (1.0 - value), similarity)
 
     def log_odds(
         self,
@@ -407,7 +402,7 @@ class CoarseCorrelationResponse(CorrelationResponse):
     """The correlation response with fewer, larger cells and a larger span of sizes.
 
     Args:
-        parameters: Features, window and sharpness.
+        parameters: Features and window.
         cells: Cells along each side of the window, even.
         settling_frames: As for `CorrelationResponse`.
     """

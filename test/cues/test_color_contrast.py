@@ -7,7 +7,7 @@ from pf_tracker_ros.cues.color_contrast import ColorContrast, ColorContrastParam
 from pf_tracker_ros.frames import Frame, Region
 
 BOX = np.array([40.0, 30.0, 20.0, 20.0])
-CUE = ColorContrast(ColorContrastParameters(sharpness=10.0), ring=0.5)
+CUE = ColorContrast(ColorContrastParameters(), ring=0.5, sharpness=10.0)
 
 
 def region_of(image, *boxes):
