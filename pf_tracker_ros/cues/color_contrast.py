@@ -31,7 +31,6 @@ from pf_tracker_ros.cues.cue import (
     SearchableCue,
     box_sums,
     box_sums_on_grid,
-    declared_keep,
 )
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 
@@ -52,8 +51,6 @@ _MIN_CONTRAST = 1e-3
 @dataclass(frozen=True)
 class ColorContrastParameters(CueParameters):
     """The color contrast cue."""
-
-    keep: float = declared_keep(0.96)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,10 +95,11 @@ class ColorContrast(SearchableCue):
     another cue measures its size. Other objects of the same colors have the same contrast.
 
     Args:
-        parameters: Rate of template updates.
+        parameters: Its weight, which the fusion applies.
         levels: Levels of each of red, green and blue, at most 32.
         ring: Width of the ring on each side of the box, box sides.
         sharpness: How fast the log likelihood falls with a falling contrast.
+        keep: Share of the old template that an update keeps.
     """
 
     uses_center_box_size = True
@@ -114,11 +112,12 @@ class ColorContrast(SearchableCue):
         levels: int = 16,
         ring: float = 0.4,
         sharpness: float = 400.0,
+        keep: float = 0.96,
     ) -> None:
         self._levels = levels
         self._ring = ring
         self._sharpness = sharpness
-        self._keep = parameters.keep
+        self._keep = keep
 
     @property
     def context_margin(self) -> float:

@@ -55,11 +55,13 @@ _REFINEMENT = 2
 _MIN_COLOR_DIFFERENCE = 2.0
 # How fast the log likelihood falls with a falling response.
 _SHARPNESS = 100.0
+# Side of the window of the coarse response, box sizes.
+_COARSE_WINDOW = 2.5
 
 
 @dataclass(frozen=True)
-class CorrelationResponseParameters(CueParameters):
-    """The correlation response cue."""
+class _FeatureParameters(CueParameters):
+    """The features of a correlation response cue."""
 
     features: str = declared(
         "gradients_and_colors",
@@ -68,6 +70,12 @@ class CorrelationResponseParameters(CueParameters):
         read_only=True,
     )
     of_features: dict[str, Any] = parts("features", FEATURES)
+
+
+@dataclass(frozen=True)
+class CorrelationResponseParameters(_FeatureParameters):
+    """The correlation response cue."""
+
     window: float = declared(
         4.0,
         "Side of the filter's square window around the target; a larger one covers faster targets "
@@ -383,26 +391,16 @@ def _reference(trained: Spectrum, spectrum: Spectrum) -> float:
 
 
 @dataclass(frozen=True)
-class CoarseCorrelationResponseParameters(CorrelationResponseParameters):
+class CoarseCorrelationResponseParameters(_FeatureParameters):
     """The coarse correlation response cue."""
-
-    window: float = declared(
-        2.5,
-        "Side of the filter's square window around the target; a larger one covers faster targets "
-        "and more background.",
-        unit="box sizes",
-        minimum=2.0,
-        maximum=8.0,
-        read_only=True,
-    )
 
 
 @CUES.register("coarse_correlation_response", CoarseCorrelationResponseParameters)
 class CoarseCorrelationResponse(CorrelationResponse):
-    """The correlation response with fewer, larger cells and a larger span of sizes.
+    """The correlation response in a smaller window, with larger cells and a larger span of sizes.
 
     Args:
-        parameters: Features and window.
+        parameters: Features.
         cells: Cells along each side of the window, even.
         settling_frames: As for `CorrelationResponse`.
     """
@@ -414,4 +412,7 @@ class CoarseCorrelationResponse(CorrelationResponse):
         cells: int = 24,
         settling_frames: int = 1,
     ) -> None:
-        super().__init__(parameters, cells=cells, size_span=1.1, settling_frames=settling_frames)
+        windowed = CorrelationResponseParameters(
+            features=parameters.features, of_features=parameters.of_features, window=_COARSE_WINDOW
+        )
+        super().__init__(windowed, cells=cells, size_span=1.1, settling_frames=settling_frames)

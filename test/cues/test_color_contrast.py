@@ -132,7 +132,7 @@ def test_boxes_at_the_edge_of_the_image_are_learned_and_scored(image):
 
 
 def test_blend_by_hand(image):
-    cue = ColorContrast(ColorContrastParameters(keep=0.75))
+    cue = ColorContrast(ColorContrastParameters(), keep=0.75)
     template = cue.learn(region_of(image, BOX), BOX)
     observation = cue.learn(region_of(255 - image, BOX), BOX)
     blended = cue.blend(template, observation)
