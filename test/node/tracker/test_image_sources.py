@@ -13,7 +13,7 @@ QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 @pytest.fixture(autouse=True)
-def _fast_polls(monkeypatch):
+def _fast_polls(fast_reports, monkeypatch):
     monkeypatch.setattr(graph_monitor, "_PERIOD", 0.02)
 
 
@@ -41,7 +41,7 @@ def test_a_second_publisher_of_the_images_is_reported_while_it_exists(graph, cli
 
 def test_a_second_publisher_for_a_moment_is_not_reported(graph, client, monkeypatch):
     """As while a camera restarts."""
-    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.5)
+    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.1)
     graph.tracker(client, **QUICK)
     other = graph.client(namespace="/left")
     second = other.create_publisher(Image, "/image", 10)
@@ -95,7 +95,8 @@ def test_images_with_two_frame_ids_are_reported_while_they_last(
 
 
 def test_a_camera_may_change_its_frame_id(graph, client, images, monkeypatch):
-    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.5)
+    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.1)
+    monkeypatch.setattr(image_sources, "_WINDOW", image_sources._WINDOW / 5)
     graph.tracker(client, **QUICK)
     index, _ = show_frames(client, images, ["left"] * 3, 0)
     before = len(client.health)
