@@ -69,8 +69,17 @@ _SHARED = {
 }
 
 TRACKER_ARGUMENTS = (
-    *("namespace", "preset", "params_file", "image_reliability", "image_transport", "seed"),
-    *("console", "console_port", "use_sim_time", "large_images", "log_level"),
+    "namespace",
+    "preset",
+    "params_file",
+    "image_reliability",
+    "image_transport",
+    "seed",
+    "console",
+    "console_port",
+    "use_sim_time",
+    "large_images",
+    "log_level",
 )
 """Shared arguments of every launch file that starts a tracker on a camera."""
 
