@@ -111,7 +111,10 @@ def test_the_result_does_not_depend_on_the_number_of_processes(folder):
         (["sequences", "--preset", "best"], "no preset 'best'"),
         (["sequences", "--params-file", "bad.yaml"], "bad.yaml cannot be read as YAML"),
         (["sequences", "--parameter", "particles=0"], "'particles' is 0"),
-        (["sequences", "--only", "particles"], "'particles' cannot be tuned here; allowed: correlation"),
+        (
+            ["sequences", "--only", "particles"],
+            "'particles' cannot be tuned here; allowed: corre",
+        ),
         (["sequences", "--output", "own.yaml"], "own.yaml exists, and no own.journal"),
         (["sequences", "--output", "mine.txt"], "mine.txt; allowed: a file name that ends in .ya"),
         (["sequences", "--output", "."], "--output .; allowed: a file name that ends in .yaml"),
