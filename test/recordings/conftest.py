@@ -119,7 +119,9 @@ def long_sequence(write_sequence_in, moving_square, tmp_path_factory):
     """The moving square there and back, for a thousand frames; not to change."""
     order = np.resize(np.r_[np.arange(20), np.arange(18, 0, -1)], 1000)
     parent = tmp_path_factory.mktemp("shared")
-    return write_sequence_in(parent, "walk", moving_square.images[order], moving_square.boxes[order])
+    return write_sequence_in(
+        parent, "walk", moving_square.images[order], moving_square.boxes[order]
+    )
 
 
 @pytest.fixture(scope="session")
