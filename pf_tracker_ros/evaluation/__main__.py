@@ -15,10 +15,10 @@ from pf_tracker_ros.evaluation.command_line import (
     INCOMPLETE,
     REFUSED,
     SUCCESS,
+    checked_parameters,
     parser,
     require_packages,
     run_command,
-    tracker_parameters,
 )
 from pf_tracker_ros.evaluation.labeled_sequences import open_labeled_sequences
 from pf_tracker_ros.evaluation.reports.evaluation_report import EvaluationReport
@@ -58,7 +58,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.compare and not has_report:
         raise EvaluationError("--compare needs --report DIR")
     report = EvaluationReport(options.report, options.compare) if has_report else None
-    parameters, values = tracker_parameters(options)
+    parameters, values = checked_parameters(options)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
     summary = ActivePreset.of({"preset": options.preset, **values}).summary
     outputs = ResultFiles(options.output, options.plot, options.preset, parameters, summary)

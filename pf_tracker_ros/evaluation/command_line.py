@@ -97,7 +97,7 @@ def require_packages(extra: str, *packages: str) -> None:
             raise EvaluationError(missing)
 
 
-def tracker_parameters(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
+def checked_parameters(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
     """The parameters of the options of `add_tracker_options`, whose preset is completed in place.
 
     Returns:

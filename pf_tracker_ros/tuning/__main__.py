@@ -16,9 +16,9 @@ from pf_tracker_ros.evaluation.command_line import (
     SUCCESS,
     TERMINATED,
     Termination,
+    checked_parameters,
     require_packages,
     run_command,
-    tracker_parameters,
 )
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.evaluation.sequences import open_sequences
@@ -53,7 +53,7 @@ def _run(options: argparse.Namespace) -> int:
     from pf_tracker_ros.tuning.output import TuningFiles
     from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
 
-    given, values = tracker_parameters(options)
+    given, values = checked_parameters(options)
     given = {name: values[name] for name in given}
     request = TuningRequest(
         options.preset,
