@@ -16,28 +16,22 @@ from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
 from pf_tracker_ros.launching import (
+    DETECTOR_PARAMETERS,
+    TRACKER_ARGUMENTS,
     LaunchArguments,
     argument,
     shared_arguments,
     tracker_nodes,
     tracker_overrides,
 )
-from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-
-# Arguments that are parameters of the tracker, by the same name.
-EXTRA_TRACKER_PARAMETERS = ("max_targets", "built_in_detector", "built_in_detector_rate")
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker with the given arguments, and a console on request."""
     given = LaunchArguments(context)
-    parameters = tracker_overrides(given)
-    declared = declarations(NodeParameters)
-    for name in EXTRA_TRACKER_PARAMETERS:
-        if given.text(name):
-            parameters[name] = given.parameter(name, declared[name])
+    parameters = tracker_overrides(given, *DETECTOR_PARAMETERS)
     if labels := given.words("labels"):
         parameters["detector.labels"] = labels
     if given.text("score_above"):
@@ -53,24 +47,14 @@ def generate_launch_description() -> LaunchDescription:
     """Arguments and the tracker; an empty argument keeps the node's default."""
     return LaunchDescription(
         [
-            *shared_arguments("image"),
-            argument(
-                "detections",
-                "Topic of the detector, vision_msgs/Detection2DArray, stamped as its images.",
-                default="detections",
-            ),
+            *shared_arguments("image", "detections"),
             argument(
                 "labels", "Labels of the detections to use, such as person,car; empty for all."
             ),
             argument("score_above", "Minimum score of detections."),
             argument("max_targets", "Maximum number of targets.", default="32"),
-            argument("built_in_detector", "Detector within the tracker: none, people or motion."),
-            argument("built_in_detector_rate", "Maximum rate of the built-in detector, Hz."),
-            *shared_arguments("namespace", "preset", "params_file"),
-            *shared_arguments("image_reliability", "image_transport", "seed"),
-            *shared_arguments(
-                "console", "console_port", "use_sim_time", "large_images", "log_level"
-            ),
+            *shared_arguments("built_in_detector", "built_in_detector_rate"),
+            *shared_arguments(*TRACKER_ARGUMENTS),
             OpaqueFunction(function=start_tracker),
         ]
     )

@@ -18,6 +18,8 @@ from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
 from pf_tracker_ros.launching import (
+    DETECTOR_PARAMETERS,
+    TRACKER_ARGUMENTS,
     LaunchArguments,
     argument,
     localizer_node,
@@ -25,21 +27,12 @@ from pf_tracker_ros.launching import (
     tracker_nodes,
     tracker_overrides,
 )
-from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import declarations
-
-# Arguments that are parameters of the tracker, by the same name.
-EXTRA_TRACKER_PARAMETERS = ("max_targets", "built_in_detector", "built_in_detector_rate")
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
     """Tracker and localizer with the given arguments, and a console on request."""
     given = LaunchArguments(context)
-    parameters = tracker_overrides(given)
-    declared = declarations(NodeParameters)
-    for name in EXTRA_TRACKER_PARAMETERS:
-        if given.text(name):
-            parameters[name] = given.parameter(name, declared[name])
+    parameters = tracker_overrides(given, *DETECTOR_PARAMETERS)
     if box := given.box("target_box"):
         parameters["target_box"] = box
     topics = {"image": given.text("image"), "detections": given.text("detections")}
@@ -68,19 +61,10 @@ def generate_launch_description() -> LaunchDescription:
             argument("depth_transport", "raw, compressed or compressedDepth."),
             argument("depth_tolerance", "Largest difference of the stamps of image and depth, s."),
             argument("min_confidence", "Confidence of the tracker from which there is a pose."),
-            argument(
-                "target_box",
-                "Box to track from the first image on, [x, y, width, height] in pixels.",
-            ),
-            argument("detections", "Topic of a detector, Detection2DArray.", "detections"),
             argument("max_targets", "Maximum number of targets; with 1 it is the selected one."),
-            argument("built_in_detector", "Detector within the tracker: none, people or motion."),
-            argument("built_in_detector_rate", "Maximum rate of the built-in detector, Hz."),
-            *shared_arguments("namespace", "preset", "params_file"),
-            *shared_arguments("image_reliability", "image_transport", "seed"),
-            *shared_arguments(
-                "console", "console_port", "use_sim_time", "large_images", "log_level"
-            ),
+            *shared_arguments("target_box", "detections"),
+            *shared_arguments("built_in_detector", "built_in_detector_rate"),
+            *shared_arguments(*TRACKER_ARGUMENTS),
             OpaqueFunction(function=start_nodes),
         ]
     )

@@ -11,6 +11,7 @@ from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
 from pf_tracker_ros.launching import (
+    TRACKER_ARGUMENTS,
     LaunchArguments,
     argument,
     shared_arguments,
@@ -34,20 +35,11 @@ def generate_launch_description() -> LaunchDescription:
     """Arguments and the tracker; an empty argument keeps the node's default."""
     return LaunchDescription(
         [
-            *shared_arguments("image", "namespace", "preset", "params_file"),
-            argument(
-                "target_box",
-                "Box to track from the first image on, [x, y, width, height] in pixels; empty "
-                "waits for a target on ~/target.",
-            ),
-            *shared_arguments("image_reliability", "image_transport", "seed"),
+            *shared_arguments("image", "target_box", *TRACKER_ARGUMENTS),
             argument(
                 "autostart",
                 "Activate the node at start-up; false waits for a lifecycle manager.",
                 default="true",
-            ),
-            *shared_arguments(
-                "console", "console_port", "use_sim_time", "large_images", "log_level"
             ),
             OpaqueFunction(function=start_tracker),
         ]

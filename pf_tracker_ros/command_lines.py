@@ -1,8 +1,10 @@
-"""Argument parser of all executables; imports only light modules."""
+"""Shared by the command lines of all executables; imports only light modules."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from importlib import import_module
 from typing import Any, NoReturn
 
 
@@ -21,3 +23,18 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print the error and end the program with exit code 2."""
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
+
+
+def print_error(command: str, message: object) -> None:
+    """Print an error of a command on standard error, in one line."""
+    print(f"{command}: error: {' '.join(str(message).split())}", file=sys.stderr)
+
+
+def missing_package(package: str, extra: str) -> str:
+    """How to install a package of one of this package's extras; empty if it is installed."""
+    try:
+        import_module(package)
+    except ImportError:
+        name = "pyyaml" if package == "yaml" else package
+        return f"{name} is not installed: pip install {name}, or '.[{extra}]' in the sources"
+    return ""

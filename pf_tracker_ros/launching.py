@@ -19,8 +19,10 @@ from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
 
 PACKAGE = "pf_tracker_ros"
-# Launch arguments that are tracker parameters of the same names.
+# Launch arguments that are tracker parameters of the same names; those of a detector are not in
+# every launch file.
 TRACKER_PARAMETERS = ("preset", "image_reliability", "image_transport", "seed")
+DETECTOR_PARAMETERS = ("max_targets", "built_in_detector", "built_in_detector_rate")
 # Launch arguments that are localizer parameters, with an underscore for the dot of a name.
 LOCALIZER_PARAMETERS = (
     "method",
@@ -45,6 +47,17 @@ _SHARED = {
     "image_reliability": ("auto, best_effort or reliable.", ""),
     "image_transport": ("raw, or compressed for JPEG and PNG on <image>/compressed.", ""),
     "seed": ("Seed of the random number generators.", ""),
+    "target_box": (
+        "Box to track from the first image on, [x, y, width, height] in pixels; empty waits for a "
+        "target.",
+        "",
+    ),
+    "detections": (
+        "Topic of a detector, vision_msgs/Detection2DArray, stamped as its images.",
+        "detections",
+    ),
+    "built_in_detector": ("Detector within the tracker: none, people or motion.", ""),
+    "built_in_detector_rate": ("Maximum rate of the built-in detector, Hz.", ""),
     "console": ("Serve the console page on the loopback interface.", "false"),
     "console_port": ("Port of the console, a different one for each; default 8642.", ""),
     "use_sim_time": ("Take the time from /clock.", "false"),
@@ -54,6 +67,21 @@ _SHARED = {
     ),
     "log_level": ("debug, info, warn, error or fatal.", ""),
 }
+
+TRACKER_ARGUMENTS = (
+    "namespace",
+    "preset",
+    "params_file",
+    "image_reliability",
+    "image_transport",
+    "seed",
+    "console",
+    "console_port",
+    "use_sim_time",
+    "large_images",
+    "log_level",
+)
+"""Shared arguments of every launch file that starts a tracker on a camera."""
 
 _FLAGS = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
 
@@ -179,18 +207,19 @@ def shared_arguments(*names: str) -> list[DeclareLaunchArgument]:
     return [argument(name, *_SHARED[name]) for name in names]
 
 
-def tracker_overrides(given: LaunchArguments) -> dict[str, Any]:
+def tracker_overrides(given: LaunchArguments, *further: str) -> dict[str, Any]:
     """Tracker parameters that launch arguments set.
 
     Args:
         given: The launch arguments.
+        *further: Names of arguments that are parameters, besides `TRACKER_PARAMETERS`.
 
     Raises:
         ValueError: An argument is not allowed.
     """
     parameters: dict[str, Any] = {"use_sim_time": given.flag("use_sim_time")}
     declared = declarations(NodeParameters)
-    for name in TRACKER_PARAMETERS:
+    for name in (*TRACKER_PARAMETERS, *further):
         if given.text(name):
             parameters[name] = given.parameter(name, declared[name])
     return parameters

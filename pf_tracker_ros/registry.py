@@ -7,7 +7,7 @@ import logging
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 if TYPE_CHECKING:
@@ -125,12 +125,9 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
     @cached_property
     def _entry_points(self) -> Mapping[str, Sequence[EntryPoint]]:
         """Name to the entry points of other packages; more than one is an error."""
-        # Imported here: it takes as long as the rest of the library, and only lists need it.
-        from importlib.metadata import entry_points
-
         by_name: dict[str, list[EntryPoint]] = {}
-        found = sorted(entry_points(group=self._group), key=lambda point: (point.name, point.value))
-        for point in found if self._group else ():
+        found = _installed_entry_points().select(group=self._group) if self._group else ()
+        for point in sorted(found, key=lambda point: (point.name, point.value)):
             factory = self._factories.get(point.name)
             if factory is None or _top_package(factory.__module__) == _top_package(point.value):
                 by_name.setdefault(point.name, []).append(point)
@@ -188,6 +185,15 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         message = f"the {self._kind} '{points[0].name}' of {where} cannot be used: {reason}"
         logging.getLogger(__name__).warning(message)
         return message
+
+
+@cache
+def _installed_entry_points() -> Any:
+    """The entry points of all packages, of every group: reading them takes long."""
+    # Imported here: only lists of parts need it.
+    from importlib.metadata import entry_points
+
+    return entry_points()
 
 
 def _top_package(name: str) -> str:

@@ -37,6 +37,9 @@ settings.load_profile("properties")
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+# Each of the many processes that the tests start would compile the package anew.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER_FLAGS = [
     "--no-sandbox",
@@ -116,11 +119,11 @@ def moving_square():
     return DrawnSequence(images, boxes)
 
 
-@pytest.fixture
-def write_sequence(tmp_path):
-    """A function that writes images and boxes as a sequence folder and returns its path."""
+@pytest.fixture(scope="session")
+def write_sequence_in():
+    """A function that writes images and boxes as a sequence folder in another; returns its path."""
 
-    def write(name, images, boxes, parent=tmp_path):
+    def write(parent, name, images, boxes):
         folder = parent / name
         (folder / "img").mkdir(parents=True)
         for number, image in enumerate(images, start=1):
@@ -132,6 +135,16 @@ def write_sequence(tmp_path):
         meta = {"name": name, "width": width, "height": height, "frames": len(images)}
         (folder / "meta.json").write_text(json.dumps(meta))
         return folder
+
+    return write
+
+
+@pytest.fixture
+def write_sequence(write_sequence_in, tmp_path):
+    """A function that writes images and boxes as a sequence folder and returns its path."""
+
+    def write(name, images, boxes, parent=tmp_path):
+        return write_sequence_in(parent, name, images, boxes)
 
     return write
 

@@ -31,10 +31,8 @@ from pf_tracker_ros.cues.cue import (
     SearchableCue,
     box_sums,
     box_sums_on_grid,
-    declared_keep,
 )
 from pf_tracker_ros.frames.region import Region, nearest_pixel
-from pf_tracker_ros.parameters import declared
 
 # Added to both histograms, so that unseen colors have probability 1/2.
 _PRIOR_SHARE = 1e-4
@@ -53,14 +51,6 @@ _MIN_CONTRAST = 1e-3
 @dataclass(frozen=True)
 class ColorContrastParameters(CueParameters):
     """The color contrast cue."""
-
-    sharpness: float = declared(
-        400.0,
-        "How fast the likelihood falls with a falling contrast between box and ring.",
-        minimum=0.0,
-        maximum=1000.0,
-    )
-    keep: float = declared_keep(0.96)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,21 +95,29 @@ class ColorContrast(SearchableCue):
     another cue measures its size. Other objects of the same colors have the same contrast.
 
     Args:
-        parameters: Sharpness and rate of template updates.
+        parameters: Its weight, which the fusion applies.
         levels: Levels of each of red, green and blue, at most 32.
         ring: Width of the ring on each side of the box, box sides.
+        sharpness: How fast the log likelihood falls with a falling contrast.
+        keep: Share of the old template that an update keeps.
     """
 
     uses_center_box_size = True
     is_discriminative = False
 
     def __init__(
-        self, parameters: ColorContrastParameters, *, levels: int = 16, ring: float = 0.4
+        self,
+        parameters: ColorContrastParameters,
+        *,
+        levels: int = 16,
+        ring: float = 0.4,
+        sharpness: float = 400.0,
+        keep: float = 0.96,
     ) -> None:
         self._levels = levels
         self._ring = ring
-        self._sharpness = parameters.sharpness
-        self._keep = parameters.keep
+        self._sharpness = sharpness
+        self._keep = keep
 
     @property
     def context_margin(self) -> float:

@@ -53,11 +53,15 @@ _REFINEMENT = 2
 # A window is colored if the mean difference of a pixel's largest and smallest channel is at least
 # this, gray levels. Some cameras send gray images with three channels.
 _MIN_COLOR_DIFFERENCE = 2.0
+# How fast the log likelihood falls with a falling response.
+_SHARPNESS = 100.0
+# Side of the window of the coarse response, box sizes.
+_COARSE_WINDOW = 2.5
 
 
 @dataclass(frozen=True)
-class CorrelationResponseParameters(CueParameters):
-    """The correlation response cue."""
+class _FeatureParameters(CueParameters):
+    """The features of a correlation response cue."""
 
     features: str = declared(
         "gradients_and_colors",
@@ -66,6 +70,12 @@ class CorrelationResponseParameters(CueParameters):
         read_only=True,
     )
     of_features: dict[str, Any] = parts("features", FEATURES)
+
+
+@dataclass(frozen=True)
+class CorrelationResponseParameters(_FeatureParameters):
+    """The correlation response cue."""
+
     window: float = declared(
         4.0,
         "Side of the filter's square window around the target; a larger one covers faster targets "
@@ -74,12 +84,6 @@ class CorrelationResponseParameters(CueParameters):
         minimum=2.0,
         maximum=8.0,
         read_only=True,
-    )
-    sharpness: float = declared(
-        100.0,
-        "How fast the likelihood falls with a falling response.",
-        minimum=0.0,
-        maximum=1000.0,
     )
 
 
@@ -135,7 +139,7 @@ class CorrelationResponse(SearchableCue):
     """Response of a regularized correlation filter, relative to that to its training window.
 
     Args:
-        parameters: Features, window and sharpness.
+        parameters: Features and window.
         cells: Cells along each side of the window, even; the features define a cell's pixels.
         size_span: Size ratio of the two windows around the predicted size; 1 means one window,
             which does not measure the size.
@@ -164,7 +168,6 @@ class CorrelationResponse(SearchableCue):
         self._log_span = math.log(size_span)
         half_span = self._log_span / 2
         self._factors = (math.exp(-half_span), math.exp(half_span)) if half_span else (1.0,)
-        self._sharpness = parameters.sharpness
         self._interval = training_interval
         self._settling = settling_frames
         self._memory = memory
@@ -224,7 +227,7 @@ class CorrelationResponse(SearchableCue):
         self, response: NDArray[np.float64], template: CorrelationTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.log_likelihood_of`."""
-        return -self._sharpness * (1.0 - response)
+        return -_SHARPNESS * (1.0 - response)
 
     def match(self, observation: DeferredObservation, template: CorrelationTemplate) -> Match:
         """See `Cue.match`.
@@ -236,7 +239,7 @@ class CorrelationResponse(SearchableCue):
         maps = self._response_maps(observation.region, template)
         peak = max(float(maps.expected.max()), SMALLEST_RESPONSE)
         similarity = self._features.calibration.similarity(peak, maps.deviation, template.reference)
-        return Match(-self._sharpness * (1.0 - value), similarity)
+        return Match(-_SHARPNESS * (1.0 - value), similarity)
 
     def log_odds(
         self,
@@ -388,26 +391,16 @@ def _reference(trained: Spectrum, spectrum: Spectrum) -> float:
 
 
 @dataclass(frozen=True)
-class CoarseCorrelationResponseParameters(CorrelationResponseParameters):
+class CoarseCorrelationResponseParameters(_FeatureParameters):
     """The coarse correlation response cue."""
-
-    window: float = declared(
-        2.5,
-        "Side of the filter's square window around the target; a larger one covers faster targets "
-        "and more background.",
-        unit="box sizes",
-        minimum=2.0,
-        maximum=8.0,
-        read_only=True,
-    )
 
 
 @CUES.register("coarse_correlation_response", CoarseCorrelationResponseParameters)
 class CoarseCorrelationResponse(CorrelationResponse):
-    """The correlation response with fewer, larger cells and a larger span of sizes.
+    """The correlation response in a smaller window, with larger cells and a larger span of sizes.
 
     Args:
-        parameters: Features, window and sharpness.
+        parameters: Features.
         cells: Cells along each side of the window, even.
         settling_frames: As for `CorrelationResponse`.
     """
@@ -419,4 +412,7 @@ class CoarseCorrelationResponse(CorrelationResponse):
         cells: int = 24,
         settling_frames: int = 1,
     ) -> None:
-        super().__init__(parameters, cells=cells, size_span=1.1, settling_frames=settling_frames)
+        windowed = CorrelationResponseParameters(
+            features=parameters.features, of_features=parameters.of_features, window=_COARSE_WINDOW
+        )
+        super().__init__(windowed, cells=cells, size_span=1.1, settling_frames=settling_frames)

@@ -1,4 +1,4 @@
-"""Decodes sensor_msgs/CompressedImage: JPEG and PNG.
+"""Decodes sensor_msgs/CompressedImage: JPEG and PNG; `decode_image` also takes raw images.
 
 A few bytes can declare an image of gigabytes, or contain much besides the image. A file is checked
 before it reaches the decoder:
@@ -20,12 +20,19 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import cv2
 import numpy as np
 
-from pf_tracker_ros.decoding.image_decoding import ImageError, Pixels, check_sides, quote
+from pf_tracker_ros.decoding.image_decoding import (
+    ImageError,
+    Pixels,
+    RawImage,
+    check_sides,
+    decode_raw,
+    quote,
+)
 from pf_tracker_ros.plurals import counted
 
 # Orientation tags are ignored, because boxes refer to the pixels as stored.
@@ -70,6 +77,26 @@ class CompressedImage(Protocol):
     def format(self) -> str: ...  # noqa: D102
     @property
     def data(self) -> Any: ...  # noqa: D102
+
+
+def decode_image(message: RawImage | CompressedImage, max_pixels: float) -> Pixels:
+    """The image of a raw or compressed message.
+
+    Args:
+        message: The message.
+        max_pixels: Maximum number of pixels of a compressed image.
+
+    Returns:
+        (height, width, 3) uint8 BGR, or (height, width) uint8, uint16 or float32; a read-only view
+        of the message's data if the layout allows.
+
+    Raises:
+        ImageError: The message contains no such image.
+    """
+    # Only CompressedImage has this field.
+    if hasattr(message, "format"):
+        return decode_compressed(cast(CompressedImage, message), max_pixels)
+    return decode_raw(message)
 
 
 def decode_compressed(message: CompressedImage, max_pixels: float) -> Pixels:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import argparse
 import functools
-import importlib
-import signal
 import sys
 from collections.abc import Sequence
 from contextlib import closing
-from types import FrameType
 from typing import Any
 
+from pf_tracker_ros.command_lines import print_error
 from pf_tracker_ros.evaluation.batch import evaluate_each
 from pf_tracker_ros.evaluation.command_line import (
-    errors_name_parameter_file,
-    merge_parameter_file,
-    parse_parameters,
+    INCOMPLETE,
+    REFUSED,
+    SUCCESS,
+    checked_parameters,
     parser,
+    require_packages,
+    run_command,
 )
 from pf_tracker_ros.evaluation.labeled_sequences import open_labeled_sequences
 from pf_tracker_ros.evaluation.reports.evaluation_report import EvaluationReport
@@ -25,18 +26,11 @@ from pf_tracker_ros.evaluation.result_files import ResultFiles
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
 from pf_tracker_ros.evaluation.sequences import frame_count, open_sequences
 from pf_tracker_ros.evaluation.summary import print_table
-from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.progress import progress_bar
-from pf_tracker_ros.signals import handled_signals
 from pf_tracker_ros.targets.tracker import Tracker
 from pf_tracker_ros.tracking.presets import ActivePreset
 
-SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, NO_READER, TERMINATED = 0, 1, 2, 130, 141, 143
-
-
-class _Termination(BaseException):
-    """SIGTERM was received."""
+NO_READER = 141
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,32 +42,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit code, see `evaluate --help`; for any but 0 and 141, standard error has the reason.
     """
-    try:
-        with handled_signals({signal.SIGTERM: _terminate}):
-            return _run(parser().parse_args(arguments))
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        _complain(error)
-        return REFUSED
-    except KeyboardInterrupt:
-        print("evaluate: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except _Termination:
-        print("evaluate: terminated", file=sys.stderr)
-        return TERMINATED
+    return run_command("evaluate", lambda: _run(parser().parse_args(arguments)))
 
 
 def _run(options: argparse.Namespace) -> int:
     # All checks come before the first frame.
-    has_report = options.report is not None
-    _require_packages(options)
+    has_report, has_plot = options.report is not None, options.plot is not None
+    require_packages(
+        "evaluation",
+        "rich",
+        *(["yaml"] if options.params_file is not None else []),
+        *(["matplotlib"] if has_plot or has_report else []),
+        *(["jinja2"] if has_report else []),
+    )
     if options.compare and not has_report:
         raise EvaluationError("--compare needs --report DIR")
     report = EvaluationReport(options.report, options.compare) if has_report else None
-    merge_parameter_file(options)
-    parameters = parse_parameters(options.parameter)
+    parameters, values = checked_parameters(options)
     make_tracker = functools.partial(Tracker.from_preset, options.preset, parameters=parameters)
-    with errors_name_parameter_file(options):
-        values = make_tracker(0).parameters
     summary = ActivePreset.of({"preset": options.preset, **values}).summary
     outputs = ResultFiles(options.output, options.plot, options.preset, parameters, summary)
     sequences, unopened = (
@@ -126,29 +112,7 @@ def _in_order(results: dict[int, SequenceResult]) -> list[SequenceResult]:
 
 
 def _complain(message: Any) -> None:
-    print(f"evaluate: error: {' '.join(str(message).split())}", file=sys.stderr)
-
-
-def _require_packages(options: argparse.Namespace) -> None:
-    for package, is_needed in (
-        ("rich", True),
-        ("yaml", options.params_file is not None),
-        ("matplotlib", options.plot is not None or options.report is not None),
-        ("jinja2", options.report is not None),
-    ):
-        try:
-            if is_needed:
-                importlib.import_module(package)
-        except ImportError as error:
-            raise EvaluationError(
-                f"{package} is not installed: pip install {package} (or '.[evaluation]' in the "
-                "source folder)"
-            ) from error
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    """Raise an exception, so that everything is cleaned up as after Ctrl-C."""
-    raise _Termination
+    print_error("evaluate", message)
 
 
 if __name__ == "__main__":

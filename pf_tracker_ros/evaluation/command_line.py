@@ -1,20 +1,28 @@
-"""The command line of `evaluate`."""
+"""The command line of `evaluate`, and what other commands share with it."""
 
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
-from pf_tracker_ros.command_lines import Parser
+from pf_tracker_ros.command_lines import Parser, missing_package, print_error
 from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
+from pf_tracker_ros.signals import handled_signals
+from pf_tracker_ros.targets.tracker import Tracker
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
+
+SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+"""Exit codes of `evaluate` and `tune`."""
 
 _PRESET = "default"
 _DESCRIPTION = """\
@@ -39,6 +47,71 @@ exit codes:
   141  standard output was closed
   143  terminated
 """
+
+
+class Termination(BaseException):
+    """SIGTERM was received."""
+
+
+def run_command(
+    command: str, run: Callable[[], int], refusals: tuple[type[Exception], ...] = ()
+) -> int:
+    """Run a command; errors and signals that it does not handle itself are told in one line.
+
+    Args:
+        command: Its name.
+        run: Runs it, and returns the exit code.
+        refusals: Further exceptions of an invalid request; `exit_code` of one is the exit code.
+
+    Returns:
+        The exit code.
+    """
+    refusals = (EvaluationError, FootageError, ParameterError, OSError, *refusals)
+    try:
+        with handled_signals({signal.SIGTERM: _terminate}):
+            return run()
+    except refusals as error:
+        print_error(command, error)
+        return int(getattr(error, "exit_code", REFUSED))
+    except KeyboardInterrupt:
+        print(f"{command}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except Termination:
+        print(f"{command}: terminated", file=sys.stderr)
+        return TERMINATED
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    """Raise an exception, so that everything is cleaned up as after Ctrl-C."""
+    raise Termination
+
+
+def require_packages(extra: str, *packages: str) -> None:
+    """Check that packages of an extra are installed.
+
+    Raises:
+        EvaluationError: One is not.
+    """
+    for package in packages:
+        if missing := missing_package(package, extra):
+            raise EvaluationError(missing)
+
+
+def checked_parameters(options: argparse.Namespace) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The parameters of the options of `add_tracker_options`, whose preset is completed in place.
+
+    Returns:
+        Full name to value of those given in the options or the parameter file, and of all.
+
+    Raises:
+        ParameterError: A parameter is invalid.
+        EvaluationError: As for `merge_parameter_file`.
+    """
+    merge_parameter_file(options)
+    given = parse_parameters(options.parameter)
+    with errors_name_parameter_file(options):
+        values = Tracker.from_preset(options.preset, 0, given).parameters
+    return given, dict(values)
 
 
 def parse_parameters(

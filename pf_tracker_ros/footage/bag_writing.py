@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.atomic_files import hidden_folder
 from pf_tracker_ros.footage.base import Footage, FootageError
+from pf_tracker_ros.footage.ground_truth import true_box
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
 from pf_tracker_ros.stamps import split_stamp
 
@@ -186,9 +187,9 @@ def write_footage(
             header = writer.header(frame.stamp, frame_id)
             image = image_message(writer.new, header, frame.image)
             writer.write_message(topic, frame.stamp, image)
-            if boxes is not None and not np.isnan(boxes[count]).any():
-                box = box_message(writer.new, header, boxes[count])
-                writer.write_message(ground_truth_topic, frame.stamp, box)
+            if box := true_box(boxes, count):
+                message = box_message(writer.new, header, box)
+                writer.write_message(ground_truth_topic, frame.stamp, message)
             count += 1
     return count
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pf_tracker_ros.footage.access import exists
 from pf_tracker_ros.footage.bag_reading import (
@@ -19,7 +20,11 @@ from pf_tracker_ros.footage.bag_reading import (
     reading,
 )
 from pf_tracker_ros.footage.base import FootageError, PartialFootageError
-from pf_tracker_ros.footage.cdr import header_stamp
+from pf_tracker_ros.footage.cdr import (
+    deserialize_compressed_image,
+    deserialize_image,
+    header_stamp,
+)
 from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE
 from pf_tracker_ros.plurals import counted
 
@@ -92,6 +97,23 @@ class ImageBag:
                 f"bag {self.path} is damaged: it contains {count} of its {declared} on "
                 f"{self.image_topic}"
             )
+
+    def deserialize(self, image: BagImage, index: int) -> Any:
+        """The fields of a recorded message, see `cdr.deserialize_image`.
+
+        Args:
+            image: From `images`.
+            index: Of the image, for the error.
+
+        Raises:
+            FootageError: It is no such message.
+        """
+        is_compressed = self.image_type == COMPRESSED_IMAGE_TYPE
+        read = deserialize_compressed_image if is_compressed else deserialize_image
+        try:
+            return read(image.message)
+        except FootageError as error:
+            raise FootageError(f"bag {self.path}, frame {index}: {error}") from error
 
     def _read_ground_truth(self, reader: BagReader) -> dict[int, bytes]:
         if self.ground_truth_topic is None:

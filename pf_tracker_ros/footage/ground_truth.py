@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.footage.access import check_file, exists
 from pf_tracker_ros.footage.base import FootageError
 
@@ -25,6 +26,17 @@ def ground_truth_file(folder: Path) -> Path | None:
         FootageError: The folder is not accessible.
     """
     return next((folder / name for name in GROUND_TRUTH_FILES if exists(folder / name)), None)
+
+
+def true_box(boxes: NDArray[np.float64] | None, index: int) -> Box | None:
+    """The box of a frame; None where the target is absent, or without ground truth.
+
+    Args:
+        boxes: (frames, 4), as from `read_ground_truth`; None without ground truth.
+        index: Of the frame, counted from 0.
+    """
+    is_known = boxes is not None and np.isfinite(boxes[index]).all()
+    return as_box(boxes[index]) if boxes is not None and is_known else None
 
 
 def parse_box(line: str) -> tuple[float, float, float, float]:

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from pf_tracker_ros.command_lines import missing_package, print_error
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.opencv import quiet_opencv
@@ -43,7 +44,6 @@ from pf_tracker_ros.recordings.plan import (
     check_request,
     make_plan,
     open_from_options,
-    require_package,
     uses_detector,
 )
 from pf_tracker_ros.recordings.recording import Recording
@@ -147,8 +147,8 @@ def _run(options: argparse.Namespace, stop: _Stop, source_name: str | None) -> i
         ("aiohttp", "console", options.draw),
         ("scipy", "targets", uses_detector(options)),
     ):
-        if is_used:
-            require_package(package, extra)
+        if is_used and (missing := missing_package(package, extra)):
+            raise RecordingError(missing)
     _check_options(options)
     apply_parameter_file(options)
     check_request(options)
@@ -347,7 +347,7 @@ def _report(
 
 
 def _print_error(message: Any, exit_code: int) -> int:
-    print(f"track: error: {' '.join(str(message).split())}", file=sys.stderr)
+    print_error("track", message)
     return exit_code
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -287,21 +286,6 @@ def _parameters(options: argparse.Namespace, targets: Sequence[Target] = ()) -> 
         )
         Session(values, options.seed)
     return values
-
-
-def require_package(package: str, extra: str) -> None:
-    """Check that a package is installed.
-
-    Raises:
-        RecordingError: It is not.
-    """
-    try:
-        importlib.import_module(package)
-    except ImportError as error:
-        name = "pyyaml" if package == "yaml" else package
-        raise RecordingError(
-            f"{name} is not installed: pip install {name}, or '.[{extra}]' in the sources"
-        ) from error
 
 
 def _detection_source(

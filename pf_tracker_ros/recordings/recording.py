@@ -14,11 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, as_box, bounding_box
-from pf_tracker_ros.decoding.decoder import ImageDecoder
+from pf_tracker_ros.boxes import Box, bounding_box
+from pf_tracker_ros.decoding.compressed_decoding import decode_image
 from pf_tracker_ros.footage import (
     Footage,
-    FootageError,
     ImageBag,
     PartialFootageError,
     existing_path,
@@ -26,13 +25,10 @@ from pf_tracker_ros.footage import (
     open_bag,
     open_footage,
 )
-from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, BagImage
+from pf_tracker_ros.footage.bags import BagImage
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
-from pf_tracker_ros.footage.cdr import (
-    deserialize_compressed_image,
-    deserialize_image,
-    deserialize_polygon,
-)
+from pf_tracker_ros.footage.cdr import deserialize_polygon
+from pf_tracker_ros.footage.ground_truth import true_box
 from pf_tracker_ros.footage.stamp_order import StampOrder
 from pf_tracker_ros.footage.videos import VideoFootage
 from pf_tracker_ros.frames import Frame
@@ -139,10 +135,8 @@ class FootageRecording:
         """
         boxes = self._footage.ground_truth
         for index, frame in enumerate(self._footage.frames()):
-            true_box = None
-            if boxes is not None and np.isfinite(boxes[index]).all():
-                true_box = as_box(boxes[index])
-            yield RecordedFrame(index, frame.stamp, frame.stamp, _FRAME_ID, frame, "", true_box)
+            box = true_box(boxes, index)
+            yield RecordedFrame(index, frame.stamp, frame.stamp, _FRAME_ID, frame, "", box)
 
 
 class BagRecording:
@@ -164,7 +158,6 @@ class BagRecording:
         self.note = ""
         self._bag = bag
         self._as_recorded = as_recorded
-        self._decoder = ImageDecoder(_MAX_IMAGE_PIXELS)
         stamps: list[int] = []
         # Missing images are reported when all are read.
         with suppress(PartialFootageError), closing(bag.images()) as images:
@@ -187,22 +180,17 @@ class BagRecording:
             )
 
     def _decode(self, index: int, recorded: BagImage) -> RecordedFrame:
-        is_compressed = self._bag.image_type == COMPRESSED_IMAGE_TYPE
-        deserialize = deserialize_compressed_image if is_compressed else deserialize_image
-        try:
-            message = deserialize(recorded.message)
-        except FootageError as error:
-            raise FootageError(f"bag {self.path}, frame {index}: {error}") from error
+        message = self._bag.deserialize(recorded, index)
         frame, problem = None, ""
         try:
-            frame = Frame(self._decoder.decode(message), recorded.stamp)
+            frame = Frame(decode_image(message, _MAX_IMAGE_PIXELS), recorded.stamp)
         except (ValueError, cv2.error) as error:
             problem = str(error)
-        true_box = None
+        box = None
         if recorded.ground_truth is not None:
-            true_box = _bounding_box(deserialize_polygon(recorded.ground_truth))
+            box = _bounding_box(deserialize_polygon(recorded.ground_truth))
         return RecordedFrame(
-            index, recorded.stamp, recorded.log_time, message.frame_id, frame, problem, true_box
+            index, recorded.stamp, recorded.log_time, message.frame_id, frame, problem, box
         )
 
 

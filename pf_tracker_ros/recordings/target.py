@@ -43,7 +43,6 @@ from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 _KEYS = {"target_box", "frame", "stamp", "label", "recording", "image_size", "keyframes"}
-_KEYFRAME_KEYS = ({"frame", "box"}, {"frame", "absent"})
 _REPLACED_KEYS = {"target_box", "frame", "stamp"}
 _SHARED_KEYS = {"recording", "image_size"}
 # YAML integers are unbounded.

@@ -3,42 +3,35 @@
 from __future__ import annotations
 
 import argparse
-import importlib
-import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
+from pf_tracker_ros.command_lines import print_error
 from pf_tracker_ros.evaluation.command_line import (
-    errors_name_parameter_file,
-    merge_parameter_file,
-    parse_parameters,
+    INCOMPLETE,
+    INTERRUPTED,
+    SUCCESS,
+    TERMINATED,
+    Termination,
+    checked_parameters,
+    require_packages,
+    run_command,
 )
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.evaluation.sequences import open_sequences
-from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.signals import handled_signals
-from pf_tracker_ros.targets.tracker import Tracker
 from pf_tracker_ros.tuning.command_line import parser
 from pf_tracker_ros.tuning.search_space import search_space
-
-SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 # Memory that Ray reserves for an evaluation, bytes: enough for images of 8 megapixels.
 _TASK_MEMORY = 500 * 10**6
 _PACKAGES = ("optuna", "scipy", "rich", "jinja2", "yaml")
-
-
-class _Termination(BaseException):
-    """SIGTERM was received."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -50,34 +43,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         Exit code, see `tune --help`; for any but 0, standard error has the reason.
     """
-    try:
-        with handled_signals({signal.SIGTERM: _terminate}):
-            return _run(parser().parse_args(arguments))
-    except RecordingError as error:
-        _complain(error)
-        return error.exit_code
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        _complain(error)
-        return REFUSED
-    except KeyboardInterrupt:
-        print("tune: interrupted", file=sys.stderr)
-        return INTERRUPTED
-    except _Termination:
-        print("tune: terminated", file=sys.stderr)
-        return TERMINATED
+    return run_command("tune", lambda: _run(parser().parse_args(arguments)), (RecordingError,))
 
 
 def _run(options: argparse.Namespace) -> int:
     # All checks come before the first frame.
-    _require_packages()
+    require_packages("tune", *_PACKAGES)
     from pf_tracker_ros.tuning.journal import open_journal
     from pf_tracker_ros.tuning.output import TuningFiles
     from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
 
-    merge_parameter_file(options)
-    given = parse_parameters(options.parameter)
-    with errors_name_parameter_file(options):
-        values = Tracker.from_preset(options.preset, 0, given).parameters
+    given, values = checked_parameters(options)
     given = {name: values[name] for name in given}
     request = TuningRequest(
         options.preset,
@@ -110,7 +86,7 @@ def _run(options: argparse.Namespace) -> int:
         try:
             with progress_bar(tuning.runs, "runs") as on_progress:
                 result = tuning.run(on_progress)
-        except (KeyboardInterrupt, _Termination, OSError) as stop:
+        except (KeyboardInterrupt, Termination, OSError) as stop:
             if finished:
                 kept = f"{output} keeps the result of {counted(finished, 'trial')}"
             else:
@@ -137,7 +113,7 @@ def _stopped(stop: BaseException) -> tuple[str, int]:
     """The reason of an incomplete run, and its exit code."""
     if isinstance(stop, KeyboardInterrupt):
         return "interrupted", INTERRUPTED
-    if isinstance(stop, _Termination):
+    if isinstance(stop, Termination):
         return "terminated", TERMINATED
     return f"error: {stop}", INCOMPLETE
 
@@ -171,23 +147,7 @@ def _checked_journal(output: Path) -> Path:
 
 
 def _complain(message: Any) -> None:
-    print(f"tune: error: {' '.join(str(message).split())}", file=sys.stderr)
-
-
-def _require_packages() -> None:
-    for package in _PACKAGES:
-        try:
-            importlib.import_module(package)
-        except ImportError as error:
-            name = "pyyaml" if package == "yaml" else package
-            raise EvaluationError(
-                f"{name} is not installed: pip install {name} (or '.[tune]' in the source folder)"
-            ) from error
-
-
-def _terminate(number: int, frame: FrameType | None) -> None:
-    """Raise an exception, so that everything is cleaned up as after Ctrl-C."""
-    raise _Termination
+    print_error("tune", message)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pf_tracker_ros.cues.color_contrast import ColorContrast, ColorContrastParam
 from pf_tracker_ros.frames import Frame, Region
 
 BOX = np.array([40.0, 30.0, 20.0, 20.0])
-CUE = ColorContrast(ColorContrastParameters(sharpness=10.0), ring=0.5)
+CUE = ColorContrast(ColorContrastParameters(), ring=0.5, sharpness=10.0)
 
 
 def region_of(image, *boxes):
@@ -132,7 +132,7 @@ def test_boxes_at_the_edge_of_the_image_are_learned_and_scored(image):
 
 
 def test_blend_by_hand(image):
-    cue = ColorContrast(ColorContrastParameters(keep=0.75))
+    cue = ColorContrast(ColorContrastParameters(), keep=0.75)
     template = cue.learn(region_of(image, BOX), BOX)
     observation = cue.learn(region_of(255 - image, BOX), BOX)
     blended = cue.blend(template, observation)

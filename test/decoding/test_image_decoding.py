@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.decoding.decoder import ImageDecoder
+from pf_tracker_ros.decoding.compressed_decoding import decode_image
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS, LARGEST_SIDE, ImageError, decode_raw
 
 
@@ -92,8 +92,7 @@ def test_the_tracker_accepts_every_encoding(encoding, noise, padding):
     rows, row = layout(encoding)
     # Padding follows each row, also rows of color.
     data = noise(height=rows, width=row + padding, channels=1).tobytes()
-    decoder = ImageDecoder(max_pixels=1)
-    image = decoder.decode(message(data, 50, 40, row + padding, encoding))
+    image = decode_image(message(data, 50, 40, row + padding, encoding), max_pixels=1)
     assert image.shape[:2] == (40, 50)
     tracker = Tracker.from_preset("li2007")
     tracker.start(image, (10, 10, 20, 20))
@@ -205,10 +204,8 @@ def floats(values, order="<", stamp=0):
 @pytest.mark.parametrize("order", ["<", ">"])
 def test_floats_of_either_byte_order_keep_their_values(order):
     values = np.array([[0.5, -290.0, 1e30], [np.nan, np.inf, -np.inf]], np.float32)
-    decoder = ImageDecoder(1)
-    # The decoder keeps no state; the tracker determines the range of values.
-    decoder.decode(floats(np.full((2, 3), 1e9), stamp=1))
-    image = decoder.decode(floats(values, order, stamp=2))
+    # The tracker determines the range of values.
+    image = decode_image(floats(values, order, stamp=2), max_pixels=1)
     assert image.dtype == np.float32
     assert image.dtype.isnative
     np.testing.assert_array_equal(image, values)

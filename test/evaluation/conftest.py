@@ -1,6 +1,7 @@
 """The command `evaluate` in its own process, and sequences for it."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -42,10 +43,18 @@ def short_sequence(write_sequence, moving_square):
     return write_sequence("short", moving_square.images[:5], moving_square.boxes[:5])
 
 
-@pytest.fixture
-def long_sequences(write_sequence, moving_square):
-    """Two sequences of the moving square, a hundred times as long as the short one."""
+@pytest.fixture(scope="session")
+def long_sequence(write_sequence_in, moving_square, tmp_path_factory):
+    """A sequence of the moving square, a hundred times as long as the short one."""
     there_and_back = np.r_[np.arange(20), np.arange(18, 0, -1)]
     order = np.resize(there_and_back, 500)
     images, boxes = moving_square.images[order], moving_square.boxes[order]
-    return [write_sequence(name, images, boxes) for name in ("walk", "stroll")]
+    return write_sequence_in(tmp_path_factory.mktemp("shared"), "walk", images, boxes)
+
+
+@pytest.fixture
+def long_sequences(long_sequence, tmp_path):
+    """Two such sequences of the names walk and stroll, not to change."""
+    for name in ("walk", "stroll"):
+        folder = shutil.copytree(long_sequence, tmp_path / name, copy_function=os.link)
+        (folder / "meta.json").unlink()

@@ -38,15 +38,28 @@ def evaluate(*arguments, directory, path=(), **environment):
     )
 
 
-def refusal(*arguments, directory, path=()):
+def refused_line(code, output, errors):
     """The one-line error of an invalid request."""
-    done = evaluate(*arguments, directory=directory, path=path)
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
-    lines = done.stderr.splitlines()
-    assert len(lines) == 1, done.stderr
-    assert lines[0].startswith("evaluate: error: ")
-    return lines[0]
+    assert (code, output) == (2, ""), errors
+    (line,) = errors.splitlines()
+    assert line.startswith("evaluate: error: ")
+    return line
+
+
+@pytest.fixture
+def refusal(tmp_path, monkeypatch, capsys):
+    """Runs the command in this process, in the test's folder; returns its one-line error."""
+
+    def run(*arguments):
+        monkeypatch.chdir(tmp_path)
+        try:
+            code = __main__.main([str(argument) for argument in arguments])
+        except SystemExit as ended:
+            code = ended.code
+        printed = capsys.readouterr()
+        return refused_line(code, printed.out, printed.err)
+
+    return run
 
 
 def without_times(document):
@@ -252,9 +265,10 @@ def test_parameter_given_twice_is_refused():
         ([], ["SEQUENCE_DIR", "--help"]),
     ],
 )
-def test_wrong_request_is_refused_in_one_line(arguments, reasons, short_sequence, tmp_path):
+@pytest.mark.usefixtures("short_sequence")
+def test_wrong_request_is_refused_in_one_line(refusal, arguments, reasons, tmp_path):
     (tmp_path / "empty").mkdir()
-    line = refusal(*arguments, directory=tmp_path)
+    line = refusal(*arguments)
     assert all(reason in line for reason in reasons), line
 
 
@@ -269,9 +283,11 @@ def test_wrong_request_is_refused_in_one_line(arguments, reasons, short_sequence
         ("0,0,0,0\n" + "1,2,3,4\n" * 4, ["short: the target is absent in the first frame"]),
     ],
 )
-def test_broken_sequence_is_refused_in_one_line(ground_truth, reasons, short_sequence, tmp_path):
+def test_broken_sequence_is_refused_in_one_line(
+    refusal, ground_truth, reasons, short_sequence, tmp_path
+):
     (short_sequence / "groundtruth.txt").write_text(ground_truth)
-    line = refusal("short", "--seeds", "1", "--output", "r.json", directory=tmp_path)
+    line = refusal("short", "--seeds", "1", "--output", "r.json")
     assert all(reason in line for reason in reasons), line
     assert not (tmp_path / "r.json").exists()
 
@@ -283,7 +299,8 @@ def test_missing_package_is_named_with_its_installation(package, options, short_
     blocked = tmp_path / "blocked"
     blocked.mkdir()
     (blocked / f"{package}.py").write_text("raise ModuleNotFoundError")
-    line = refusal("short", *options, directory=tmp_path, path=[blocked])
+    done = evaluate("short", *options, directory=tmp_path, path=[blocked])
+    line = refused_line(done.returncode, done.stdout, done.stderr)
     assert f"{package} is not installed: pip install {package}" in line
 
 
@@ -317,7 +334,7 @@ def test_plot_shows_the_preset(short_sequence, tmp_path):
     assert (image.max(axis=2) - image.min(axis=2) > 60).any()
 
 
-def test_a_parameter_file_equals_typed_parameters(short_sequence, tmp_path):
+def test_a_parameter_file_equals_typed_parameters(refusal, short_sequence, tmp_path):
     own = tmp_path / "own.yaml"
     text = "/pf_tracker:\n  ros__parameters: {preset: li2007, particles: 20, seed: 5}\n"
     own.write_text(text)
@@ -333,8 +350,8 @@ def test_a_parameter_file_equals_typed_parameters(short_sequence, tmp_path):
         documents.append(json.loads((tmp_path / name).read_text()))
     assert without_times(documents[0]) == without_times(documents[1])
     own.write_text(text.replace("particles", "particels"))
-    error = refusal(short_sequence, "--params-file", own, directory=tmp_path)
+    error = refusal(short_sequence, "--params-file", own)
     assert f"{own}: no parameter 'particels'" in error
     own.write_text(text.replace("preset", "max_targets: 4, preset"))
-    error = refusal(short_sequence, "--params-file", own, directory=tmp_path)
+    error = refusal(short_sequence, "--params-file", own)
     assert f"{own}: parameter 'max_targets' is 4; allowed: 1, as a Tracker has one target" in error

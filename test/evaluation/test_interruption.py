@@ -53,9 +53,16 @@ def half_done(start_evaluate, short_sequence, long_sequences, tmp_path):
     return start
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-@pytest.mark.parametrize("to_all", [False, True], ids=["alone", "group"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("jobs", "to_all", "number"),
+    [
+        # Each pair of them.
+        (1, False, signal.SIGINT),
+        (1, True, signal.SIGTERM),
+        (2, False, signal.SIGTERM),
+        (2, True, signal.SIGINT),
+    ],
+)
 def test_a_signal_ends_all_processes_and_results_are_kept(
     half_done, tmp_path, jobs, to_all, number
 ):

@@ -25,7 +25,9 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
+from pf_tracker_ros.node import graph_monitor
 from pf_tracker_ros.node.running import spin_until_shutdown
+from pf_tracker_ros.node.tracker import diagnostics
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -446,6 +448,13 @@ def services_of():
 def image_message():
     """A function that makes an image message of an array, its stamp and its encoding."""
     return _image_message
+
+
+@pytest.fixture
+def fast_reports(monkeypatch):
+    """Nodes in this process report on /diagnostics, and poll the graph, five times as often."""
+    monkeypatch.setattr(diagnostics, "PERIOD", diagnostics.PERIOD / 5)
+    monkeypatch.setattr(graph_monitor, "_PERIOD", graph_monitor._PERIOD / 5)
 
 
 @pytest.fixture

@@ -1,6 +1,8 @@
 """Runs the command `track` in this process or another one; recordings and detections for it."""
 
+import contextlib
 import csv
+import io
 import json
 import os
 import shutil
@@ -112,37 +114,51 @@ def write_images_bag(make_stamped, write_bag, tmp_path):
     return write
 
 
-@pytest.fixture
-def long_sequence(write_sequence, moving_square):
-    """The moving square there and back, for a thousand frames."""
+@pytest.fixture(scope="session")
+def long_sequence(write_sequence_in, moving_square, tmp_path_factory):
+    """The moving square there and back, for a thousand frames; not to change."""
     order = np.resize(np.r_[np.arange(20), np.arange(18, 0, -1)], 1000)
-    return write_sequence("walk", moving_square.images[order], moving_square.boxes[order])
+    parent = tmp_path_factory.mktemp("shared")
+    return write_sequence_in(
+        parent, "walk", moving_square.images[order], moving_square.boxes[order]
+    )
 
 
-@pytest.fixture
-def archive(write_sequence, moving_square, tmp_path):
-    """Ten recordings and three that are broken, each in another way; the folder."""
-    folder = tmp_path / "archive"
+@pytest.fixture(scope="session")
+def archive(write_sequence_in, moving_square, tmp_path_factory):
+    """Ten recordings and three that are broken, each in another way; the folder, not to change."""
+    folder = tmp_path_factory.mktemp("shared") / "archive"
+    sequence = (moving_square.images, moving_square.boxes)
     for number in range(10):
-        parent = folder / f"day_{number % 2}"
-        write_sequence(f"drive_{number}", moving_square.images, moving_square.boxes, parent)
+        write_sequence_in(folder / f"day_{number % 2}", f"drive_{number}", *sequence)
     target = "target_box: [20, 30, 24, 24]"
-    images = write_sequence("pictures", moving_square.images, moving_square.boxes, folder)
+    images = write_sequence_in(folder, "pictures", *sequence)
     (images / "img").rename(folder / "shots")
     shutil.rmtree(images)
     (folder / "shots.target.yaml").write_text(target.replace("20, 30", "900, 30"))
     (folder / "noise.mp4").write_bytes(b"\x00no video")
     (folder / "noise.target.yaml").write_text(target)
-    broken = write_sequence("broken", moving_square.images, moving_square.boxes, folder)
+    broken = write_sequence_in(folder, "broken", *sequence)
     (broken / "img" / "0013.png").write_bytes(b"no picture")
     return folder
 
 
 @pytest.fixture
-def serial(archive, track, tmp_path):
+def own_archive(archive, tmp_path):
+    """A copy of the archive, to be changed."""
+    return Path(shutil.copytree(archive, tmp_path / "archive"))
+
+
+@pytest.fixture(scope="session")
+def serial(archive, tmp_path_factory):
     """The archive tracked by one process: the folder of the results, and what `track` returned."""
-    output = tmp_path / "serial"
-    return output, track("--archive", archive, "--output", output, *QUICK)
+    output = tmp_path_factory.mktemp("shared") / "serial"
+    with (
+        contextlib.redirect_stdout(io.StringIO()) as said,
+        contextlib.redirect_stderr(io.StringIO()) as errors,
+    ):
+        code = main(["--archive", str(archive), "--output", str(output), *QUICK])
+    return output, (code, said.getvalue(), errors.getvalue())
 
 
 class Watch:

@@ -117,24 +117,26 @@ def test_two_processes_have_the_same_results(serial, archive, track, watch, tmp_
     assert watch.boxes(tmp_path / "two") == watch.boxes(serial[0])
 
 
-def test_only_changed_recordings_are_tracked_again(serial, archive, track):
-    output, _ = serial
+def test_only_changed_recordings_are_tracked_again(own_archive, track, tmp_path):
+    output = tmp_path / "out"
+    arguments = ("--archive", own_archive, "--output", output, *QUICK)
+    track(*arguments)
 
     def written():
         # The damaged one is tried again each time.
         return {path: path.stat().st_mtime_ns for path in output.glob("day_?/*/boxes.csv")}
 
     before = written()
-    _, said, _ = track("--archive", archive, "--output", output, *QUICK)
+    _, said, _ = track(*arguments)
     assert "0 tracked, 10 up to date, 3 failed" in said
     assert written() == before
-    truth = archive / "day_0" / "drive_2" / "groundtruth.txt"
+    truth = own_archive / "day_0" / "drive_2" / "groundtruth.txt"
     truth.write_text(truth.read_text().replace("20,30,24,24", "21,31,24,24"))
-    _, said, _ = track("--archive", archive, "--output", output, *QUICK)
+    _, said, _ = track(*arguments)
     assert "1 tracked, 9 up to date, 3 failed" in said
     changed = {path for path, time in written().items() if time != before[path]}
     assert changed == {output / "day_0" / "drive_2" / "boxes.csv"}
-    _, said, _ = track("--archive", archive, "--output", output, *QUICK, "--seed", 1)
+    _, said, _ = track(*arguments, "--seed", 1)
     assert "10 tracked, 0 up to date, 3 failed" in said
 
 
@@ -270,8 +272,8 @@ def test_one_recording_of_one_frame_on_one_core(track, write_sequence, moving_sq
     assert ": 1 frame (100% tracking), " in track(source, "--output", tmp_path / "alone", *QUICK)[1]
 
 
-def test_a_list_names_recordings_beside_it(archive, tmp_path):
-    listed = archive / "some.txt"
+def test_a_list_names_recordings_beside_it(own_archive):
+    listed = own_archive / "some.txt"
     listed.write_text("# the first day\nday_0/drive_0\n\nday_1/drive_1  # and one of the second\n")
     assert list(find_recordings(listed)) == ["day_0/drive_0", "day_1/drive_1"]
     listed.write_text("day_0/drive_0\nday_0/drive_0\n")

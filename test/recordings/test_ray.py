@@ -150,9 +150,9 @@ class LossyExecutor:
 
 
 @pytest.fixture
-def tasks(archive, tmp_path):
+def tasks(own_archive, tmp_path):
     """Three tasks in a locked folder."""
-    recordings = {f"drive_{n}": archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
+    recordings = {f"drive_{n}": own_archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
     with ResultsFolder(tmp_path / "out").locked() as results:
         yield make_tasks(recordings, results, QUICK)
 
@@ -195,9 +195,9 @@ def test_a_worker_with_an_unshared_folder_or_of_a_former_run_does_not_write(task
     assert not (tmp_path / "out" / "drive_0").exists()
 
 
-def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, archive):
+def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, own_archive):
     task = tasks[0]
-    (archive / "day_0" / "drive_0.target.yaml").write_text(
+    (own_archive / "day_0" / "drive_0.target.yaml").write_text(
         "target_box: [20, 30, 24, 24]\nimage_size: [640, 480]\n"
     )
     plain = required_memory(task)

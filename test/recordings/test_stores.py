@@ -115,14 +115,16 @@ def test_only_changed_recordings_in_a_store_are_tracked_again(memory):
     assert len(done) == 13
 
 
-def test_detections_in_a_store_are_found_beside_their_recordings(memory, archive, track, watch):
+def test_detections_in_a_store_are_found_beside_their_recordings(memory, own_archive, track, watch):
     pytest.importorskip("scipy")
     given = (*QUICK, "--detections")
     for name in ("drive_0", "drive_2"):
         memory.pipe_file(f"/fleet/day_0/{name}.detections.csv", b"4,-1,33,37,24,24,0.9,square\n")
-        (archive / "day_0" / f"{name}.detections.csv").write_text("4,-1,33,37,24,24,0.9,square\n")
-    output = archive.with_name("local")
-    assert track("--archive", archive / "day_0", "--output", output, *given)[0] == 1
+        (own_archive / "day_0" / f"{name}.detections.csv").write_text(
+            "4,-1,33,37,24,24,0.9,square\n"
+        )
+    output = own_archive.with_name("local")
+    assert track("--archive", own_archive / "day_0", "--output", output, *given)[0] == 1
     entries, _ = run("memory://fleet/day_0", arguments=given)
     found = stored(memory)
     assert found == watch.boxes(output)

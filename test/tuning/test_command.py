@@ -111,7 +111,10 @@ def test_the_result_does_not_depend_on_the_number_of_processes(folder):
         (["sequences", "--preset", "best"], "no preset 'best'"),
         (["sequences", "--params-file", "bad.yaml"], "bad.yaml cannot be read as YAML"),
         (["sequences", "--parameter", "particles=0"], "'particles' is 0"),
-        (["sequences", "--only", "particles"], "'particles' cannot be tuned here; allowed: color"),
+        (
+            ["sequences", "--only", "particles"],
+            "'particles' cannot be tuned here; allowed: corre",
+        ),
         (["sequences", "--output", "own.yaml"], "own.yaml exists, and no own.journal"),
         (["sequences", "--output", "mine.txt"], "mine.txt; allowed: a file name that ends in .ya"),
         (["sequences", "--output", "."], "--output .; allowed: a file name that ends in .yaml"),
@@ -133,7 +136,7 @@ def test_a_wrong_request_is_refused(folder, capsys, arguments, reason):
 def test_a_missing_package_is_named_with_its_extra(folder, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "optuna", None)
     assert __main__.main(["sequences", "--output", "mine.yaml"]) == 2
-    assert "optuna is not installed: pip install optuna (or '.[tune]'" in capsys.readouterr().err
+    assert "optuna is not installed: pip install optuna, or '.[tune]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.decoding.decoder import ImageDecoder
+from pf_tracker_ros.decoding.compressed_decoding import decode_image
 from pf_tracker_ros.decoding.image_decoding import ImageError
 from pf_tracker_ros.frames.exposure import range_of, sample, to_8_bit
 
@@ -65,7 +65,7 @@ class EncodedImage:
 def encode_image(message: Image | CompressedImage, level: QualityLevel) -> EncodedImage:
     """Decode an image message and encode it for the page."""
     try:
-        image = ImageDecoder(_MAX_PIXELS).decode(message)
+        image = decode_image(message, _MAX_PIXELS)
         if not image.size:
             return EncodedImage(0, 0, b"", "the image has no pixels")
         if image.dtype != "uint8":

@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from pf_tracker_ros.node.console.json_conversions import Json
+from pf_tracker_ros.node.console.requests import is_number
 from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
@@ -120,12 +121,12 @@ def _recording(path: Path, which: str, entry: Any) -> ListedRecording:
         raise _invalid(path, f"'recording'{which}", recording, "the path of a recording")
     if not isinstance(title, str | None):
         raise _invalid(path, f"'title'{which}", title, "a text")
-    if speed is not None and not (_is_number(speed) and speed >= 0):
+    if speed is not None and not (_is_finite(speed) and speed >= 0):
         raise _invalid(path, f"'speed'{which}", speed, "a number from 0 on; 0 is full speed")
     target = entry.get("target", [])
     if (
         not isinstance(target, list)
-        or not all(map(_is_number, target))
+        or not all(map(_is_finite, target))
         or len(target) not in (0, 4)
         or not all(side > 0 for side in target[2:])
     ):
@@ -156,7 +157,7 @@ def _step(path: Path, which: str, step: Any) -> tuple[str, Mapping[str, Any]]:
 def _parameters(path: Path, which: str, entry: Mapping[str, Any]) -> Mapping[str, Any]:
     values = entry.get("parameters", {})
     if not isinstance(values, dict) or not all(
-        isinstance(name, str) and (isinstance(value, bool | str) or _is_number(value))
+        isinstance(name, str) and (isinstance(value, bool | str) or _is_finite(value))
         for name, value in values.items()
     ):
         allowed = "a mapping of parameters of the tracker to a number, a text, true or false each"
@@ -164,10 +165,9 @@ def _parameters(path: Path, which: str, entry: Mapping[str, Any]) -> Mapping[str
     return values
 
 
-def _is_number(value: Any) -> bool:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+def _is_finite(value: Any) -> bool:
     # An integer of YAML may be too large for a floating-point number.
-    return is_number and abs(value) <= sys.float_info.max
+    return is_number(value) and abs(value) <= sys.float_info.max
 
 
 def _check_keys(path: Path, which: str, entry: Mapping[Any, Any], known: Sequence[str]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from pf_tracker_ros.node.console.json_conversions import Json
 from pf_tracker_ros.stamps import NANOSECONDS
 
@@ -14,6 +16,11 @@ class RequestError(ValueError):
     """A request is invalid; the message says why."""
 
 
+def is_number(value: Any) -> bool:
+    """Whether a value from JSON or YAML is a number."""
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
 def numbers_of(message: Json, name: str, count: int) -> list[float]:
     """A list of `count` numbers of a request.
 
@@ -21,11 +28,7 @@ def numbers_of(message: Json, name: str, count: int) -> list[float]:
         RequestError: It has another number of them, or values that cannot be pixels.
     """
     values = message.get(name)
-    if (
-        not isinstance(values, list)
-        or len(values) != count
-        or any(isinstance(one, bool) or not isinstance(one, int | float) for one in values)
-    ):
+    if not isinstance(values, list) or len(values) != count or not all(map(is_number, values)):
         raise RequestError(f"'{name}' has to be a list of {count} numbers")
     if not all(abs(one) <= _MAX_COORDINATE for one in values):
         raise RequestError(f"'{name}' has a number above {_MAX_COORDINATE:g}")

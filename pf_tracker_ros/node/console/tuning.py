@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter import parameter_value_to_python
 
 from pf_tracker_ros.node.console.json_conversions import Json
+from pf_tracker_ros.node.console.requests import is_number
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameter_files import COMMON_PARAMETER_PREFIXES
 from pf_tracker_ros.parameters import ParameterError, declarations
@@ -97,9 +98,9 @@ def parameter_from_json(known: Json, value: Any) -> Parameter:
     try:
         if known["kind"] == "texts" and isinstance(value, list):
             kind, value = RosParameter.Type.STRING_ARRAY, [str(one) for one in value]
-        elif isinstance(value, list) and all(_is_number(one) for one in value):
+        elif isinstance(value, list) and all(is_number(one) for one in value):
             kind, value = RosParameter.Type.DOUBLE_ARRAY, [float(one) for one in value]
-        elif known["kind"] == "float" and _is_number(value):
+        elif known["kind"] == "float" and is_number(value):
             value = float(value)
         elif isinstance(value, int) and abs(value) >= _LARGEST_INTEGER:
             raise OverflowError
@@ -170,7 +171,3 @@ def _plain(value: ParameterValue) -> Any:
         # An empty list of numbers is sent as no value.
         return []
     return plain if isinstance(plain, bool | int | float | str) else list(plain)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

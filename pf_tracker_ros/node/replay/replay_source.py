@@ -6,12 +6,10 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
 from geometry_msgs.msg import PolygonStamped
 from sensor_msgs.msg import CompressedImage, Image
 from std_msgs.msg import Header
 
-from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.footage import (
     Footage,
     FootageError,
@@ -22,7 +20,7 @@ from pf_tracker_ros.footage import (
     open_footage,
 )
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE
-from pf_tracker_ros.footage.cdr import deserialize_compressed_image, deserialize_image
+from pf_tracker_ros.footage.ground_truth import true_box
 from pf_tracker_ros.messages import box_message, image_message
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.replay.replay_parameters import ReplayParameters
@@ -118,14 +116,9 @@ def open_replay_source(parameters: ReplayParameters) -> ReplaySource:
 
 def _items_of_bag(bag: ImageBag) -> Generator[ReplayItem, None, None]:
     """The images of a bag, as recorded bytes."""
-    is_compressed = bag.image_type == COMPRESSED_IMAGE_TYPE
-    read = deserialize_compressed_image if is_compressed else deserialize_image
     for index, image in enumerate(bag.images()):
         # An invalid message reaches no subscriber, and lockstep would wait forever.
-        try:
-            read(image.message)
-        except FootageError as error:
-            raise FootageError(f"bag {bag.path}, frame {index}: {error}") from error
+        bag.deserialize(image, index)
         yield ReplayItem(image.stamp, image.log_time, image.message, image.ground_truth)
 
 
@@ -134,10 +127,8 @@ def _items_of_footage(footage: Footage, frame_id: str) -> Generator[ReplayItem, 
     boxes = footage.ground_truth
     for index, frame in enumerate(footage.frames()):
         header = make_header(frame.stamp, frame_id)
-        ground_truth = None
-        # An absent target has no box.
-        if boxes is not None and np.isfinite(boxes[index]).all():
-            ground_truth = box_message(new_message, header, as_box(boxes[index]))
+        box = true_box(boxes, index)
+        ground_truth = box_message(new_message, header, box) if box else None
         image = image_message(new_message, header, frame.image)
         yield ReplayItem(frame.stamp, frame.stamp, image, ground_truth)
 

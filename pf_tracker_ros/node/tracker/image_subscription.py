@@ -1,9 +1,12 @@
-"""The subscription to images: raw or compressed, as reliable as the publishers offer."""
+"""The subscription to images: raw or compressed, as reliable as the publishers offer.
+
+A tracker needs the images of a single camera, so it also watches their publishers and frame_ids.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
@@ -15,6 +18,7 @@ from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 from sensor_msgs.msg import CompressedImage, Image
 
+from pf_tracker_ros.node.graph_monitor import listed, surplus_publishers
 from pf_tracker_ros.node.qos import is_overridden, subscribe, take_oldest, take_pending
 
 _TYPES = {"raw": Image, "compressed": CompressedImage}
@@ -42,6 +46,10 @@ RELIABILITY_REMEDY = "; set image_reliability to auto, or publish reliably"
 
 # Seconds between checks of the publishers with `auto`; an incompatible one is noticed at once.
 _CHECK_INTERVAL = 0.5
+
+# Seconds for which an image shows that its frame_id is in use, and consecutive polls of the graph
+# monitor before a report. A single change of the frame_id lasts for fewer.
+_FRAME_ID_WINDOW, _FRAME_ID_POLLS = 2.0, 10
 
 
 class ImageSubscription:
@@ -82,15 +90,12 @@ class ImageSubscription:
         self._check_timer: Timer | None = None
         # Consecutive images that were waiting, and the time until which the next one counts.
         self._queued, self._queued_until = 0, 0.0
+        # frame_id to the time of its last image, for the seconds before the last image.
+        self._frame_ids: dict[str, float] = {}
 
     @property
     def topic(self) -> str:  # noqa: D102
         return self._subscription.topic_name if self._subscription else ""
-
-    @property
-    def message_type(self) -> str:
-        """Type of the images, as `sensor_msgs/msg/Image`."""
-        return f"sensor_msgs/msg/{_TYPES[self._transport].__name__}"
 
     def open(self, transport: str, reliability: str) -> None:
         """Subscribe, in place of an earlier subscription.
@@ -105,7 +110,7 @@ class ImageSubscription:
         if reliability == "auto" and is_overridden(self._node, name, "subscription", "reliability"):
             reliability = "reliable"
         if reliability != "auto":
-            self._subscribe(_PROFILES[reliability], self._receive)
+            self._subscribe(_PROFILES[reliability], self._pass_on)
             return
         self.reliability = self._offered_reliability(name)
         self._subscribe_to_newest()
@@ -123,6 +128,34 @@ class ImageSubscription:
     def take_pending(self, limit: int) -> int:
         """Receive at most `limit` deferred images; returns their number."""
         return take_pending(self._subscription, limit) if self._subscription else 0
+
+    def check_frame_id(self, frame_id: str) -> None:
+        """Check the frame_id of a target against that of the images; either may be empty.
+
+        Raises:
+            ValueError: They differ.
+        """
+        if self._frame_ids and frame_id and not {frame_id, ""} & self._frame_ids.keys():
+            raise ValueError(
+                f"its frame_id is {listed([frame_id])}, but that of the images is "
+                f"{listed(self._frame_ids)}; send pixels of these images, with their frame_id or "
+                "an empty one"
+            )
+
+    def conflicts(self) -> Iterator[tuple[str, int]]:
+        """Why the images may be of several cameras, as for `GraphMonitor`."""
+        if not self._subscription:
+            return
+        message_type = f"sensor_msgs/msg/{_TYPES[self._transport].__name__}"
+        yield from surplus_publishers(self._node, self.topic, message_type)
+        now = time.monotonic()
+        frame_ids = [name for name, at in self._frame_ids.items() if now - at < _FRAME_ID_WINDOW]
+        if len(frame_ids) > 1:
+            yield (
+                f"the images on {self.topic} have {len(frame_ids)} frame_ids, {listed(frame_ids)}; "
+                "let a single camera publish there, with one frame_id",
+                _FRAME_ID_POLLS,
+            )
 
     def _offered_reliability(self, topic: str) -> str:
         """The reliability that all publishers offer; the present one without publishers."""
@@ -158,9 +191,15 @@ class ImageSubscription:
         if self._queued >= _MAX_QUEUED and self._subscription and self._keeps_newest:
             while (newer := take_oldest(self._subscription)) is not None:
                 message = newer
-        self._receive(message)
+        self._pass_on(message)
         end = time.monotonic()
         self._queued_until = end + _QUEUED_WITHIN * (end - start)
+
+    def _pass_on(self, message: Any) -> None:
+        now, known = time.monotonic(), self._frame_ids
+        self._frame_ids = {name: at for name, at in known.items() if now - at < _FRAME_ID_WINDOW}
+        self._frame_ids[message.header.frame_id] = now
+        self._receive(message)
 
     @property
     def _keeps_newest(self) -> bool:

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+import threading
+from collections import deque
+from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
 from pf_tracker_ros.node.messages import message_class, new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
-from pf_tracker_ros.node.tracker.overlay_publisher import OverlayPublisher
 from pf_tracker_ros.topics import OUTPUT_TOPICS, FrameResult, OutputTopic
 
 PRIMARY_TOPICS = tuple(output.name for output in OUTPUT_TOPICS if not output.is_visualization)
 # Drawn in a separate thread: it takes as long as tracking.
 _OVERLAY = "overlay"
+# The depth of its topic.
+_MAX_WAITING = 10
 
 
 class FramePublishers:
@@ -86,3 +91,57 @@ def _publish(
     message = output.build(new_message, header, result)
     if message is not None:
         publisher.publish(message)
+
+
+class OverlayPublisher:
+    """Draws images one after the other and publishes them, in a thread, as tracking does not wait.
+
+    If more images wait than the topic's depth, the oldest are dropped. The thread starts with the
+    first image, so a node without a subscriber of the overlay has none.
+
+    Args:
+        publisher: Publisher of the images.
+        report: Called with a sentence if an image was not published; on the next call of `draw`.
+    """
+
+    def __init__(self, publisher: Publisher, report: ErrorCallback) -> None:
+        self._publisher = publisher
+        self._report = report
+        self._lock = threading.Lock()
+        self._is_busy = False
+        self._waiting: deque[Callable[[], Image]] = deque(maxlen=_MAX_WAITING)
+        self._errors: deque[Exception] = deque(maxlen=1)
+        self._executor = ThreadPoolExecutor(1, thread_name_prefix="overlay")
+
+    def draw(self, build: Callable[[], Image]) -> None:
+        """Schedule an image.
+
+        Args:
+            build: Makes the message, in the thread; the data it reads must not change any more.
+        """
+        # Not in the thread: `report` is for the tracking thread alone.
+        while self._errors:
+            self._report(f"the overlay of a frame was not published: {self._errors.popleft()}")
+        with self._lock:
+            self._waiting.append(build)
+            if self._is_busy:
+                return
+            self._is_busy = True
+        self._executor.submit(self._publish_waiting)
+
+    def close(self) -> None:
+        """End the thread after the waiting images."""
+        self._executor.shutdown()
+
+    def _publish_waiting(self) -> None:
+        while True:
+            with self._lock:
+                if not self._waiting:
+                    self._is_busy = False
+                    return
+                build = self._waiting.popleft()
+            try:
+                self._publisher.publish(build())
+            except Exception as error:
+                # An error of drawing, or a context that shuts down: only this image is lost.
+                self._errors.append(error)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
 
 import cv2
 from numpy.typing import NDArray
+from rclpy.service import Service
 from sensor_msgs.msg import CompressedImage, Image
+from std_srvs.srv import SetBool, Trigger
 
-from pf_tracker_ros.decoding.decoder import ImageDecoder
+from pf_tracker_ros.decoding.compressed_decoding import decode_image
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.messages import ERROR, OK, WARN
 from pf_tracker_ros.node.graph_monitor import GraphMonitor
@@ -26,11 +28,9 @@ from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
-from pf_tracker_ros.node.tracker.image_sources import ImageSources
 from pf_tracker_ros.node.tracker.image_subscription import RELIABILITY_REMEDY, ImageSubscription
 from pf_tracker_ros.node.tracker.publishers import FramePublishers
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
-from pf_tracker_ros.node.tracker.services import Services
 from pf_tracker_ros.node.tracker.session_manager import SessionManager
 from pf_tracker_ros.node.tracker.status import (
     PAUSED,
@@ -88,7 +88,7 @@ class TrackerNode(ManagedNode):
         self._throttle = Throttle()
         self._status_output: StatusOutput | None = None
         self._frame_publishers: FramePublishers | None = None
-        self._trigger_services: Services | None = None
+        self._trigger_services: list[Service] = []
         self._target_subscriptions: TargetSubscriptions | None = None
         self._unused_overrides: set[str] = set()
 
@@ -118,15 +118,13 @@ class TrackerNode(ManagedNode):
             self._real_time = RealTimePriority(self._reporter.report)
             self._real_time.request_priority(self._values["realtime_priority"])
         self._update_preset()
-        self._decoder = ImageDecoder(self._values["max_image_pixels"])
         self._image_subscription = ImageSubscription(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(
             self, self._health, lambda: self._values["image_timeout"], self._reporter.report
         )
         self._errors_in_health = 0
-        self._sources = ImageSources(self)
         self._graph = GraphMonitor(
-            self, self._reporter.report, self._remedy, self._source_conflicts
+            self, self._reporter.report, self._remedy, self._image_subscription.conflicts
         )
         if self._values["autostart"]:
             self.start()
@@ -152,7 +150,10 @@ class TrackerNode(ManagedNode):
         report = self._reporter.report
         self._status_output = StatusOutput(self, report)
         self._frame_publishers = FramePublishers(self, report)
-        self._trigger_services = Services(self, self._stop, self._enable)
+        self._trigger_services = [
+            self.create_service(Trigger, "~/stop", self._on_stop),
+            self.create_service(SetBool, "~/enable", self._on_enable),
+        ]
 
     def activate(self) -> None:
         """Subscribe to target requests, detections and images."""
@@ -161,7 +162,7 @@ class TrackerNode(ManagedNode):
             self,
             self._session,
             lambda: self._values["click_size"],
-            self._sources.check_frame_id,
+            self._image_subscription.check_frame_id,
             self._reporter.report,
         )
         self._subscribe()
@@ -189,10 +190,13 @@ class TrackerNode(ManagedNode):
     def clean_up(self) -> None:
         """Remove subscriptions, publishers, services and session."""
         self.deactivate()
-        for interface in (self._trigger_services, self._status_output, self._frame_publishers):
+        for service in self._trigger_services:
+            self.destroy_service(service)
+        self._trigger_services = []
+        for interface in (self._status_output, self._frame_publishers):
             if interface:
                 interface.close()
-        self._trigger_services = self._status_output = self._frame_publishers = None
+        self._status_output = self._frame_publishers = None
         self._manager.forget()
         self._result = FrameResult()
         self._configuration_error = ""
@@ -223,7 +227,6 @@ class TrackerNode(ManagedNode):
             self._log.info(f"preset {self._preset.description}")
         if self._real_time and "realtime_priority" in changes:
             self._real_time.request_priority(self._values["realtime_priority"])
-        self._decoder.max_pixels = self._values["max_image_pixels"]
         image_changes = changes.keys() & {"image_reliability", "image_transport"}
         if self._image_subscription.topic and image_changes:
             self._subscribe()
@@ -270,25 +273,27 @@ class TrackerNode(ManagedNode):
 
     # Services
 
-    def _stop(self) -> str:
+    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Stop all targets."""
         self._has_target = False
-        answer = self._manager.stop()
+        response.success, response.message = True, self._manager.stop()
         self._result = self._frame_result()
         self._targets_log.update(())
-        self._log.info(answer)
-        return answer
+        self._log.info(response.message)
+        return response
 
-    def _enable(self, enabled: bool) -> str:
-        self._enabled = enabled
-        answer = "tracking resumed" if enabled else "paused: images are skipped"
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        """Resume, or pause."""
+        self._enabled = request.data
+        answer = "tracking resumed" if request.data else "paused: images are skipped"
+        response.success, response.message = True, answer
         self._log.info(answer)
-        return answer
+        return response
 
     # Images
 
     def _on_image(self, message: Image | CompressedImage) -> None:
         start = time.perf_counter()
-        self._sources.see(message.header.frame_id)
         if self._target_subscriptions:
             self._target_subscriptions.take_pending()
         processed = self._report_errors_of(partial(self._process, message))
@@ -334,14 +339,14 @@ class TrackerNode(ManagedNode):
             return _Processed("paused")
         session = self._manager.session
         if session is None:
-            self._decoder.decode(message)
+            self._decode(message)
             return _Processed("waiting")
         for error in self._throttle.unrepeated(self._manager.take_detections()):
             self._reporter.report(error)
         arrival = session.classify(stamp)
         if arrival in DROPPED_ARRIVALS:
             return _Processed(session.drop(arrival).frame)
-        frame = Frame(self._decoder.decode(message), stamp)
+        frame = Frame(self._decode(message), stamp)
         outcome = session.process(frame, arrival)
         if outcome.frame != "frozen":
             self._manager.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
@@ -361,6 +366,9 @@ class TrackerNode(ManagedNode):
                 self._frame_publishers.publish(message.header, result, ("likelihood",))
         self._result = result
         return _Processed(outcome.frame, result)
+
+    def _decode(self, message: Image | CompressedImage) -> NDArray[Any]:
+        return decode_image(message, self._values["max_image_pixels"])
 
     def _frame_result(self, image: NDArray[Any] | None = None) -> FrameResult:
         """The result after a processed frame; `image` is that of the frame."""
@@ -408,10 +416,6 @@ class TrackerNode(ManagedNode):
         is_image = topic == self._image_subscription.topic and policy == "reliability"
         by_parameter = is_image and not is_overridden(self, topic, "subscription", policy)
         return RELIABILITY_REMEDY if by_parameter else ""
-
-    def _source_conflicts(self) -> Iterator[tuple[str, int]]:
-        images = self._image_subscription
-        return self._sources.conflicts(images.topic, images.message_type)
 
     def _skip_cause(self, outcome: str, stamp: int) -> str:
         """Why a frame is skipped, and the remedy."""

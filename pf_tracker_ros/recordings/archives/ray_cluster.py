@@ -11,6 +11,7 @@ from itertools import islice
 from types import ModuleType
 from typing import Any
 
+from pf_tracker_ros.command_lines import missing_package
 from pf_tracker_ros.evaluation.parallel import Result, Task, WorkerEnded
 from pf_tracker_ros.recordings.errors import FAILED, REFUSED, RecordingError
 from pf_tracker_ros.signals import handled_signals
@@ -149,12 +150,10 @@ def _import_ray(*, is_local: bool) -> ModuleType:
         # Despite its name, 0 restricts Ray to this machine and the loopback interface.
         os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
         os.environ.setdefault("RAY_AUTH_MODE", "token")
-    try:
-        import ray
-    except ImportError as error:
-        raise RecordingError(
-            "ray is not installed: pip install ray, or '.[ray]' in the sources"
-        ) from error
+    if missing := missing_package("ray", "ray"):
+        raise RecordingError(missing)
+    import ray
+
     return ray
 
 

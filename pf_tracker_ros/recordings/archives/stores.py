@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from pf_tracker_ros.command_lines import missing_package
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings.errors import FAILED, NO_PERMISSION, REFUSED, RecordingError
 
@@ -37,12 +38,10 @@ def open_store(url: str) -> tuple[Any, str]:
     Raises:
         RecordingError: The protocol is unknown, or its package is missing.
     """
-    try:
-        import fsspec
-    except ImportError as error:
-        raise RecordingError(
-            "fsspec is not installed: pip install fsspec, or '.[archives]' in the sources"
-        ) from error
+    if missing := missing_package("fsspec", "archives"):
+        raise RecordingError(missing)
+    import fsspec
+
     try:
         store, path = fsspec.core.url_to_fs(url)
     except (ImportError, ValueError, OSError) as error:

@@ -9,6 +9,7 @@ from rclpy.parameter import Parameter
 
 pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
+from pf_tracker_ros.node.console import target_requester, tracker_services
 from pf_tracker_ros.node.console.console_node import ConsoleNode
 from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 
@@ -35,6 +36,13 @@ def start_console(graph):
         return node
 
     return start
+
+
+@pytest.fixture
+def short_discovery(monkeypatch):
+    """Consoles wait for missing topics and services for half a second."""
+    for module in (target_requester, tracker_services):
+        monkeypatch.setattr(module, "_DISCOVERY_TICKS", 5)
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from pf_tracker_ros.node.console import bridge
 from pf_tracker_ros.stamps import stamp_of
 
 HOSTILE = "<img src=x onerror=alert(1)>&amp;<script>alert(2)</script>"
@@ -58,11 +59,11 @@ SEE_FRAMES = """() => {
 
 @pytest.fixture
 def bag(write_images, moving_square):
-    """A bag of 900 frames at 30 Hz, in which the square moves back and forth."""
+    """A bag of 300 frames at 30 Hz, in which the square moves back and forth."""
     images = moving_square.images
     order = itertools.cycle([*images, *images[-2:0:-1]])
     return write_images(
-        itertools.islice(order, 900), lambda index: 1_700_000_000_000_000_000 + index * 33_333_333
+        itertools.islice(order, 300), lambda index: 1_700_000_000_000_000_000 + index * 33_333_333
     )
 
 
@@ -418,8 +419,11 @@ def test_the_layout_is_stable_while_a_target_is_tracked(camera, page):
 
 
 def test_without_a_browser_the_console_subscribes_to_nothing(
-    tracker, client, start_console, open_page
+    tracker, client, start_console, open_page, monkeypatch
 ):
+    # Longer, it only covers a page that is reloaded.
+    monkeypatch.setattr(bridge, "_LINGER", 0.5)
+
     def listeners():
         names = ("box", "boxes", "particles", "status", "overlay", "likelihood")
         return {

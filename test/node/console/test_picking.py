@@ -231,6 +231,7 @@ def test_a_box_is_drawn_by_keyboard(shown, camera, client, sent):
     camera.show_until(lambda: "accepted" in shown.text("note"), "acceptance")
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_space_pauses_and_resumes(shown, camera, client):
     shown.keyboard.press("Space")
     shown.wait_until(
@@ -270,6 +271,7 @@ def test_every_control_is_reached_by_the_tab_key(shown):
     assert "draw" in focusable
 
 
+@pytest.mark.usefixtures("short_discovery")
 def test_a_target_without_a_subscriber_is_reported_and_the_picture_resumes(page, client, images):
     """Without a tracker the console shows the images of its topic."""
     stamps = (client.at(index) for index in itertools.count())
@@ -287,6 +289,7 @@ def test_a_target_without_a_subscriber_is_reported_and_the_picture_resumes(page,
     client.wait_for(lambda: has_shown(next(stamps)) > before, "next picture")
 
 
+@pytest.mark.usefixtures("short_discovery")
 def test_a_missing_service_is_reported(console, client, open_page):
     page = open_page(console.url)
     page.locator("#stop").click()

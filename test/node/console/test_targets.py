@@ -250,7 +250,7 @@ def test_a_click_on_a_box_selects_its_target_and_beside_all_boxes_none(shown, mu
     assert multi_tracker.stopped == []
 
 
-@pytest.mark.usefixtures("multi_tracker")
+@pytest.mark.usefixtures("multi_tracker", "short_discovery")
 def test_a_click_beside_all_boxes_without_a_selection_requests_a_target(shown, client):
     page, _ = shown
     page.mouse.click(*page.to_screen(130, 100))

@@ -7,13 +7,13 @@ from sensor_msgs.msg import CompressedImage, Image
 from pf_tracker_ros.messages import box_message
 from pf_tracker_ros.node import graph_monitor
 from pf_tracker_ros.node.messages import new_message
-from pf_tracker_ros.node.tracker import image_sources
+from pf_tracker_ros.node.tracker import image_subscription
 
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 @pytest.fixture(autouse=True)
-def _fast_polls(monkeypatch):
+def _fast_polls(fast_reports, monkeypatch):
     monkeypatch.setattr(graph_monitor, "_PERIOD", 0.02)
 
 
@@ -41,7 +41,7 @@ def test_a_second_publisher_of_the_images_is_reported_while_it_exists(graph, cli
 
 def test_a_second_publisher_for_a_moment_is_not_reported(graph, client, monkeypatch):
     """As while a camera restarts."""
-    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.5)
+    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.1)
     graph.tracker(client, **QUICK)
     other = graph.client(namespace="/left")
     second = other.create_publisher(Image, "/image", 10)
@@ -68,7 +68,7 @@ def show_frames(client, images, frame_ids, index):
 def test_images_with_two_frame_ids_are_reported_while_they_last(
     graph, client, images, monkeypatch, capfd
 ):
-    monkeypatch.setattr(image_sources, "_WINDOW", 1.0)
+    monkeypatch.setattr(image_subscription, "_FRAME_ID_WINDOW", 1.0)
     graph.tracker(client, **QUICK)
     fault = "the images on /image have 2 frame_ids, 'left' and 'right'"
     index, shown = 0, []
@@ -95,7 +95,8 @@ def test_images_with_two_frame_ids_are_reported_while_they_last(
 
 
 def test_a_camera_may_change_its_frame_id(graph, client, images, monkeypatch):
-    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.5)
+    monkeypatch.setattr(graph_monitor, "_PERIOD", 0.1)
+    monkeypatch.setattr(image_subscription, "_FRAME_ID_WINDOW", 0.4)
     graph.tracker(client, **QUICK)
     index, _ = show_frames(client, images, ["left"] * 3, 0)
     before = len(client.health)

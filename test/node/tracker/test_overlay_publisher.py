@@ -2,7 +2,7 @@
 
 import threading
 
-from pf_tracker_ros.node.tracker.overlay_publisher import OverlayPublisher
+from pf_tracker_ros.node.tracker.publishers import OverlayPublisher
 
 DEADLINE = 30.0
 

@@ -15,7 +15,7 @@ from pf_tracker_ros.node.tracker.image_subscription import ImageSubscription
 
 DEADLINE = 60.0
 BUSY = 0.02
-PAIRS = 40
+PAIRS = 24
 
 
 class Overload:

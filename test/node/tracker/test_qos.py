@@ -81,6 +81,7 @@ def test_auto_requests_the_offered_reliability_of_compressed_images(graph):
     )
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
     name = "qos_overrides./image.subscription.reliability"
     node = graph.tracker(**{name: "best_effort"})
@@ -93,6 +94,7 @@ def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
     assert reliability(node) == ["BEST_EFFORT"]
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_a_best_effort_publisher_of_targets_is_reported(graph, images):
     client = graph.client()
     graph.tracker(client, **QUICK)
@@ -106,6 +108,7 @@ def test_a_best_effort_publisher_of_targets_is_reported(graph, images):
     )
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_a_publisher_of_another_type_is_reported(graph):
     client = graph.client()
     graph.tracker(client, **QUICK)
@@ -120,6 +123,7 @@ def test_a_publisher_of_another_type_is_reported(graph):
     other.destroy_node()
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_compressed_images_on_the_raw_topic_are_reported_with_the_arguments(graph):
     client = graph.client()
     graph.tracker(client, cli_args=["--ros-args", "-r", "image:=/eye/compressed"], **QUICK)
@@ -128,6 +132,7 @@ def test_compressed_images_on_the_raw_topic_are_reported_with_the_arguments(grap
     assert text.endswith("; receive them with -p image_transport:=compressed -r image:=/eye")
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
     client = graph.client()
     tracker = graph.tracker(client, **QUICK)
@@ -144,6 +149,7 @@ def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
         client.wait_for(lambda: not monitor.lasting, "end")
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_policy_stays_in_the_diagnostics(graph):
     client = graph.client()
     graph.tracker(client, **QUICK)
@@ -226,6 +232,7 @@ def test_an_invalid_override_is_reported_and_ignored(graph, images, name, value,
     assert client.show(images[0], client.at(1)).level == "OK"
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_camera_is_reported_with_both_sides_and_the_remedy(graph, images):
     camera = graph.client(reliability="BEST_EFFORT")
     graph.tracker(**QUICK)
@@ -238,6 +245,7 @@ def test_an_incompatible_camera_is_reported_with_both_sides_and_the_remedy(graph
     camera.wait_for(camera.images.get_subscription_count, "match")
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_subscriber_is_reported(graph, images):
     client = graph.client()
     graph.tracker(client, **QUICK)

@@ -91,8 +91,8 @@ def test_vanishing_weights_and_unbounded_boxes_are_survived(graph, client, image
         "preset": "default",
         "motion__size_noise": 10.0,
         "motion__position_noise": 50.0,
-        "color_contrast__sharpness": 1000.0,
-        "correlation_response__sharpness": 1000.0,
+        "cues": ["color_contrast", "correlation_response", "color_histogram"],
+        "color_histogram__sharpness": 1000.0,
     }
     graph.tracker(client, target_box=box, **QUICK | wild)
     client.show(images[0], client.at(0))

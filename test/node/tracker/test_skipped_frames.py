@@ -11,6 +11,7 @@ from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.targets.track_manager import TrackManager
 
+pytestmark = pytest.mark.usefixtures("fast_reports")
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 ESTIMATE_KEYS = ("confidence", "covariance_xx", "effective_sample_size", "particles")
 

@@ -5,6 +5,7 @@ from rosgraph_msgs.msg import Clock
 
 from pf_tracker_ros import Tracker
 
+pytestmark = pytest.mark.usefixtures("fast_reports")
 QUICK = {
     "preset": "li2007",
     "particles": 20,

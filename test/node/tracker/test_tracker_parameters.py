@@ -14,7 +14,7 @@ from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
 QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
 # Including those of rclpy.
-MAX_PARAMETERS = 80
+MAX_PARAMETERS = 75
 KNOWN = declarations(NodeParameters) | declarations(TrackerParameters)
 
 

@@ -47,13 +47,24 @@ def called(call):
 
 
 def words(call):
-    return {word.value for word in call.args if isinstance(word, ast.Constant)}
+    """The texts in a call, those of shared constants included."""
+    found = {word.value for word in call.args if isinstance(word, ast.Constant)}
+    shared = constants(parsed(SHARING))
+    starred = [getattr(word.value, "id", "") for word in call.args if isinstance(word, ast.Starred)]
+    return found.union(*(shared[name] for name in starred if name in shared))
+
+
+def shared_words(tree):
+    """Names of the shared arguments that a launch file declares."""
+    return [
+        name for call in calls(tree) if called(call) == "shared_arguments" for name in words(call)
+    ]
 
 
 def declared(tree):
     """Names of the arguments that a launch file declares."""
     names = {call.args[0].value for call in calls(tree) if called(call) in DECLARING}
-    return names.union(*(words(call) for call in calls(tree) if called(call) == "shared_arguments"))
+    return names.union(shared_words(tree))
 
 
 def reached(tree):
@@ -73,7 +84,9 @@ def read(tree):
     listed = constants(parsed(SHARING)) | constants(tree)
     found = set()
     for part in reached(tree):
-        for node in ast.walk(part):
+        declaring = [call for call in calls(part) if called(call) == "shared_arguments"]
+        declared_here = {node for call in declaring for node in ast.walk(call)}
+        for node in set(ast.walk(part)) - declared_here:
             if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
                 names = listed.get(node.id)
                 found |= {*names} if isinstance(names, tuple) else set()
@@ -116,15 +129,7 @@ def test_what_is_shared_is_read_where_it_is_called():
 
 
 def test_each_shared_argument_is_described_and_declared_by_several_files():
-    named = [
-        [
-            name
-            for call in calls(parsed(path))
-            if called(call) == "shared_arguments"
-            for name in words(call)
-        ]
-        for path in LAUNCH_FILES
-    ]
+    named = [shared_words(parsed(path)) for path in LAUNCH_FILES]
     described = constants(parsed(SHARING))["_SHARED"]
     for name, (description, default) in described.items():
         assert sum(name in names for names in named) > 1
@@ -168,8 +173,7 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
         values = shared | constants(tree)
         assert all(known[name].type is str for name in values.get("TEXTS", ()))
         assert all(known[name].type is bool for name in values.get("FLAGS", ()))
-        assert {*values.get("EXTRA_TRACKER_PARAMETERS", ())} <= known.keys()
-    assert {*shared["TRACKER_PARAMETERS"]} <= of_node.keys()
+    assert {*shared["TRACKER_PARAMETERS"], *shared["DETECTOR_PARAMETERS"]} <= of_node.keys()
     underscored = {name.replace(".", "_") for name in of_localizer}
     assert {*shared["LOCALIZER_PARAMETERS"]} == underscored - {"autostart", "rectified"}
 
