@@ -338,11 +338,16 @@ def _reported(tracked: TrackedFrame) -> TrackerFrame:
                 state=target.estimate.state,
                 confidence=float(target.estimate.confidence),
                 box=target.estimate.box,
-                box_covariance=target.estimate.box_covariance,
+                box_covariance=_symmetric(target.estimate.box_covariance),
             )
             for target in tracked.targets
         ),
     )
+
+
+def _symmetric(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The covariance of the upper triangle, as on `~/status`: the lower one is rounded apart."""
+    return np.triu(covariance) + np.triu(covariance, 1).T
 
 
 def _probability(tracked: TrackedFrame) -> NDArray[np.float64] | None:
