@@ -10,8 +10,8 @@ from pf_tracker_ros.world import GroundPlane, fit_ground_plane
 from world_parts.errors import Array
 from world_parts.pets import FixedCamera, GroundTracks
 
-# Boxes of a fit, and number of fits.
-BOXES, RUNS = 50, 30
+# Boxes of a fit and the height that is told, meters; number of fits.
+CASES, RUNS = ((50, 1.7), (100, 1.7), (200, 1.7), (50, 1.75)), 30
 
 
 def plane_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgress) -> Table:
@@ -26,10 +26,10 @@ def plane_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgre
     ends = tracks.boxes[:, :2] + tracks.boxes[:, 2:]
     inside = ((tracks.boxes[:, :2] > 10) & (ends < np.array(size) - 10)).all(axis=1)
     rows = []
-    for height in (1.7, 1.75):
+    for boxes, height in CASES:
         figures = []
         for _ in range(RUNS):
-            chosen = generator.choice(np.flatnonzero(inside), BOXES, replace=False)
+            chosen = generator.choice(np.flatnonzero(inside), boxes, replace=False)
             on_progress("plane from people", 1)
             plane = fit_ground_plane(camera.model, tracks.boxes[chosen], height).plane
             places = on_ground(plane, rays * plane.distances(rays)[:, None])
@@ -45,12 +45,15 @@ def plane_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgre
                     np.degrees(plane.roll),
                 ]
             )
-        rows.append([f"{height:g} m", *(f"{one:.2f}" for one in np.median(figures, axis=0))])
+        rows.append(
+            [str(boxes), f"{height:g} m", *(f"{one:.2f}" for one in np.median(figures, axis=0))]
+        )
     exact = [f"{one:.2f}" for one in (true.height or 0.0, *np.degrees([true.pitch, true.roll]))]
-    rows.append(["calibration", "", "", "", *exact])
+    rows.append(["calibration", "", "", "", "", *exact])
     return Table(
-        f"The ground from {BOXES} people of a known height (median of {RUNS} draws)",
+        f"The ground from people of a known height (median of {RUNS} draws)",
         (
+            "boxes",
             "people's height",
             "median error after alignment, m",
             "before, m",
@@ -60,6 +63,7 @@ def plane_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgre
             "roll",
         ),
         [rows],
+        names=2,
     )
 
 

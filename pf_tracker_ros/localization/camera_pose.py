@@ -4,7 +4,7 @@
    height and tilted by `camera.pitch` and `camera.roll`; where both are 0, by gravity if the topic
    `imu` has it. The base moves as `odom` says, interpolated at the stamp. Without odometry the
    camera does not move, and the ground below it is the origin of the fixed frame.
-2. Else, where tf2_ros is installed and somebody publishes transforms, the pose is that of tf2.
+2. Else, where somebody publishes transforms, the pose is that of tf2; the node needs tf2_ros.
 3. Else the height and the angles are those learned from people; until then the angles are those of
    gravity or 0, and there is no range from the ground.
 """

@@ -162,9 +162,7 @@ class WorldTracks:
         )
 
 
-def _bearing(
-    place: Place | None, localizer: Localizer, target: ReportedTarget
-) -> Bearing | None:
+def _bearing(place: Place | None, localizer: Localizer, target: ReportedTarget) -> Bearing | None:
     if place:
         return Bearing(place.bearing, place.bearing_covariance)
     try:
