@@ -42,8 +42,8 @@ from pf_tracker_ros.localization.sensors import (
     NotYetError,
     Store,
 )
-from pf_tracker_ros.localization.transform_tree import TransformTree
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.localization.transform_tree import TransformTree
 from pf_tracker_ros.messages import IMAGE_TYPE
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.tracking import TrackedFrame
