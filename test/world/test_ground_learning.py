@@ -14,13 +14,13 @@ from pf_tracker_ros.world import GroundPlane
 def learn(camera):
     """Shows boxes of one target, one a second; returns what was learned."""
 
-    def show(boxes):
+    def show(boxes, down=None):
         learning = GroundLearning()
         for second, box in enumerate(boxes, 1):
             target = ReportedTarget(1, "", "tracking", 0.9, tuple(map(float, box)), np.eye(4))
             stamp = second * NANOSECONDS
             frame = TrackerFrame(stamp, "camera", False, "tracking", 1, (640, 480), (target,))
-            learning.add(frame, camera, LocalizerParameters())
+            learning.add(frame, camera, LocalizerParameters(), down)
         return learning
 
     return show
@@ -41,6 +41,12 @@ def test_one_person_who_stays_at_one_place_does_not(camera, box_of, learn):
     learned = learn(walk(camera, box_of, np.linspace(5.0, 5.5, 50)))
     assert learned.plane is None
     assert "the ground cannot be learned from 50 boxes" in learned.problem
+
+
+def test_with_gravity_one_place_is_enough(camera, box_of, learn):
+    down = GroundPlane.from_angles(None, 0.1).down
+    learned = learn(walk(camera, box_of, np.linspace(5.0, 5.5, 50)), down)
+    assert learned.plane.height == pytest.approx(2.0, rel=0.02)
 
 
 def test_only_whole_boxes_count(camera, box_of, learn):
