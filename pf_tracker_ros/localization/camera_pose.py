@@ -111,7 +111,13 @@ class CameraPoses:
             return CameraPose(
                 pose, GroundPlane.from_pose(pose.rotation, pose.translation), "tf2", "tf2"
             )
-        down = self._known_down(stamp, camera_frame, parameters)
+        try:
+            down = self._known_down(stamp, camera_frame, parameters)
+        except ValueError:
+            if parameters.camera.height or learned is None:
+                raise
+            # The ground that was learned has a tilt, too.
+            down = None
         plane, mounting = _mounting(parameters, down, learned)
         mounted = mounted_pose(plane)
         if not self._odometry.is_used:

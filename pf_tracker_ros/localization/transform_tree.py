@@ -78,7 +78,8 @@ class TransformTree(Store):
         common = next((one for one in of_child if one in of_parent), None)
         if common is None:
             raise self._missing(
-                f"no transform from {child} to {parent}; record it, or set camera.height"
+                f"no transform from {child} to {parent}; record it, set camera.height, or leave "
+                "the transforms out (tf= and tf_static=)"
             )
         upward, downward = (
             self._pose_in(common, frames, stamp) for frames in (of_child, of_parent)

@@ -35,8 +35,8 @@ from pf_tracker_ros.filter.gaussian import Gaussian
 _ROUNDING = 1e-6
 # Standard deviation of the velocity of a new target, meters per second: people walk at 1.4.
 _FIRST_SPEED_SD = 1.2
-# Least white share of a measurement's covariance, against rounding.
-_LEAST_WHITE = 1e-6
+# Least white share of a measurement's covariance: boxes are rounded, also at high rates.
+_LEAST_WHITE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +220,8 @@ class PositionFilter:
     def _observed(self, noise: NDArray[np.float64]) -> NDArray[np.float64]:
         """(2, D) derivative of a measurement by the state."""
         # The symmetric root of a 2 x 2 matrix, by the theorem of Cayley and Hamilton.
-        root_of_determinant = math.sqrt(noise[0, 0] * noise[1, 1] - noise[0, 1] * noise[1, 0])
+        determinant = float(noise[0, 0] * noise[1, 1] - noise[0, 1] * noise[1, 0])
+        root_of_determinant = math.sqrt(max(determinant, 0.0))
         root = noise + root_of_determinant * np.eye(2)
         root *= math.sqrt(self._share / (noise[0, 0] + noise[1, 1] + 2.0 * root_of_determinant))
         errors = np.tile(root, len(self._times) // 2)

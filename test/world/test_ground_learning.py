@@ -1,10 +1,14 @@
 """Learning the ground from the boxes of a tracker's frames."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from pf_tracker_ros.localization.camera_pose import CameraPoses
 from pf_tracker_ros.localization.ground_learning import GroundLearning
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.sensors import BasePoses, Gravity
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.world import GroundPlane
@@ -47,6 +51,37 @@ def test_with_gravity_one_place_is_enough(camera, box_of, learn):
     down = GroundPlane.from_angles(None, 0.1).down
     learned = learn(walk(camera, box_of, np.linspace(5.0, 5.5, 50)), down)
     assert learned.plane.height == pytest.approx(2.0, rel=0.02)
+
+
+class Feed:
+    topic, is_used, is_silent = "/imu", False, True
+
+
+@pytest.mark.parametrize("frame", ["camera", "imu_link"])
+def test_gravity_is_the_tilt_of_a_learned_height_where_it_can_be_used(frame):
+    """The camera nods after the ground was learned."""
+    gravity = Gravity(Feed())
+    nodding = GroundPlane.from_angles(None, 0.3).down
+    gravity.take(
+        NANOSECONDS,
+        frame,
+        SimpleNamespace(
+            linear_acceleration=SimpleNamespace(**dict(zip("xyz", -9.81 * nodding, strict=True))),
+            linear_acceleration_covariance=[0.0] * 9,
+        ),
+    )
+    poses, learned = (
+        CameraPoses(BasePoses(Feed()), gravity, None),
+        GroundPlane.from_angles(2.0, 0.1),
+    )
+    found = poses.at(NANOSECONDS, "camera", LocalizerParameters(), learned)
+    assert (found.mounting, found.plane.height) == ("learned", 2.0)
+    assert found.has_known_tilt == (frame == "camera")
+    assert found.plane.pitch == pytest.approx(0.3 if frame == "camera" else 0.1)
+    if frame != "camera":
+        # Nothing else says where the camera is.
+        with pytest.raises(ValueError, match="rotation to the camera's frame"):
+            poses.at(NANOSECONDS, "camera", LocalizerParameters(), None)
 
 
 def test_only_whole_boxes_count(camera, box_of, learn):
