@@ -10,6 +10,7 @@ r"""Writes a bag of a rendered room with exact truth, to try positions in meters
 | /camera/depth/image | depth in millimeters, with holes and noise |
 | /camera/imu | accelerometer in the camera's optical frame, 50 Hz |
 | /odom | the robot's base, 50 Hz |
+| /tf, /tf_static | the same, and the camera on it |
 | /ground_truth | box of the first walker, also behind others |
 | /truth/walker_N | where each walker is, geometry_msgs/PoseStamped |
 
@@ -26,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from world_room import (
+    CAMERA_HEIGHT,
     CAMERA_PITCH,
     PILLAR,
     WALKERS,
@@ -49,7 +51,9 @@ TRUTH = "/ground_truth"
 FRAME, FIXED_FRAME = "camera_optical_frame", "odom"
 _START = 1_700_000_000 * NANOSECONDS
 _SENSOR_RATE, _GRAVITY, _IMU_NOISE = 50.0, 9.81, 0.05
-_POSE = "geometry_msgs/msg/PoseStamped"
+TRANSFORM_TOPIC, STATIC_TRANSFORM_TOPIC = "/tf", "/tf_static"
+_POSE, _TRANSFORMS = "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"
+_BASE_FRAME = "base_link"
 
 
 def stamp_at(time: float) -> int:
@@ -82,19 +86,26 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
             CAMERA_INFO_TOPIC: "sensor_msgs/msg/CameraInfo",
             IMU_TOPIC: "sensor_msgs/msg/Imu",
             ODOMETRY_TOPIC: "nav_msgs/msg/Odometry",
+            TRANSFORM_TOPIC: _TRANSFORMS,
+            STATIC_TRANSFORM_TOPIC: _TRANSFORMS,
             TRUTH: POLYGON_TYPE,
         }
         topics |= {f"/truth/walker_{one}": _POSE for one in range(1, len(room.walkers) + 1)}
         for topic, message_type in topics.items():
             writer.add_topic(topic, message_type)
         # (log time, topic, message)
-        messages: list[tuple[int, str, Any]] = []
+        mounting = _transform(writer, stamp_at(0.0), (_BASE_FRAME, FRAME), _MOUNTED)
+        messages: list[tuple[int, str, Any]] = [(stamp_at(0.0), STATIC_TRANSFORM_TOPIC, mounting)]
         generator = np.random.default_rng(room.seed)
         # Past the last image, which is interpolated between two poses.
         for index in range(int((count / room.rate + 0.1) * _SENSOR_RATE) + 1):
             time = index / _SENSOR_RATE
             stamp = stamp_at(time)
-            messages.append((stamp, ODOMETRY_TOPIC, _odometry(writer, stamp, room.base(time))))
+            base = room.base(time)
+            messages.append((stamp, ODOMETRY_TOPIC, _odometry(writer, stamp, base)))
+            moved = (base.x, base.y, 0.0), (0.0, 0.0, np.sin(base.yaw / 2), np.cos(base.yaw / 2))
+            transform = _transform(writer, stamp, (FIXED_FRAME, _BASE_FRAME), moved)
+            messages.append((stamp, TRANSFORM_TOPIC, transform))
             messages.append((stamp, IMU_TOPIC, _imu(writer, stamp, generator)))
         for frame in frames:
             stamp = stamp_at(frame.time)
@@ -133,6 +144,40 @@ def _pose(writer: BagWriter, x: float, y: float, yaw: float) -> Any:
             "geometry_msgs/msg/Quaternion", z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2))
         ),
     )
+
+
+# Of the camera on the base: the optical axes (right, down, forward), turned down by the pitch.
+_MOUNTED = (
+    (0.0, 0.0, CAMERA_HEIGHT),
+    tuple(
+        0.5
+        * (
+            np.cos(CAMERA_PITCH / 2) * np.array([-1, 1, -1, 1])
+            + np.sin(CAMERA_PITCH / 2) * np.array([-1, 1, 1, -1])
+        )
+    ),
+)
+
+
+def _transform(
+    writer: BagWriter,
+    stamp: int,
+    frames: tuple[str, str],
+    pose: tuple[Sequence[float], Sequence[float]],
+) -> Any:
+    """A tf2_msgs/TFMessage of a frame in its parent, by translation and quaternion."""
+    new = writer.new
+    translation, rotation = (
+        new(f"geometry_msgs/msg/{name}", **dict(zip("xyzw", map(float, values), strict=False)))
+        for name, values in zip(("Vector3", "Quaternion"), pose, strict=True)
+    )
+    transform = new(
+        "geometry_msgs/msg/TransformStamped",
+        header=writer.header(stamp, frames[0]),
+        child_frame_id=frames[1],
+        transform=new("geometry_msgs/msg/Transform", translation=translation, rotation=rotation),
+    )
+    return new(_TRANSFORMS, transforms=[transform])
 
 
 def _odometry(writer: BagWriter, stamp: int, base: Base) -> Any:

@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tables import Table
-from world_data import FixedCamera, read_tsai
+from world_parts.pets import FixedCamera, read_tsai
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.boxes import pairwise_iou

@@ -41,20 +41,26 @@ def header_stamp(message: bytes) -> int:
     Raises:
         FootageError: This is not such a message.
     """
+    layout = _stamp_layout(message, struct.calcsize("iI"))
+    seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
+    return join_stamp(seconds, nanoseconds)
+
+
+def _stamp_layout(message: bytes, least: int) -> str:
+    """Layout of a stamp in the byte order of a message with at least so many bytes of fields."""
     if message[:4] == _ZSTANDARD_MAGIC:
         raise FootageError(
             "the messages are compressed one by one, as only metadata.yaml says; give the rosbag2 "
             "folder instead of the file"
         )
     layout = _STAMP_LAYOUTS.get(bytes(message[:2]))
-    if layout is None or len(message) < _ENCAPSULATION_SIZE + struct.calcsize(layout):
+    if layout is None or len(message) < _ENCAPSULATION_SIZE + least:
         raise FootageError(
             f"a message of {counted(len(message), 'byte')} beginning with "
             f"{message[:4].hex() or 'nothing'} is not CDR; accepted is plain CDR of either byte "
             "order"
         )
-    seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
-    return join_stamp(seconds, nanoseconds)
+    return layout
 
 
 def deserialize_image(message: bytes) -> Any:
@@ -192,6 +198,33 @@ def deserialize_imu(message: bytes) -> Any:
     )
 
 
+def deserialize_transforms(message: bytes) -> Any:
+    """The transforms of a serialized tf2_msgs/TFMessage; see `deserialize_image`.
+
+    Returns:
+        An object with `transforms`, each with `stamp`, `frame_id`, `child_frame_id`, `translation`
+        and `rotation`, and with the stamp of the first of them, 0 without.
+
+    Raises:
+        FootageError: This is not such a message, or it is truncated.
+    """
+    fields = _Fields(message, has_header=False)
+    transforms = [_transform(fields) for _ in range(fields.number("I"))]
+    fields.check_end()
+    stamp = transforms[0].stamp if transforms else 0
+    return SimpleNamespace(stamp=stamp, frame_id="", transforms=transforms)
+
+
+def _transform(fields: _Fields) -> SimpleNamespace:
+    return SimpleNamespace(
+        stamp=join_stamp(*fields.numbers("iI")),
+        frame_id=fields.text(),
+        child_frame_id=fields.text(),
+        translation=_vector(fields, "xyz"),
+        rotation=_vector(fields, "xyzw"),
+    )
+
+
 def _vector(fields: _Fields, names: str) -> SimpleNamespace:
     return SimpleNamespace(**dict(zip(names, fields.numbers("d" * len(names)), strict=True)))
 
@@ -217,19 +250,24 @@ def _hypothesis(fields: _Fields) -> SimpleNamespace:
 
 
 class _Fields:
-    """Reads the fields of a message with a header in order.
+    """Reads the fields of a message in order.
+
+    Attributes:
+        stamp: Of the header, nanoseconds; 0 without.
 
     Args:
         message: The message in CDR, encapsulation included.
+        has_header: Whether it begins with a std_msgs/Header.
     """
 
-    def __init__(self, message: bytes) -> None:
-        self.stamp = header_stamp(message)
-        layout = _STAMP_LAYOUTS[bytes(message[:2])]
-        self._order = layout[0]
+    def __init__(self, message: bytes, *, has_header: bool = True) -> None:
+        self._order = _stamp_layout(message, 0)[0]
         self._max_alignment = 4 if bytes(message[:2]) in _VERSION_2 else 8
         self._message = message
-        self._offset = _ENCAPSULATION_SIZE + struct.calcsize(layout)
+        self.stamp, self._offset = 0, _ENCAPSULATION_SIZE
+        if has_header:
+            self.stamp = header_stamp(message)
+            self._offset += struct.calcsize("iI")
 
     def number(self, kind: str) -> Any:
         """The next field, a number with a format character of `struct`."""

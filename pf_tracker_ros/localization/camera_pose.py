@@ -4,9 +4,9 @@
    height and tilted by `camera.pitch` and `camera.roll`; where both are 0, by gravity if the topic
    `imu` has it. The base moves as `odom` says, interpolated at the stamp. Without odometry the
    camera does not move, and the ground below it is the origin of the fixed frame.
-2. Else, where tf2_ros is installed and somebody publishes transforms, the pose is that of tf2.
-3. Else the height and the angles are those learned from people; until then the angles are those of
-   gravity or 0, and there is no range from the ground.
+2. Else, where somebody publishes transforms, the pose is that of tf2; the node needs tf2_ros.
+3. Else the height is learned from people. The angles are those of the parameters or of gravity, or
+   else learned, too. Until then there is no range from the ground.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.rigid_pose import RigidPose
@@ -33,12 +34,14 @@ class CameraPose:
         plane: The ground in camera coordinates.
         mounting: Source of the mounting: `parameters`, `imu`, `tf2`, `learned` or `assumed level`.
         motion: Source of the motion: `still`, `odometry` or `tf2`.
+        has_known_tilt: Whether the direction down was neither learned nor assumed.
     """
 
     pose: RigidPose
     plane: GroundPlane
     mounting: str
     motion: str
+    has_known_tilt: bool = True
 
 
 def mounted_pose(plane: GroundPlane) -> RigidPose:
@@ -108,10 +111,17 @@ class CameraPoses:
             return CameraPose(
                 pose, GroundPlane.from_pose(pose.rotation, pose.translation), "tf2", "tf2"
             )
-        plane, mounting = self._mounting(stamp, camera_frame, parameters, learned)
+        try:
+            down = self._known_down(stamp, camera_frame, parameters)
+        except ValueError:
+            if parameters.camera.height or learned is None:
+                raise
+            # The ground that was learned has a tilt, too.
+            down = None
+        plane, mounting = _mounting(parameters, down, learned)
         mounted = mounted_pose(plane)
         if not self._odometry.is_used:
-            return CameraPose(mounted, plane, mounting, "still")
+            return CameraPose(mounted, plane, mounting, "still", down is not None)
         base = self._odometry.pose_at(stamp, parameters.fixed_frame)
         pose = base @ mounted
         if plane.height is not None:
@@ -119,23 +129,34 @@ class CameraPoses:
                 pose.rotation, pose.translation, float(base.translation[2]), plane.tilt_sd
             )
         on_ground = pose.translation - [0.0, 0.0, base.translation[2]]
-        return CameraPose(RigidPose(pose.rotation, on_ground), plane, mounting, "odometry")
+        return CameraPose(
+            RigidPose(pose.rotation, on_ground), plane, mounting, "odometry", down is not None
+        )
 
-    def _mounting(
-        self,
-        stamp: int,
-        camera_frame: str,
-        parameters: LocalizerParameters,
-        learned: GroundPlane | None,
-    ) -> tuple[GroundPlane, str]:
+    def _known_down(
+        self, stamp: int, camera_frame: str, parameters: LocalizerParameters
+    ) -> NDArray[np.float64] | None:
+        """(3,) direction down in camera coordinates by parameters or gravity; None if unknown."""
         camera = parameters.camera
-        if not camera.height and learned is not None:
-            return learned, "learned"
-        height = camera.height or None
         if not (camera.pitch or camera.roll):
-            down = self._gravity.down(stamp, camera_frame, self._transforms)
-            if down is not None:
-                return GroundPlane.from_gravity(height, down), "imu"
-        is_given = camera.height or camera.pitch or camera.roll
-        plane = GroundPlane.from_angles(height, camera.pitch, camera.roll)
-        return plane, "parameters" if is_given else "assumed level"
+            return self._gravity.down(stamp, camera_frame, self._transforms)
+        return GroundPlane.from_angles(None, camera.pitch, camera.roll).down
+
+
+def _mounting(
+    parameters: LocalizerParameters,
+    down: NDArray[np.float64] | None,
+    learned: GroundPlane | None,
+) -> tuple[GroundPlane, str]:
+    """The ground before the camera on a level base, and where it is from."""
+    camera = parameters.camera
+    if not camera.height and learned is not None:
+        if down is None:
+            return learned, "learned"
+        return GroundPlane(down, learned.height, learned.tilt_sd, learned.height_sd), "learned"
+    height = camera.height or None
+    if down is not None and not (camera.pitch or camera.roll):
+        return GroundPlane.from_gravity(height, down), "imu"
+    is_given = camera.height or down is not None
+    plane = GroundPlane.from_angles(height, camera.pitch, camera.roll)
+    return plane, "parameters" if is_given else "assumed level"

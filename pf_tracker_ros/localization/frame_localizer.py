@@ -180,15 +180,21 @@ class FrameLocalizer:
         sensors = self._sensors
         camera = sensors.calibration.model(frame.image_size, rectified=parameters.rectified)
         self._problems.set("camera frame", sensors.calibration.difference(frame.frame_id))
-        if not parameters.camera.height:
-            self._learning.add(frame, camera, parameters)
-            self._problems.set("ground", self._learning.problem)
+        pose, problem = None, ""
         try:
             pose = self._poses.at(frame.stamp, frame.frame_id, parameters, self._learning.plane)
         except NotYetError as error:
             if not is_last_chance:
                 raise
-            raise ValueError(str(error)) from None
+            problem = str(error)
+        except ValueError as error:
+            problem = str(error)
+        if not parameters.camera.height:
+            down = pose.plane.down if pose and pose.has_known_tilt else None
+            self._learning.add(frame, camera, parameters, down)
+            self._problems.set("ground", self._learning.problem)
+        if pose is None:
+            raise ValueError(problem)
         sensed = Sensed(camera, pose)
         if parameters.method in ("auto", "depth") and sensors.depth.is_used:
             try:

@@ -21,6 +21,11 @@ class RigidPose(NamedTuple):
     translation: NDArray[np.float64]
 
     @classmethod
+    def identity(cls) -> RigidPose:
+        """The pose of a frame in itself."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
     def of_message(cls, translation: Any, quaternion: Any) -> RigidPose:
         """From the fields x, y, z of a point or vector, and x, y, z, w of a quaternion.
 
@@ -51,6 +56,10 @@ class RigidPose(NamedTuple):
             self.rotation @ other.rotation,
             self.rotation @ other.translation + self.translation,
         )
+
+    def inverse(self) -> RigidPose:
+        """The pose of the parent in the frame."""
+        return RigidPose(self.rotation.T, -self.rotation.T @ self.translation)
 
     def interpolate(self, other: RigidPose, share: float) -> RigidPose:
         """The pose at a share, 0 to 1, of a motion with constant velocities to `other`."""

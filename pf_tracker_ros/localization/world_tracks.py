@@ -152,7 +152,7 @@ class WorldTracks:
         doubt = track.trust.update(stamp, target, min_confidence)
         return LocatedTarget(
             reported=target,
-            bearing=_bearing(localizer, target),
+            bearing=_bearing(place, localizer, target),
             place=place,
             world=track.world(stamp, target),
             normalized_innovation=track.filter.normalized_innovation if place else None,
@@ -162,7 +162,9 @@ class WorldTracks:
         )
 
 
-def _bearing(localizer: Localizer, target: ReportedTarget) -> Bearing | None:
+def _bearing(place: Place | None, localizer: Localizer, target: ReportedTarget) -> Bearing | None:
+    if place:
+        return Bearing(place.bearing, place.bearing_covariance)
     try:
         return localizer.bearing(target.box, target.box_covariance)
     except _UNUSABLE:

@@ -13,7 +13,7 @@ from contextlib import closing
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from pf_tracker_ros.footage.cdr import (
     deserialize_image,
     deserialize_imu,
     deserialize_odometry,
+    deserialize_transforms,
     header_stamp,
 )
 from pf_tracker_ros.localization.frame_localizer import FrameLocalizer, Sensors
@@ -42,6 +43,7 @@ from pf_tracker_ros.localization.sensors import (
     Store,
 )
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.localization.transform_tree import TransformTree
 from pf_tracker_ros.messages import IMAGE_TYPE
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.tracking import TrackedFrame
@@ -56,20 +58,23 @@ class _Kind(NamedTuple):
     """How the topic of a sensor is recognized.
 
     Attributes:
-        store: The sensor.
+        name: Of the sensor.
         types: Its message types.
         part: Part of the topic's name.
+        topic: Whole name of the topic; empty where it may have any.
     """
 
-    store: type[Store]
+    name: str
     types: tuple[str, ...]
     part: str = ""
+    topic: str = ""
 
 
-_CAMERA_INFO, _ODOMETRY, _IMU = (
+_CAMERA_INFO, _ODOMETRY, _IMU, _TRANSFORMS = (
     "sensor_msgs/msg/CameraInfo",
     "nav_msgs/msg/Odometry",
     "sensor_msgs/msg/Imu",
+    "tf2_msgs/msg/TFMessage",
 )
 _DESERIALIZERS: Mapping[str, Callable[[bytes], Any]] = {
     _CAMERA_INFO: deserialize_camera_info,
@@ -77,14 +82,18 @@ _DESERIALIZERS: Mapping[str, Callable[[bytes], Any]] = {
     COMPRESSED_IMAGE_TYPE: deserialize_compressed_image,
     _ODOMETRY: deserialize_odometry,
     _IMU: deserialize_imu,
+    _TRANSFORMS: deserialize_transforms,
 }
+_STATIC = "tf_static"
 _KINDS = (
-    _Kind(CameraCalibration, (_CAMERA_INFO,)),
-    _Kind(DepthImages, (IMAGE_TYPE, COMPRESSED_IMAGE_TYPE), "depth"),
-    _Kind(BasePoses, (_ODOMETRY,)),
-    _Kind(Gravity, (_IMU,)),
+    _Kind(CameraCalibration.name, (_CAMERA_INFO,)),
+    _Kind(DepthImages.name, (IMAGE_TYPE, COMPRESSED_IMAGE_TYPE), "depth"),
+    _Kind(BasePoses.name, (_ODOMETRY,)),
+    _Kind(Gravity.name, (_IMU,)),
+    _Kind(TransformTree.name, (_TRANSFORMS,), topic="/tf"),
+    _Kind(_STATIC, (_TRANSFORMS,), topic="/tf_static"),
 )
-SENSORS = tuple(kind.store.name for kind in _KINDS)
+SENSORS = tuple(kind.name for kind in _KINDS)
 """Names of the sensors, as those of the node's topics."""
 
 
@@ -121,10 +130,7 @@ class RecordedPositions:
             recorded = [topic for topic in reader.topics() if topic.name != image_topic]
         beside = _calibration_beside(image_topic, recorded)
         given = {CameraCalibration.name: beside, **given} if beside else given
-        chosen = {
-            kind.store.name: _choose(path, recorded, kind, given.get(kind.store.name))
-            for kind in _KINDS
-        }
+        chosen = {kind.name: _choose(path, recorded, kind, given.get(kind.name)) for kind in _KINDS}
         if chosen[CameraCalibration.name] is None:
             raise RecordingError(
                 f"{path} has no CameraInfo, which --world needs; record camera_info with the images"
@@ -180,31 +186,32 @@ class RecordedSensors:
         parameters: LocalizerParameters,
         notes: list[str],
     ) -> None:
+        if parameters.camera.height:
+            # Only the rotation of an accelerometer is asked for, which does not change.
+            topics = {name: topic for name, topic in topics.items() if name != TransformTree.name}
         self._parameters = parameters
         self._sources = {name: _Topic(topics.get(name)) for name in SENSORS}
-        self._stores = {
-            kind.store.name: kind.store(self._sources[kind.store.name]) for kind in _KINDS
-        }
+        calibration = CameraCalibration(self._sources[CameraCalibration.name])
+        depth = DepthImages(self._sources[DepthImages.name])
+        base = BasePoses(self._sources[BasePoses.name])
+        self._gravity = Gravity(self._sources[Gravity.name])
+        transforms = TransformTree(self._sources[TransformTree.name])
+        stores: tuple[Store, ...] = (calibration, depth, base, self._gravity, transforms)
+        self._takers = {store.name: store.take for store in stores}
+        self._takers[_STATIC] = transforms.take_static
+        has_transforms = TransformTree.name in topics or _STATIC in topics
         self._problems = Problems(notes.append, math.inf)
-        calibration, depth, base, gravity = self._stores.values()
         self._frames = FrameLocalizer(
             Sensors(
-                cast(CameraCalibration, calibration),
-                cast(DepthImages, depth),
-                cast(BasePoses, base),
-                cast(Gravity, gravity),
+                calibration, depth, base, self._gravity, transforms if has_transforms else None
             ),
             self._problems,
         )
-        self._messages = _merged(path, topics)
+        self._messages = _merged(path, {name: topics[name] for name in topics if name != _STATIC})
         self._next = next(self._messages, None)
-        # The first calibration may have been recorded after the first image.
-        infos_topic = topics[CameraCalibration.name]
-        with closing(read_topic(path, infos_topic.name)) as infos:
-            for _, message in islice(infos, 1):
-                self._take(
-                    _Recorded(0, topics[CameraCalibration.name], CameraCalibration.name, message)
-                )
+        # They may have been recorded after the first image.
+        self._take_first(path, topics, CameraCalibration.name, 1)
+        self._take_first(path, topics, _STATIC, None)
 
     def close(self) -> None:
         """Close the bag."""
@@ -235,6 +242,15 @@ class RecordedSensors:
             except NotYetError:
                 self._read_next()
 
+    def _take_first(
+        self, path: Path, topics: Mapping[str, BagTopic], sensor: str, count: int | None
+    ) -> None:
+        """Take the first messages of a sensor, None for all."""
+        if topic := topics.get(sensor):
+            with closing(read_topic(path, topic.name)) as messages:
+                for _, message in islice(messages, count):
+                    self._take(_Recorded(0, topic, sensor, message))
+
     def _read_until(self, log_time: int) -> None:
         while self._next and self._next.log_time <= log_time:
             self._read_next()
@@ -248,12 +264,12 @@ class RecordedSensors:
                 source.is_silent = True
 
     def _take(self, recorded: _Recorded) -> None:
-        store, name = self._stores[recorded.sensor], recorded.sensor
+        name = recorded.sensor
         try:
-            if store.is_needless(header_stamp(recorded.message)):
+            if name == Gravity.name and self._gravity.is_needless(header_stamp(recorded.message)):
                 return
             message = _DESERIALIZERS[recorded.topic.message_type](recorded.message)
-            store.take(message.stamp, message.frame_id, message)
+            self._takers[name](message.stamp, message.frame_id, message)
         except (ValueError, FootageError) as error:
             self._problems.set(name, f"{name} refused: {error}")
         else:
@@ -299,7 +315,7 @@ def _choose(
     path: Path, recorded: Sequence[BagTopic], kind: _Kind, given: str | None
 ) -> BagTopic | None:
     """The topic of a sensor; None where the bag has none, or none is wanted."""
-    name = kind.store.name
+    name = kind.name
     fitting = {topic.name: topic for topic in recorded if topic.message_type in kind.types}
     if given is not None:
         if given and given not in fitting:
@@ -308,7 +324,9 @@ def _choose(
                 f"{' or '.join(kind.types)}; there are: {', '.join(sorted(fitting)) or 'none'}"
             )
         return fitting.get(given)
-    named = {one: topic for one, topic in fitting.items() if kind.part in one}
+    named = {
+        one: topic for one, topic in fitting.items() if kind.part in one and kind.topic in ("", one)
+    }
     if len(named) > 1:
         raise RecordingError(
             f"{path} has several topics for {name}: {', '.join(sorted(named))}; choose with "
@@ -338,11 +356,16 @@ def _reported(tracked: TrackedFrame) -> TrackerFrame:
                 state=target.estimate.state,
                 confidence=float(target.estimate.confidence),
                 box=target.estimate.box,
-                box_covariance=target.estimate.box_covariance,
+                box_covariance=_symmetric(target.estimate.box_covariance),
             )
             for target in tracked.targets
         ),
     )
+
+
+def _symmetric(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The covariance of the upper triangle, as on `~/status`: the lower one is rounded apart."""
+    return np.triu(covariance) + np.triu(covariance, 1).T
 
 
 def _probability(tracked: TrackedFrame) -> NDArray[np.float64] | None:

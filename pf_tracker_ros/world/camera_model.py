@@ -37,10 +37,16 @@ _STEPS, _TOLERANCE = 50, 1e-6
 # OpenCV's fixed-point iteration, from which Newton's method starts.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 _ACROSS = np.eye(3)[:, :2]
+_ZERO = np.zeros(3)
+# From a 2 x 2 matrix, row by row, to its adjugate.
+_ADJUGATE = np.array([[0, 0, 0, 1], [0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0]], np.float64)
 # Largest side of an image, least and largest focal length (a telephoto lens of 1 m has about 3e5),
 # and largest distance of the principal point from the first pixel, pixels.
 _LARGEST_SIDE, _LEAST_FOCAL, _LARGEST_FOCAL, _FARTHEST_CENTER = 1e5, 1.0, 1e6, 1e5
 _LARGEST_COEFFICIENT = 1e6
+# Of a grid of pixels, least share that the model sees, and least median of their angles from the
+# optical axis over those without distortion. A circular fisheye fills .4 of a wide image.
+_GRID, _LEAST_SEEN, _LEAST_ANGLE = 8, 0.25, 0.5
 
 
 class CameraModel:
@@ -127,6 +133,8 @@ class CameraModel:
         self._scale = np.array([1.0 / fx, 1.0 / fy])
         self._inverse = np.diag(self._scale)
         self._matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        if len(self.distortion):
+            self._check_distortion()
 
     @classmethod
     def from_calibration(
@@ -230,12 +238,33 @@ class CameraModel:
             rays[:, :2], inverse = self._undistort(pixels)
         else:
             rays[:, :2], inverse = (pixels - self._center) * self._scale, self._inverse
-        inverse_length = 1.0 / np.sqrt(np.square(rays).sum(axis=1))
+        inverse_length = 1.0 / np.sqrt(np.einsum("ni,ni->n", rays, rays))
         rays *= inverse_length[:, None]
         # d(r / |r|) = (I - r r^T) dr / |r| with unit r in the product; dr is in the first two rows.
         across = _ACROSS - rays[:, :, None] * rays[:, None, :2]
         across *= inverse_length[:, None, None]
         return rays, across @ inverse
+
+    def _check_distortion(self) -> None:
+        """Raise a ValueError for a distortion that no lens has."""
+        shares = (np.arange(_GRID) + 0.5) / _GRID
+        columns, rows = np.meshgrid(shares * self.width - 0.5, shares * self.height - 0.5)
+        pixels = np.column_stack([columns.ravel(), rows.ravel()])
+        rays = self.rays(pixels)
+        is_seen = np.isfinite(rays).all(axis=1)
+        ideal = np.hypot(*((pixels - self._center) * self._scale).T)
+        if self.model != "equidistant":
+            ideal = np.arctan(ideal)
+        angles = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+        seen = float(is_seen.mean())
+        ratio = float(np.median((angles / np.maximum(ideal, 1e-12))[is_seen])) if seen else 0.0
+        if seen < _LEAST_SEEN or ratio < _LEAST_ANGLE:
+            raise ValueError(
+                f"no lens has the distortion {self.distortion.tolist()}: it gives directions to "
+                f"{100.0 * seen:.0f} % of the image (expected at least {100.0 * _LEAST_SEEN:.0f}), "
+                f"{ratio:.2g} times as far from the axis as without it (expected at least "
+                f"{_LEAST_ANGLE:g}); calibrate the camera"
+            )
 
     def _distort(
         self, normalized: NDArray[np.float64]
@@ -244,10 +273,8 @@ class CameraModel:
         if not len(normalized):
             # OpenCV takes no empty array.
             return np.empty((0, 2)), np.empty((0, 2, 2))
-        points = np.ones((len(normalized), 3))
-        points[:, :2] = normalized
-        zero = np.zeros(3)
-        pixels, jacobian = cv2.projectPoints(points, zero, zero, self._matrix, self.distortion)
+        points = cv2.convertPointsToHomogeneous(normalized)
+        pixels, jacobian = cv2.projectPoints(points, _ZERO, _ZERO, self._matrix, self.distortion)
         # Columns 3 and 4 are the derivatives by the translation along x and y, at depth 1.
         return pixels.reshape(-1, 2), jacobian[:, 3:5].reshape(-1, 2, 2)
 
@@ -260,21 +287,23 @@ class CameraModel:
         normalized = cv2.undistortPointsIter(
             pixels[:, None], self._matrix, self.distortion, None, None, _CRITERIA
         ).reshape(-1, 2)
-        for _ in range(_STEPS):
-            projected, jacobian = self._distort(normalized)
-            a, b, c, d = jacobian.reshape(-1, 4).T
-            determinant = a * d - b * c
-            adjugate = np.column_stack([d, -b, -c, a]).reshape(-1, 2, 2)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                inverse = adjugate / determinant[:, None, None]
-                step = (inverse @ (pixels - projected)[:, :, None])[:, :, 0]
-            if not (np.abs(step) > _TOLERANCE).any():
-                break
-            normalized = normalized + step
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for _ in range(_STEPS):
+                projected, jacobian = self._distort(normalized)
+                flat = jacobian.reshape(-1, 4)
+                determinant = flat[:, 0] * flat[:, 3] - flat[:, 1] * flat[:, 2]
+                inverse = (flat @ _ADJUGATE / determinant[:, None]).reshape(-1, 2, 2)
+                step = np.einsum("nij,nj->ni", inverse, pixels - projected)
+                size = np.abs(step).max(axis=1)
+                if not np.count_nonzero(size > _TOLERANCE):
+                    break
+                normalized = normalized + step
         # Beyond the fold of the polynomial, pixels have no ray, or one on the other side.
-        same_side = ((pixels - self._center) * self._scale * normalized).sum(axis=1) > -_TOLERANCE
-        solved = (np.abs(step) <= _TOLERANCE).all(axis=1) & (determinant > 0.0) & same_side
-        return np.where(solved[:, None], normalized, np.nan), inverse
+        side = np.einsum("ni,ni->n", pixels - self._center, normalized)
+        solved = (size <= _TOLERANCE) & (determinant > 0.0) & (side > -_TOLERANCE)
+        if np.count_nonzero(solved) < len(solved):
+            normalized = np.where(solved[:, None], normalized, np.nan)
+        return normalized, inverse
 
     def _distorted_angle(
         self, angle: NDArray[np.float64]

@@ -11,6 +11,10 @@ pitch and roll. The
 Levenberg-Marquardt method finds H, pitch and roll with the least sum of Huber's loss, within
 bounds: without any, boxes at similar distances also agree with a camera that looks straight down.
 
+Where the direction down is known, as from gravity, each box gives H by itself. The result is the
+mean of the logarithms without outliers, each weighted by p, e and the effect of the tilt's error
+on its slope; boxes at one distance are enough.
+
 Sources: Hoiem, Efros and Hebert 2008, "Putting Objects in Perspective"; Huber 1964, "Robust
 Estimation of a Location Parameter".
 """
@@ -25,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.world.box_edges import BoxEdges
 from pf_tracker_ros.world.camera_model import CameraModel
-from pf_tracker_ros.world.ground_plane import GroundPlane
+from pf_tracker_ros.world.ground_plane import GroundPlane, default_tilt_sd
 
 MIN_BOXES = 50
 # Bounds of height (meters), pitch and roll (radians).
@@ -79,7 +83,11 @@ class PeopleGround:
 
 
 def fit_ground_plane(
-    camera: CameraModel, boxes: ArrayLike, target_height: float = 1.75
+    camera: CameraModel,
+    boxes: ArrayLike,
+    target_height: float = 1.75,
+    *,
+    down: ArrayLike | None = None,
 ) -> PeopleGround:
     """Fit height, pitch and roll of a camera to people who stand on the ground.
 
@@ -89,6 +97,9 @@ def fit_ground_plane(
             people; boxes that the border cuts are left out. Without the nearest and the farthest
             tenth, the farthest is at least 1.5 times as far as the nearest.
         target_height: Mean height of the people, meters.
+        down: (3,) direction down in camera coordinates, or (N, 3) of each box, where it is known:
+            only the height is fitted, and boxes at one distance are enough. The plane has the last
+            of them.
 
     Raises:
         ValueError: Fewer than 50 whole boxes, an argument has a wrong shape or range, or the
@@ -116,11 +127,13 @@ def fit_ground_plane(
     values = np.asarray(boxes, dtype=np.float64)
     if values.ndim != 2 or values.shape[1] != 4:
         raise ValueError(f"boxes have shape {values.shape}; expected (N, 4)")
-    rays = _rays(camera, values)
+    rays, is_whole = _rays(camera, values)
     if len(rays[0]) < MIN_BOXES:
         raise ValueError(
             f"{len(rays[0])} of {len(values)} boxes are whole; a plane needs at least {MIN_BOXES}"
         )
+    if down is not None:
+        return _fit_height(rays, _directions(down, len(values))[is_whole], target_height)
     fits = [_Fit.of(rays, target_height, pitch) for pitch in _PITCHES]
     best = min(fits, key=lambda fit: fit.loss)
     height_sd, pitch_sd = best.standard_deviations()[:2]
@@ -148,6 +161,50 @@ def fit_ground_plane(
         GroundPlane(plane.down, height, tilt_sd, height_sd),
         int((np.abs(best.residuals) < _AGREES_WITHIN * best.scale).sum()),
     )
+
+
+def _directions(down: ArrayLike, count: int) -> NDArray[np.float64]:
+    """(count, 3) unit vectors from one for all, or one for each."""
+    given = np.asarray(down, dtype=np.float64)
+    if given.shape not in ((3,), (count, 3)):
+        raise ValueError(f"down has shape {given.shape}; expected (3,) or ({count}, 3)")
+    lengths = np.linalg.norm(given, axis=-1, keepdims=True)
+    if not (np.isfinite(lengths) & (lengths > 0.0)).all():
+        raise ValueError("down must be finite, and not zero")
+    return np.broadcast_to(given / lengths, (count, 3))
+
+
+def _fit_height(
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+    downs: NDArray[np.float64],
+    target_height: float,
+) -> PeopleGround:
+    """The ground below a camera whose direction down is known at each box."""
+    foot, head = (_slopes(np.einsum("ni,ni->n", one, downs)) for one in rays)
+    is_below = (foot > _LEAST_SLOPE) & (foot - head > _LEAST_SLOPE)
+    if is_below.sum() < MIN_BOXES:
+        raise ValueError(
+            f"{is_below.sum()} of {len(foot)} boxes have their foot below the horizon; with a "
+            f"known direction down, the ground needs at least {MIN_BOXES}. Is that direction right?"
+        )
+    foot, head = foot[is_below], head[is_below]
+    logs = np.log(target_height * foot / (foot - head))
+    median = float(np.median(logs))
+    share = target_height * math.exp(-median)
+    expected = math.hypot(_PERSON_SD, _EDGE_SD, _EDGE_SD * (1.0 - share))
+    scale = expected * _scale((logs - median) / expected)
+    tilt_sd = default_tilt_sd(math.exp(median))
+    sds = np.hypot(scale, tilt_sd * (1.0 + foot * foot) / foot)
+    agrees = np.abs(logs - median) < _AGREES_WITHIN * sds
+    if scale > _LARGEST_SDS[2] * expected:
+        raise ValueError(
+            f"the boxes do not determine the ground: the heights of the camera that they give "
+            f"differ by {100.0 * scale:.0f} %; expected people who stand on one plane"
+        )
+    height = math.exp(float(np.average(logs[agrees], weights=sds[agrees] ** -2.0)))
+    # The people may be few, or one.
+    height_sd = height * math.hypot(_PERSON_SD, scale / math.sqrt(agrees.sum()))
+    return PeopleGround(GroundPlane(downs[-1], height, tilt_sd, height_sd), int(agrees.sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,16 +276,18 @@ class _Fit:
 
 def _rays(
     camera: CameraModel, boxes: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(N, 3) unit vectors to the feet, and to the heads, of whole boxes."""
-    pixels = []
-    for box in boxes:
+) -> tuple[tuple[NDArray[np.float64], NDArray[np.float64]], NDArray[np.bool_]]:
+    """Unit vectors (M, 3) to the feet, and to the heads, of whole boxes, and which these are."""
+    pixels = np.full((len(boxes), 2, 2), np.nan)
+    for index, box in enumerate(boxes):
         edges = BoxEdges.of(box, None, (camera.width, camera.height))
         if edges is not None and edges.is_whole:
-            pixels.append(edges.points()[:2])
-    rays = camera.rays(np.array(pixels)).reshape(-1, 2, 3)
-    rays = rays[np.isfinite(rays).all(axis=(1, 2))]
-    return rays[:, 0], rays[:, 1]
+            pixels[index] = edges.points()[:2]
+    is_whole = np.isfinite(pixels).all(axis=(1, 2))
+    rays = camera.rays(pixels[is_whole]).reshape(-1, 2, 3)
+    has_rays = np.isfinite(rays).all(axis=(1, 2))
+    is_whole[is_whole] = has_rays
+    return (rays[has_rays, 0], rays[has_rays, 1]), is_whole
 
 
 def _distance_ratio(

@@ -194,7 +194,9 @@ class Localizer:
         else:
             return None
         # A comparison with NaN is false.
-        if not (np.linalg.norm(position) <= _FARTHEST and np.isfinite(covariance).all()):
+        if not (
+            math.hypot(*position.tolist()) <= _FARTHEST and math.isfinite(float(covariance.sum()))
+        ):
             return None
         return Place(
             position,

@@ -1,24 +1,29 @@
 """Position and velocity of a target on the ground over time.
 
-A Kalman filter with the state (x, y, velocity x, velocity y) in a fixed frame:
+A Kalman filter with the state (x, y, velocity x, velocity y) in a fixed frame, and errors of the
+measurements:
 
 1. Predict: constant velocity with white-noise acceleration of spectral density q. Over an
    interval t that adds q t^3 / 3 to the variance of a position, q t to that of a velocity, and
    q t^2 / 2 to their covariance.
 2. Gate: an innovation v with the covariance S is rejected where v^T S^-1 v is above the gate.
    After some time of rejections only, the filter starts anew: the target is elsewhere.
-3. Correct with the measurement's covariance times (1 + r) / (1 - r), r = exp(-t / correlation
-   time). Errors of boxes are correlated in time. The mean of a long series with a correlation r
-   from one to the next has that many times the variance that it had without; a filter that takes
-   the errors for white becomes overconfident, the more so the higher the rate.
+3. Correct. Errors of boxes are correlated in time, so they are part of the state: a measurement z
+   with the covariance R has z = position + R^1/2 (u_1 + ... + u_n) / n^1/2. Each u is a pair of
+   normal variables with variance 1 and the correlation exp(-t / T) after an interval t, with a
+   correlation time T of its own; with T = 0 it is white. A filter that takes all errors for white
+   becomes overconfident of the position, as it averages errors that do not average out; with a
+   larger R instead, it would doubt the velocity, which errors that last do not disturb.
 
 Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
-Navigation", sections 6.2 and 5.4; Bartlett 1946, for the variance of a mean of correlated values.
+Navigation", sections 6.2 and 5.4, and chapter 8 for autocorrelated noise; Bryson and Henrikson
+1968, "Estimation Using Sampled Data Containing Sequentially Correlated Noise".
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +35,8 @@ from pf_tracker_ros.filter.gaussian import Gaussian
 _ROUNDING = 1e-6
 # Standard deviation of the velocity of a new target, meters per second: people walk at 1.4.
 _FIRST_SPEED_SD = 1.2
+# Least white share of a measurement's covariance: boxes are rounded, also at high rates.
+_LEAST_WHITE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +77,9 @@ class PositionFilter:
 
     Args:
         acceleration_density: Spectral density of the white-noise acceleration, m^2/s^3.
-        correlation_time: Time in seconds after which the errors of measurements have a correlation
-            of 1/e; 0 where they are independent.
+        correlation_times: Times in seconds after which a part of the errors of measurements has a
+            correlation of 1/e with itself, 0 where it is white; all parts have the same variance.
+            (0.0,) is for independent errors.
         gate: Largest normalized innovation squared of a measurement, of two degrees of freedom: a
             target's own exceed 13.8 once in a thousand times.
         reset_after: Time in seconds without an accepted measurement after which a rejected one
@@ -85,7 +93,7 @@ class PositionFilter:
 
         >>> import numpy as np
         >>> from pf_tracker_ros.world import PositionFilter
-        >>> positions = PositionFilter(correlation_time=0.0)
+        >>> positions = PositionFilter(correlation_times=(0.0,))
         >>> for step in range(50):
         ...     stamp = 1_000_000_000 + step * 100_000_000
         ...     accepted = positions.update(stamp, (5.0 + 0.1 * step, 0.0), 0.01 * np.eye(2))
@@ -96,21 +104,30 @@ class PositionFilter:
 
     def __init__(
         self,
-        acceleration_density: float = 0.15,
-        correlation_time: float = 0.15,
+        acceleration_density: float = 0.1,
+        correlation_times: Sequence[float] = (0.1, 2.0),
         gate: float = 13.8,
         reset_after: float = 1.0,
     ) -> None:
+        times = np.array(correlation_times, dtype=np.float64)
+        if times.ndim != 1 or not times.size or not (np.isfinite(times) & (times >= 0.0)).all():
+            raise ValueError(
+                f"correlation_times is {correlation_times!r}; expected finite numbers from 0 up, "
+                "in seconds"
+            )
         numbers = {
             "acceleration_density": acceleration_density,
-            "correlation_time": correlation_time,
             "gate": gate,
             "reset_after": reset_after,
         }
         for name, number in numbers.items():
             if not 0.0 <= number < math.inf:
                 raise ValueError(f"{name} is {number!r}; allowed: a finite number from 0 up")
-        self._density, self._correlation_time = acceleration_density, correlation_time
+        self._density = acceleration_density
+        # Of each number in the state that is an error.
+        self._times = np.repeat(times[times > 0.0], 2)
+        self._share = 1.0 / len(times)
+        self._white = max(self._share * float((times == 0.0).sum()), _LEAST_WHITE)
         self._gate, self._reset_after = gate, reset_after
         self.reset()
 
@@ -145,14 +162,13 @@ class PositionFilter:
             return False
         interval = (stamp - self._stamp) * 1e-9
         predicted = self._predicted(interval)
-        noise = noise * self._inflation(interval)
-        innovation = place - predicted.mean[:2]
-        squared = float(
-            innovation @ np.linalg.solve(predicted.covariance[:2, :2] + noise, innovation)
-        )
+        observed, white = self._observed(noise), self._white * noise
+        innovation = place - observed @ predicted.mean
+        expected = observed @ predicted.covariance @ observed.T + white
+        squared = float(innovation @ np.linalg.solve(expected, innovation))
         self.normalized_innovation = squared
         if squared <= self._gate:
-            self._state = predicted.correct(place, _OBSERVED, noise)
+            self._state = predicted.correct(place, observed, white)
             self._stamp, self.rejected_since = stamp, None
             return True
         if interval >= self._reset_after:
@@ -172,28 +188,44 @@ class PositionFilter:
             return None
         stamp = max(stamp, self._stamp)
         state = self._predicted((stamp - self._stamp) * 1e-9)
-        return FilteredPosition(stamp, state.mean[:2], state.mean[2:], state.covariance)
+        return FilteredPosition(stamp, state.mean[:2], state.mean[2:4], state.covariance[:4, :4])
 
     def _start(self, stamp: int, place: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
-        covariance = np.diag(np.full(4, _FIRST_SPEED_SD**2))
+        mean = np.zeros(4 + len(self._times))
+        mean[:2] = place
+        covariance = np.eye(len(mean))
         covariance[:2, :2] = noise
-        self._state = Gaussian(np.array([*place, 0.0, 0.0]), covariance)
+        covariance[2:4, 2:4] *= _FIRST_SPEED_SD**2
+        # The position is the measurement less its error.
+        covariance[:2, 4:] = -self._observed(noise)[:, 4:]
+        covariance[4:, :2] = covariance[:2, 4:].T
+        self._state = Gaussian(mean, covariance)
         self._stamp, self.rejected_since = stamp, None
 
     def _predicted(self, interval: float) -> Gaussian:
         if self._state is None:
             raise RuntimeError("no measurement yet")
-        matrix = np.eye(4)
+        if not interval:
+            return self._state
+        diagonal = np.ones(4 + len(self._times))
+        diagonal[4:] = np.exp(-interval / self._times)
+        matrix = np.diag(diagonal)
         matrix[0, 2] = matrix[1, 3] = interval
-        one_axis = [[interval**3 / 3.0, interval**2 / 2.0], [interval**2 / 2.0, interval]]
-        noise = self._density * np.kron(one_axis, np.eye(2))
+        noise = np.diag(1.0 - diagonal**2)
+        noise[[0, 1], [0, 1]] = self._density * interval**3 / 3.0
+        noise[[0, 1, 2, 3], [2, 3, 0, 1]] = self._density * interval**2 / 2.0
+        noise[[2, 3], [2, 3]] = self._density * interval
         return self._state.predict(matrix, noise)
 
-    def _inflation(self, interval: float) -> float:
-        """Variance of a measurement in place of one that is correlated with those before."""
-        if self._correlation_time == 0.0:
-            return 1.0
-        return 1.0 / math.tanh(interval / (2.0 * self._correlation_time))
+    def _observed(self, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(2, D) derivative of a measurement by the state."""
+        # The symmetric root of a 2 x 2 matrix, by the theorem of Cayley and Hamilton.
+        determinant = float(noise[0, 0] * noise[1, 1] - noise[0, 1] * noise[1, 0])
+        root_of_determinant = math.sqrt(max(determinant, 0.0))
+        root = noise + root_of_determinant * np.eye(2)
+        root *= math.sqrt(self._share / (noise[0, 0] + noise[1, 1] + 2.0 * root_of_determinant))
+        errors = np.tile(root, len(self._times) // 2)
+        return np.hstack([_POSITION, errors])
 
 
 def _horizontal(
@@ -217,4 +249,4 @@ def _horizontal(
     return place, noise
 
 
-_OBSERVED = np.eye(2, 4)
+_POSITION = np.eye(2, 4)

@@ -13,8 +13,8 @@ def world(benchmark):
 
 
 @pytest.fixture
-def data(benchmark):
-    return benchmark("world_data")
+def part(benchmark):
+    return lambda name: benchmark(f"world_parts.{name}")
 
 
 @pytest.fixture
@@ -31,9 +31,9 @@ KITTI = (
 )
 
 
-def test_kitti_labels(data, tmp_path):
+def test_kitti_labels(part, tmp_path):
     (tmp_path / "0001.csv").write_text(KITTI)
-    labels = data.read_kitti(tmp_path / "0001.csv")
+    labels = part("kitti").read_kitti(tmp_path / "0001.csv")
     assert labels.is_whole.tolist() == [True, False, False]
     assert labels.at_border.tolist() == [False, False, True]
     # Moved from the left reference to this camera.
@@ -48,10 +48,10 @@ TSAI = (
 )
 
 
-def test_a_tsai_calibration_that_looks_down(data, tmp_path):
+def test_a_tsai_calibration_that_looks_down(part, tmp_path):
     path = tmp_path / "view.xml"
     path.write_text(TSAI.format(kappa=0.005))
-    camera = data.read_tsai(path)
+    camera = part("pets").read_tsai(path)
     # Half a turn about x: the optical axis points down from 7 m.
     np.testing.assert_allclose(camera.translation, (0.0, 0.0, 7.0), atol=1e-9)
     plane = GroundPlane.from_pose(camera.rotation, camera.translation)
@@ -63,12 +63,12 @@ def test_a_tsai_calibration_that_looks_down(data, tmp_path):
     np.testing.assert_allclose(ray[:2] / ray[2], (x * factor / 5.0, y * factor / 5.0), atol=1e-6)
 
 
-def test_detections_on_people(data, tmp_path):
+def test_detections_on_people(part, tmp_path):
     truth = "".join(f"{frame},1,{100 + frame},50,20,60,1,{frame},0,0\n" for frame in range(1, 9))
     found = "".join(f"{frame},-1,{101 + frame},50,20,60,0.9\n" for frame in range(1, 9))
     (tmp_path / "gt.txt").write_text(truth)
     (tmp_path / "det.txt").write_text(found + "1,-1,500,50,20,60,0.9\n")
-    tracks = data.read_ground_tracks(tmp_path, 7.0)
+    tracks = part("pets").read_ground_tracks(tmp_path, 7.0)
     assert len(tracks.frames) == 8
     np.testing.assert_allclose(tracks.boxes[0], (101, 49, 20, 60))
     # A meter a frame; the ends have no frames before or after.
@@ -98,31 +98,32 @@ def test_a_rendered_person_is_where_it_was_put(scenes):
     assert np.std(holed[known] - depth[known]) < 0.15
 
 
-def test_figures_by_hand(world):
-    errors = world.Errors.of(
+def test_figures_by_hand(part):
+    figures, ground = part("errors"), part("ground_from_people")
+    errors = figures.Errors.of(
         np.array([[3.0, 4.0], [0.0, 1.0]]), np.array([np.eye(2) * 5.0, np.eye(2)]), 10.0
     )
     np.testing.assert_allclose(errors.sizes, (0.5, 0.1))
     np.testing.assert_allclose(errors.nees, (5.0, 1.0))
     # The 90 % region of two dimensions ends at 4.61.
     assert errors.cells() == ["2", "0.30", "0.46", "1.50", "0.500"]
-    assert world.auroc(np.array([0.1, 0.4, 0.4, 0.9]), np.array([0, 0, 1, 1], bool)) == "0.875"
-    assert world.auroc(np.ones(2), np.zeros(2, bool)) == "-"
+    assert figures.auroc(np.array([0.1, 0.4, 0.4, 0.9]), np.array([0, 0, 1, 1], bool)) == "0.875"
+    assert figures.auroc(np.ones(2), np.zeros(2, bool)) == "-"
     points = np.random.default_rng(0).normal(size=(20, 2))
     turned = points @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + (3.0, 4.0)
-    np.testing.assert_allclose(world.aligned(points, turned), turned, atol=1e-9)
+    np.testing.assert_allclose(ground.aligned(points, turned), turned, atol=1e-9)
 
 
-def test_rendered_people_are_located(world):
-    table = world.rendered_table(lambda name, done: None, frames=3)
+def test_rendered_people_are_located(part):
+    table = part("rendered").rendered_table(lambda name, done: None, frames=3)
     for row in table.groups[0]:
         assert row[1] == "3"
         assert float(row[2]) < 5.0
 
 
-def test_late_images_of_a_robot_that_turns_have_the_right_direction(world):
+def test_late_images_of_a_robot_that_turns_have_the_right_direction(part):
     pytest.importorskip("rosbags", reason="bags are written with rosbags")
-    table = world.turning_table(lambda name, done: None, frames=4)
+    table = part("turning").turning_table(lambda name, done: None, frames=4)
     assert [row[1] for row in table.groups[0]] == ["4", "4"]
     assert all(float(row[-1]) < 1.0 for row in table.groups[0])
 
@@ -137,7 +138,7 @@ def test_the_command_writes_its_tables(world, tmp_path, capsys):
     assert row.split("|")[2].strip() == "1"
 
 
-def test_frames_of_a_depth_camera(world, tmp_path):
+def test_frames_of_a_depth_camera(part, tmp_path):
     depth = np.full((480, 640), 3000, np.uint16)
     mask = np.zeros((480, 640), np.uint8)
     mask[100:400, 250:400] = 255
@@ -147,7 +148,7 @@ def test_frames_of_a_depth_camera(world, tmp_path):
         cv2.imwrite(str(tmp_path / f"{index}.jpg"), image)
         cv2.imwrite(str(tmp_path / f"{index}_depth.png"), depth)
         cv2.imwrite(str(tmp_path / f"{index}_mask.jpg"), mask)
-    rows = world.depth_table(tmp_path, lambda name, done: None).groups[0]
+    rows = part("depth_camera").depth_table(tmp_path, lambda name, done: None).groups[0]
     assert [row[1] for row in rows[:2]] == ["0.0", "0.0"]
 
 
@@ -165,9 +166,9 @@ def test_missing_data_is_told(world, tmp_path, monkeypatch, capsys, arguments, m
     assert message in capsys.readouterr().err
 
 
-def test_a_file_that_is_no_calibration_is_told(data, tmp_path):
+def test_a_file_that_is_no_calibration_is_told(part, tmp_path):
     path = tmp_path / "view.xml"
     for text in ("no xml", "<Camera/>", TSAI.format(kappa="much")):
         path.write_text(text)
         with pytest.raises(ValueError, match="no Tsai calibration"):
-            data.read_tsai(path)
+            part("pets").read_tsai(path)

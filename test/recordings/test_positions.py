@@ -101,6 +101,25 @@ def test_gravity_stands_for_the_angles_and_a_file_for_the_command_line(locate, r
     assert np.median(errors_of(rows, room[1])[0]) < 0.1
 
 
+def test_transforms_of_the_bag_stand_for_height_angles_and_odometry(locate, room):
+    # The camera's height is not given, and the odometry is left out.
+    rows, err = locate("--world-topic", "odom=", mounting=())
+    assert err == ""
+    assert {row["method"] for row in rows} == {"ground+height+depth"}
+    relative, squared = errors_of(rows, room[1])
+    assert len(relative) == len(rows)
+    assert np.median(relative) < 0.03
+    assert (squared < REGION_99).mean() > 0.9
+
+
+def test_a_bag_whose_transforms_do_not_reach_the_camera_says_so(track, room, tmp_path):
+    arguments = ("--world", "--world-topic", "tf_static=", "--output", tmp_path / "out")
+    code, out, err = track(room[0], "--bag-topic", IMAGE_TOPIC, *arguments)
+    assert code == 0
+    assert err.count("no transform from camera_optical_frame to odom; record it") == 1
+    assert "positions in 0%" in out
+
+
 def test_the_bag_has_the_localizers_topics_and_the_report_a_view_from_above(locate, room, tmp_path):
     rows, _ = locate("--bag", "--report")
     with AnyReader([tmp_path / "out" / "topics.mcap"]) as reader:

@@ -89,7 +89,7 @@ def test_a_fisheye_sees_more_than_half_of_the_sphere():
 
 def test_pixels_beyond_the_fold_of_the_polynomial_have_no_ray():
     # x (1 - x^2) is largest at 1 / sqrt(3): .385.
-    camera = CameraModel(100.0, 100.0, 0.0, 0.0, 640, 480, (-1.0, 0.0, 0.0, 0.0))
+    camera = CameraModel(100.0, 100.0, 0.0, 0.0, 60, 40, (-1.0, 0.0, 0.0, 0.0))
     rays = camera.rays([[38.0, 0.0], [39.0, 0.0]])
     assert np.isfinite(rays[0]).all()
     assert np.isnan(rays[1]).all()
@@ -153,6 +153,11 @@ K = (500.0, 0, 322, 0, 510, 238, 0, 0, 1)
         ((640, 480, "plumb_bob", (), (1e7, *K[1:])), "1e[+]07 and 510 px; expected 1 to 1000000"),
         ((640, 480, "plumb_bob", (), (*K[:2], -1e6, *K[3:])), "principal point"),
         ((640, 480, "plumb_bob", (0.1, -1e300, 0, 0, 0), K), "coefficient is -1e[+]300"),
+        # Almost all pixels near the axis; a fold at 0.02 degrees; likewise along one axis.
+        ((640, 480, "plumb_bob", (1e6, 0, 0, 0, 0), K), "no lens.*expected at least 0.5"),
+        ((640, 480, "plumb_bob", (-1e6, 0, 0, 0, 0), K), "no lens.* 0 % of the image"),
+        ((640, 480, "plumb_bob", (0, 0, 1e6, 0, 0), K), "no lens"),
+        ((640, 480, "equidistant", (1e6, 0, 0, 0), K), "no lens"),
     ],
 )
 def test_a_calibration_that_cannot_be_says_so(arguments, message):

@@ -63,6 +63,57 @@ def test_the_height_of_people_sets_the_scale(camera, box_of):
     assert fit_ground_plane(camera, boxes, 0.875).plane.height == pytest.approx(2.5, rel=0.01)
 
 
+@pytest.mark.parametrize("distances", [(12, 12.01), (6, 20)])
+def test_with_a_known_direction_down_boxes_at_one_distance_are_enough(camera, box_of, distances):
+    true, errors = GroundPlane.from_angles(3.0, 0.15, -0.1), []
+    for seed in range(8):
+        boxes = people(
+            camera, box_of, true, 60, noise=0.03, height_sd=0.03, seed=seed, distances=distances
+        )
+        # A tenth are no people on the ground.
+        boxes[:6, 3] *= 2.5
+        fitted = fit_ground_plane(camera, boxes, down=7.0 * true.down)
+        np.testing.assert_allclose(fitted.plane.down, true.down)
+        assert fitted.boxes <= 54
+        errors.append((fitted.plane.height - 3.0) / fitted.plane.height_sd)
+    assert np.abs(errors).max() < 2.0
+
+
+def test_each_box_has_its_own_direction_down(camera, box_of):
+    """The camera nods: no one plane is right for all."""
+    pitches = np.linspace(0.05, 0.25, 50)
+    planes = [GroundPlane.from_angles(2.0, pitch) for pitch in pitches]
+    boxes = [box_of(camera, plane, 9.0)[0] for plane in planes]
+    # One that is not whole has its direction, too.
+    boxes.insert(20, (300.0, -5.0, 40.0, 100.0))
+    planes.insert(20, GroundPlane.from_angles(2.0, 1.0))
+    fitted = fit_ground_plane(camera, boxes, down=[plane.down for plane in planes])
+    assert fitted.plane.height == pytest.approx(2.0, rel=0.01)
+    assert fitted.plane.pitch == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("down", "message"),
+    [
+        ((0.0, -1.0, 0.0), "0 of 60 boxes have their foot below the horizon"),
+        ((0.0, 1.0), r"down has shape \(2,\); expected \(3,\) or \(60, 3\)"),
+        ((0.0, np.nan, 0.0), "finite"),
+        ((0.0, 0.0, 0.0), "zero"),
+    ],
+)
+def test_a_wrong_direction_down_says_so(camera, box_of, down, message):
+    boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 60)
+    with pytest.raises(ValueError, match=message):
+        fit_ground_plane(camera, boxes, down=down)
+
+
+def test_people_of_all_sizes_determine_no_height(camera, box_of):
+    true = GroundPlane.from_angles(3.0, 0.15)
+    boxes = people(camera, box_of, true, 60, height_sd=0.5)
+    with pytest.raises(ValueError, match=r"differ by \d+ %; expected people who stand"):
+        fit_ground_plane(camera, boxes, down=true.down)
+
+
 def test_too_few_whole_boxes_say_so(camera, box_of):
     boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 50)
     boxes[0, 1] = 0.0

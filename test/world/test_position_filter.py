@@ -14,7 +14,7 @@ def test_without_acceleration_it_is_the_fitted_line():
     stamps = [0, SECOND // 10, SECOND // 4, SECOND]
     covariances = [np.diag(generator.uniform(0.01, 0.1, 2)) for _ in stamps]
     places = [generator.normal(time * 1e-9, 0.1, 2) for time in stamps]
-    tracker = PositionFilter(0.0, 0.0, gate=1e9)
+    tracker = PositionFilter(0.0, (0.0,), gate=1e9)
     for stamp, place, covariance in zip(stamps, places, covariances, strict=True):
         assert tracker.update(stamp, place, covariance)
     result = tracker.predict(2 * SECOND)
@@ -45,25 +45,32 @@ def walk(generator, steps, interval, density):
 
 
 @pytest.mark.parametrize("rate", [7.0, 25.0])
-@pytest.mark.parametrize("correlation_time", [0.0, 0.2])
-def test_the_covariance_is_that_of_the_errors(rate, correlation_time):
+@pytest.mark.parametrize("times", [(0.0,), (0.1, 2.0), (0.0, 1.0)])
+def test_the_covariance_is_that_of_the_errors(rate, times):
     generator = np.random.default_rng(1)
-    interval, noise = 1.0 / rate, 0.3
-    correlation = np.exp(-interval / correlation_time) if correlation_time else 0.0
-    nees = []
-    for _ in range(25):
+    interval = 1.0 / rate
+    root = np.array([[0.5, 0.1], [0.1, 0.2]])
+    correlations = np.array([np.exp(-interval / one) if one else 0.0 for one in times])[:, None]
+    both, of_velocity = [], []
+    for _ in range(20):
         states = walk(generator, 50, interval, 0.15)
-        tracker, error = PositionFilter(0.15, correlation_time), generator.normal(0, noise, 2)
+        tracker = PositionFilter(0.15, times)
+        parts = generator.normal(size=(len(times), 2))
         for index, state in enumerate(states):
             stamp = round(index * interval * 1e9)
-            tracker.update(stamp, state[:2] + error, noise**2 * np.eye(2))
-            fresh = generator.normal(0.0, noise, 2)
-            error = correlation * error + np.sqrt(1.0 - correlation**2) * fresh
+            error = root @ parts.sum(axis=0) / np.sqrt(len(times))
+            tracker.update(stamp, state[:2] + error, root @ root)
+            fresh = generator.normal(size=parts.shape)
+            parts = correlations * parts + np.sqrt(1.0 - correlations**2) * fresh
             if index > 25:
                 result = tracker.predict(stamp)
                 difference = np.concatenate([result.position, result.velocity]) - state
-                nees.append(difference @ np.linalg.solve(result.covariance, difference))
-    assert 0.7 < np.mean(nees) / 4.0 < 1.4
+                both.append(difference @ np.linalg.solve(result.covariance, difference))
+                of_velocity.append(
+                    difference[2:] @ np.linalg.solve(result.covariance[2:, 2:], difference[2:])
+                )
+    assert 0.75 < np.mean(both) / 4.0 < 1.3
+    assert 0.75 < np.mean(of_velocity) / 2.0 < 1.3
 
 
 def test_a_measurement_outside_the_gate_is_rejected_until_it_stays():
@@ -124,10 +131,14 @@ def test_a_wrong_measurement_leaves_the_filter_as_it_was(position, covariance, m
     assert tracker.predict(0).position == pytest.approx((1.0, 2.0))
 
 
+@pytest.mark.parametrize("times", [(), (0.1, -1.0), (np.nan,), (np.inf,), 0.1])
+def test_wrong_correlation_times_are_rejected(times):
+    with pytest.raises(ValueError, match="correlation_times"):
+        PositionFilter(correlation_times=times)
+
+
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
-@pytest.mark.parametrize(
-    "name", ["acceleration_density", "correlation_time", "gate", "reset_after"]
-)
+@pytest.mark.parametrize("name", ["acceleration_density", "gate", "reset_after"])
 def test_wrong_parameters_are_rejected(name, value):
     with pytest.raises(ValueError, match=name):
         PositionFilter(**{name: value})

@@ -1,17 +1,12 @@
-"""Recordings with known positions in meters, for the benchmark of positions.
+"""Positions and velocities of people before the calibrated camera of PETS 2009, S2.L1.
 
-- KITTI tracking labels as tables: a first line `# fx ... fy ... cx ... cy ... offset_x ...`, then
-  the columns frame, id, class, truncated, occluded, x, y, width, height (pixels), height_m and so
-  on, X, Y, Z (meters, of the lower center, z forward).
-- PETS 2009, S2.L1: MOT's `gt.txt` with x and y on the ground in columns 8 and 9 and `det.txt`, and
-  the published Tsai calibration of the view (`View_001.xml`).
-- Frames of a depth camera: NAME.jpg, NAME_depth.png (millimeters) and NAME_mask.jpg.
+The folder has MOT's `gt.txt`, with x and y on the ground in columns 8 and 9, and `det.txt`; the
+published Tsai calibration of the view is `View_001.xml`.
 """
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -20,64 +15,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
+from tables import Table
 
 from pf_tracker_ros.boxes import pairwise_iou
-from pf_tracker_ros.world import CameraModel
+from pf_tracker_ros.progress import OnProgress
+from pf_tracker_ros.world import CameraModel, GroundPlane, Localizer, PositionFilter, in_fixed_frame
+from world_parts.errors import Array, Errors
 
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class LabeledBoxes:
-    """Boxes with their targets' positions before one camera.
-
-    Attributes:
-        name: Of the sequence.
-        camera: Of all boxes.
-        boxes: (N, 4), pixels.
-        positions: (N, 3) lower centers in camera coordinates, meters.
-        is_whole: (N,) whether all of the target is visible and inside the image.
-        at_border: (N,) whether the box reaches the border of the image.
-    """
-
-    name: str
-    camera: CameraModel
-    boxes: Array
-    positions: Array
-    is_whole: NDArray[np.bool_]
-    at_border: NDArray[np.bool_]
-
-
-def read_kitti(path: Path) -> LabeledBoxes:
-    """The labels of one sequence. The image ends where the farthest box does.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no such table.
-    """
-    first, *lines = path.read_text(encoding="utf-8").splitlines()
-    words = first.lstrip("# ").split()
-    numbers = dict(zip(words[::2], map(float, words[1::2]), strict=True))
-    rows = list(csv.DictReader(lines))
-    try:
-        boxes = _columns(rows, "x", "y", "width", "height")
-        positions = _columns(rows, "X", "Y", "Z")
-        hidden = _columns(rows, "truncated", "occluded")
-        fx, fy, cx, cy, offset = (numbers[name] for name in ("fx", "fy", "cx", "cy", "offset_x"))
-    except KeyError as error:
-        raise ValueError(f"{path} has no column or number {error}") from error
-    positions[:, 0] += offset
-    ends = boxes[:, :2] + boxes[:, 2:]
-    # Boxes end at the last pixel of the image, counted from 0.
-    width, height = (int(end) for end in np.maximum(np.rint(ends.max(axis=0)) + 1.0, (1224, 370)))
-    at_border = (boxes[:, :2] < 2.0).any(axis=1) | (ends > (width - 2.0, height - 2.0)).any(axis=1)
-    is_whole = ~at_border & (hidden == 0.0).all(axis=1)
-    camera = CameraModel(fx, fy, cx, cy, width, height)
-    return LabeledBoxes(path.stem, camera, boxes, positions, is_whole, at_border)
-
-
-def _columns(rows: list[dict[str, str]], *names: str) -> Array:
-    return np.array([[float(row[name]) for name in names] for row in rows])
+RATE = 7.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,28 +146,57 @@ def read_ground_tracks(folder: Path, rate: float) -> GroundTracks:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class DepthFrame:
-    """A frame of a depth camera with the pixels of one target.
+def pets_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgress) -> Table:
+    """Positions on the ground, raw and filtered, and velocities."""
+    plane = GroundPlane.from_pose(camera.rotation, camera.translation)
+    localizer = Localizer(camera.model, plane.height, plane.pitch, plane.roll)
+    measured = locate_all(camera, localizer, tracks.boxes)
+    raw, filtered, velocities = [], [], []
+    for identity in np.unique(tracks.ids):
+        tracker, updates = PositionFilter(), 0
+        for index in np.flatnonzero(tracks.ids == identity):
+            measurement = measured[index]
+            if measurement is None:
+                continue
+            stamp = round(tracks.frames[index] / RATE * 1e9)
+            tracker.update(stamp, measurement[0], measurement[1:])
+            updates += 1
+            state = tracker.predict(stamp)
+            if state is None:
+                continue
+            true = tracks.positions[index]
+            raw.append((measurement[0] - true, measurement[1:]))
+            filtered.append((state.position - true, state.covariance[:2, :2]))
+            # After half a second.
+            if updates > 3 and np.isfinite(tracks.velocities[index]).all():
+                error = state.velocity - tracks.velocities[index]
+                velocities.append((error, state.covariance[2:, 2:]))
+        on_progress("PETS", 1)
+    rows = [
+        [name, *_errors_of(pairs).cells()]
+        for name, pairs in (
+            ("position, m", raw),
+            ("filtered, m", filtered),
+            ("velocity, m/s", velocities),
+        )
+    ]
+    headings = ("PETS 2009, detector's boxes", "frames", "median", "90 %", "NEES", "inside")
+    return Table("People before a calibrated camera", headings, [rows])
 
-    Attributes:
-        image: (H, W, 3) uint8 BGR.
-        depth: (H, W) uint16, millimeters.
-        mask: (H, W) whether a pixel is the target's.
-    """
 
-    image: NDArray[np.uint8]
-    depth: NDArray[np.uint16]
-    mask: NDArray[np.bool_]
+def locate_all(camera: FixedCamera, localizer: Localizer, boxes: Array) -> list[Array | None]:
+    """For each box (3, 2): position on the ground in the world, and its covariance."""
+    found: list[Array | None] = []
+    for box in boxes:
+        place = localizer.locate(box)
+        if place is None:
+            found.append(None)
+            continue
+        fixed = in_fixed_frame(place, camera.rotation, camera.translation)
+        found.append(np.vstack([fixed.mean[:2], fixed.covariance[:2, :2]]))
+    return found
 
 
-def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
-    """The frames of a folder in the order of their names."""
-    for path in sorted(folder.glob("*_depth.png")):
-        stem = path.name.removesuffix("_depth.png")
-        image = cv2.imread(str(folder / f"{stem}.jpg"))
-        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        mask = cv2.imread(str(folder / f"{stem}_mask.jpg"), cv2.IMREAD_GRAYSCALE)
-        if image is None or depth is None or mask is None:
-            raise ValueError(f"{path} or its image or mask is no image")
-        yield DepthFrame(image, depth, mask > 127)
+def _errors_of(pairs: Sequence[tuple[Array, Array]]) -> Errors:
+    errors, covariances = zip(*pairs, strict=True)
+    return Errors.of(np.array(errors), np.array(covariances))

@@ -1,0 +1,1 @@
+"""Positions in meters: one file for each recording or scene, with its reader and its table."""

@@ -1,0 +1,141 @@
+"""Range and occlusion from the frames of a depth camera.
+
+A frame is NAME.jpg, NAME_depth.png (millimeters) and NAME_mask.jpg.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from tables import Table
+from world_scenes import box_around, corrupted
+
+from pf_tracker_ros.progress import OnProgress
+from pf_tracker_ros.world import CameraModel, Localizer
+from world_parts.errors import auroc
+
+# Boxes of the depth camera are larger than the target by this share at each side.
+LOOSE = 0.15
+# Distance of a passing occluder, of that of the target; its width, of the target's; frames to pass.
+OCCLUDER_NEAR, OCCLUDER_WIDTH, OCCLUDER_FRAMES = 0.55, 0.3, 25
+
+
+@dataclass(frozen=True, eq=False)
+class DepthFrame:
+    """A frame of a depth camera with the pixels of one target.
+
+    Attributes:
+        image: (H, W, 3) uint8 BGR.
+        depth: (H, W) uint16, millimeters.
+        mask: (H, W) whether a pixel is the target's.
+    """
+
+    image: NDArray[np.uint8]
+    depth: NDArray[np.uint16]
+    mask: NDArray[np.bool_]
+
+
+def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
+    """The frames of a folder in the order of their names."""
+    for path in sorted(folder.glob("*_depth.png")):
+        stem = path.name.removesuffix("_depth.png")
+        image = cv2.imread(str(folder / f"{stem}.jpg"))
+        depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        mask = cv2.imread(str(folder / f"{stem}_mask.jpg"), cv2.IMREAD_GRAYSCALE)
+        if image is None or depth is None or mask is None:
+            raise ValueError(f"{path} or its image or mask is no image")
+        yield DepthFrame(image, depth, mask > 127)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is done to the frames.
+
+    Attributes:
+        name: Of the row.
+        holes: Share of the depth without a value.
+        is_occluded: Whether something passes in front of the target.
+        is_predicted: Whether the localizer is told the range of the last frame.
+    """
+
+    name: str
+    holes: float = 0.0
+    is_occluded: bool = False
+    is_predicted: bool = False
+
+
+CASES = (
+    Case("loose box"),
+    Case("30 % holes", 0.3),
+    Case("30 % holes, occluder", 0.3, is_occluded=True),
+    Case("30 % holes, occluder, predicted range", 0.3, is_occluded=True, is_predicted=True),
+)
+
+
+def depth_table(folder: Path, on_progress: OnProgress) -> Table:
+    """Frames of a depth camera, as they are, with holes, and with a passing occluder."""
+    headings = ("", "off by over 10 %, %", "median error, %", "AUROC of the occlusion")
+    rows = [_row(case, folder, on_progress) for case in CASES]
+    return Table("Frames of a depth camera", headings, [rows])
+
+
+def _row(case: Case, folder: Path, on_progress: OnProgress) -> list[str]:
+    generator = np.random.default_rng(0)
+    localizer, prediction = Localizer(CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480)), None
+    errors, evidence, hidden = [], [], []
+    for index, original in enumerate(read_depth_frames(folder)):
+        frame = original
+        true = float(np.median(frame.depth[frame.mask & (frame.depth > 0)])) * 1e-3
+        x, y, width, height = box_around(frame.mask)
+        share = 0.0
+        if case.is_occluded:
+            frame, share = _occluded(frame, index, OCCLUDER_NEAR * true)
+        place = localizer.locate(
+            (
+                x - LOOSE * width,
+                y - LOOSE * height,
+                (1.0 + 2.0 * LOOSE) * width,
+                (1.0 + 2.0 * LOOSE) * height,
+            ),
+            image=frame.image,
+            depth=corrupted(frame.depth * 1e-3, case.holes, generator)
+            if case.holes
+            else frame.depth,
+            predicted_range=prediction if case.is_predicted else None,
+        )
+        on_progress(case.name, 1)
+        if place is None:
+            errors.append(np.inf)
+            continue
+        distance = float(place.position[2])
+        # The lower center may be far below a half figure: along the bearing.
+        prediction = (distance / float(place.bearing[2]), 0.05 * distance + 0.05)
+        errors.append(abs(distance / true - 1.0))
+        if place.occlusion is not None:
+            evidence.append(place.occlusion)
+            hidden.append(share)
+    return [
+        case.name,
+        f"{100.0 * float((np.array(errors) > 0.1).mean()):.1f}",
+        f"{100.0 * float(np.median(errors)):.1f}",
+        auroc(np.array(evidence), np.array(hidden) > 0.05) if case.is_occluded else "-",
+    ]
+
+
+def _occluded(frame: DepthFrame, index: int, distance: float) -> tuple[DepthFrame, float]:
+    """A frame with something that passes in front, and the share of the target that it hides."""
+    x, _, width, _ = box_around(frame.mask)
+    image, depth = frame.image.copy(), frame.depth.copy()
+    phase = index % OCCLUDER_FRAMES / OCCLUDER_FRAMES
+    middle = x + (1.6 * phase - 0.3) * width
+    left = max(int(middle - OCCLUDER_WIDTH * width / 2), 0)
+    right = max(int(middle + OCCLUDER_WIDTH * width / 2), left)
+    depth[:, left:right] = round(1000.0 * distance)
+    image[:, left:right] = (30, 90, 160)
+    hidden = float(frame.mask[:, left:right].sum() / frame.mask.sum())
+    return DepthFrame(image, depth, frame.mask), hidden
