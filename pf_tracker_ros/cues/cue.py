@@ -126,6 +126,22 @@ class PredictedTarget(NamedTuple):
     doubt: float = 1.0
 
 
+class NetworkUse(NamedTuple):
+    """Use of a network.
+
+    Attributes:
+        runs: Number of its runs.
+        seconds: Time that they took.
+    """
+
+    runs: int = 0
+    seconds: float = 0.0
+
+    def since(self, before: NetworkUse) -> NetworkUse:
+        """Use after an earlier state of it."""
+        return NetworkUse(self.runs - before.runs, self.seconds - before.seconds)
+
+
 class Cue(Protocol):
     """Compares boxes with a template of the target.
 
@@ -138,7 +154,8 @@ class Cue(Protocol):
         joins_search: Whether its likelihood is added in a search by searchable cues. It is cheap
             for many boxes, but does not find the target alone.
         proposes: Whether it proposes boxes (`propose`).
-        weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target.
+        weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target,
+            and with its `reliability`.
     """
 
     uses_center_box_size: ClassVar[bool] = False
@@ -152,6 +169,11 @@ class Cue(Protocol):
     def context_margin(self) -> float:
         """Margin around a box that the cue reads, in box sides."""
         return 0.0
+
+    @property
+    def network_use(self) -> NetworkUse | None:
+        """Use of the cue's network since it was made; None without a network."""
+        return None
 
     @abstractmethod
     def learn(self, region: Region, box: NDArray[np.float64]) -> Any:
@@ -191,6 +213,13 @@ class Cue(Protocol):
     def propose(self, region: Region, template: Any) -> ProposedBoxes | None:
         """Boxes that may be the target, for the proposal; None without any."""
         return None
+
+    def reliability(self, template: Any) -> float:
+        """How far a cue that weighs in doubt is believed on this target, 0 to 1.
+
+        It is a factor of its weight. With 0 the cue is not used on the target at all.
+        """
+        return 1.0
 
     @abstractmethod
     def match(self, observation: Any, template: Any) -> Match | None:
