@@ -154,8 +154,7 @@ class Cue(Protocol):
         joins_search: Whether its likelihood is added in a search by searchable cues. It is cheap
             for many boxes, but does not find the target alone.
         proposes: Whether it proposes boxes (`propose`).
-        weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target,
-            and with its `reliability`.
+        weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target.
     """
 
     uses_center_box_size: ClassVar[bool] = False
@@ -214,12 +213,9 @@ class Cue(Protocol):
         """Boxes that may be the target, for the proposal; None without any."""
         return None
 
-    def reliability(self, template: Any) -> float:
-        """How far a cue that weighs in doubt is believed on this target, 0 to 1.
-
-        It is a factor of its weight. With 0 the cue is not used on the target at all.
-        """
-        return 1.0
+    def suits(self, template: Any) -> bool:
+        """Whether a cue that weighs in doubt is used on the target of a template at all."""
+        return True
 
     @abstractmethod
     def match(self, observation: Any, template: Any) -> Match | None:

@@ -179,7 +179,7 @@ class CueFusion:
             with_template = [
                 PredictedTarget(region, templates[name], first[name], doubt if in_doubt else 1.0)
                 for region, templates, first, doubt in predicted_targets
-                if name in templates and (not in_doubt or cue.reliability(templates[name]) > 0.0)
+                if name in templates and (not in_doubt or cue.suits(templates[name]))
             ]
             if with_template:
                 cue.precompute(with_template)
@@ -276,11 +276,12 @@ class CueFusion:
             templates: Templates of the target.
             doubt: Doubt about the last estimate, 0 to 1.
         """
-        return {
-            name: doubt * cue.reliability(template) if _responds(cue, region, template) else 0.0
-            for name, cue, template in self._with_template(templates)
-            if name in self._in_doubt
-        }
+        factors = dict.fromkeys(self._in_doubt, doubt)
+        for name in self._in_doubt & self._searchable.keys() & templates.keys():
+            # A silent cue would only dilute the others.
+            if not self._searchable[name].responds(region, templates[name]):
+                factors[name] = 0.0
+        return factors
 
     def adapt(
         self,
@@ -375,8 +376,3 @@ class CueFusion:
         return [
             (name, cue, templates[name]) for name, cue in self._cues.items() if name in templates
         ]
-
-
-def _responds(cue: Cue, region: Region, template: Any) -> bool:
-    """Whether a cue has something to say in a region."""
-    return not isinstance(cue, SearchableCue) or cue.responds(region, template)

@@ -12,10 +12,10 @@
 4. Low log odds of the candidate at the estimate lower the confidence.
 
 The weight of the cue grows with the doubt about the last estimate: where the other cues are sure of
-it, they have the better box; where they are not, the network often still knows the target. It also
-grows with the network's reliability on this target: its usual log odds at estimates without a
-doubt. The network runs at most once a frame for each target, around its predicted box; elsewhere
-the cue is silent. Its template is that of the first box, so it cannot drift.
+it, they have the better box; where they are not, the network often still knows the target. The
+network runs at most once a frame for each target, around its predicted box; elsewhere the cue is
+silent and has no weight. Its template is that of the first box, so it cannot drift. A network for
+color images is not used on gray ones, unless no other cue is selected.
 
 Sources: see `networks.siamese`; Okuma et al. 2004, "A boosted particle filter: multitarget
 detection and tracking" (particles at detections).
@@ -27,7 +27,7 @@ import logging
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -57,15 +57,9 @@ _CENTER_STD, _SIZE_STD = 0.35, 0.6
 # How fast the log likelihood falls with the response: in the most doubt, where the other cues are
 # about as sharp, a candidate outweighs them.
 _SHARPNESS = 400.0
-# The log odds of a candidate at the estimate count against the target below the usual ones of the
-# target or, if those are higher, below the second value, down to the first, by this slope. Higher
-# ones add nothing: distractors have them, too.
+# The log odds of a candidate at the estimate count against the target below the second value, down
+# to the first, by this slope. Higher ones add nothing: distractors have them, too.
 _LEAST_ODDS, _USUAL_ODDS, _ODDS_SLOPE = -3.0, 2.0, 0.5
-# Usual log odds up to which a network is not believed, and from which on it is. A little remains,
-# so that it goes on looking.
-_UNRELIABLE_ODDS, _RELIABLE_ODDS, _LEAST_RELIABILITY = 0.8, 1.6, 0.001
-# Least share of a new look in the usual log odds; looks at a new target that wait for no doubt.
-_USUAL_RATE, _FIRST_LOOKS = 0.05, 20
 
 
 @dataclass(frozen=True)
@@ -88,26 +82,15 @@ class SiameseParameters(CueParameters):
 
 @dataclass(frozen=True, eq=False)
 class SiameseTemplate:
-    """The network's template of a target, and how well the network has known it so far.
+    """The network's template of a target.
 
     Attributes:
         network: Of the first box.
-        usual_odds: Smoothed log odds of the candidate at estimates without a doubt.
-        looks: Number of such estimates.
-        fits: Whether the network is made for such images.
+        suits: Whether the network is meant for such images.
     """
 
     network: NetworkTemplate
-    usual_odds: float
-    looks: int = 0
-    fits: bool = True
-
-
-class _Look(NamedTuple):
-    """What the network found in a region, and the doubt about the last estimate."""
-
-    candidates: Candidates
-    doubt: float
+    suits: bool
 
 
 class SiameseObservation(NamedTuple):
@@ -153,18 +136,12 @@ class Siamese(SearchableCue):
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> SiameseTemplate:
         """See `Cue.learn`."""
-        template = self._network.learn(region.frame, box)
-        candidates = self._network.find(region.frame, template, box)
-        usual_odds = max(_odds_among(candidates, box), _LEAST_ODDS)
-        fits = self._network.fits(region.frame, box)
-        return SiameseTemplate(template, usual_odds, fits=fits)
+        frame = region.frame
+        return SiameseTemplate(self._network.learn(frame, box), self._network.suits(frame, box))
 
-    def reliability(self, template: SiameseTemplate) -> float:
-        """See `Cue.reliability`: it grows with the usual log odds of the target."""
-        if not template.fits:
-            return 0.0
-        above = (template.usual_odds - _UNRELIABLE_ODDS) / (_RELIABLE_ODDS - _UNRELIABLE_ODDS)
-        return min(max(above, _LEAST_RELIABILITY), 1.0)
+    def suits(self, template: SiameseTemplate) -> bool:
+        """See `Cue.suits`."""
+        return template.suits
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> SiameseObservation:
         """See `Cue.observe`."""
@@ -177,15 +154,14 @@ class Siamese(SearchableCue):
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """See `Cue.precompute`; without it, or where no cell has a box, the cue is silent."""
         for one in predicted_targets:
-            is_new = one.template.looks < _FIRST_LOOKS
-            if one.doubt > 0.0 or is_new or not self._only_in_doubt:
+            if one.doubt > 0.0 or not self._only_in_doubt:
                 region = one.region
                 start = time.perf_counter()
                 found = self._network.find(region.frame, one.template.network, region.center_box)
                 seconds = self._use.seconds + time.perf_counter() - start
                 self._use = NetworkUse(self._use.runs + 1, seconds)
                 if len(found.boxes):
-                    region.store(_key(one.template), _Look(found.likeliest(_COMPARED), one.doubt))
+                    region.store(_key(one.template), found.likeliest(_COMPARED))
                 elif not self._has_told:
                     self._has_told = True
                     logging.getLogger(__name__).warning(
@@ -231,9 +207,7 @@ class Siamese(SearchableCue):
     def propose(self, region: Region, template: SiameseTemplate) -> ProposedBoxes | None:
         """See `Cue.propose`."""
         found = _found(region, template)
-        if found is None:
-            return None
-        return ProposedBoxes(found.boxes, found.probabilities * self.reliability(template))
+        return None if found is None else ProposedBoxes(found.boxes, found.probabilities)
 
     def match(self, observation: SiameseObservation, template: SiameseTemplate) -> Match | None:
         """See `Cue.match`; the other cues decide what is learned."""
@@ -246,8 +220,7 @@ class Siamese(SearchableCue):
         odds = _odds_at(observation, template)
         if odds is None:
             return {}
-        missing = max(odds, _LEAST_ODDS) - min(template.usual_odds, _USUAL_ODDS)
-        return {"score": _ODDS_SLOPE * self.reliability(template) * min(missing, 0.0)}
+        return {"score": _ODDS_SLOPE * (min(max(odds, _LEAST_ODDS), _USUAL_ODDS) - _USUAL_ODDS)}
 
     def recognition(self, observation: SiameseObservation, template: SiameseTemplate) -> float:
         """See `Cue.recognition`: the probability of the candidate there."""
@@ -255,28 +228,17 @@ class Siamese(SearchableCue):
         return 0.0 if odds is None else 0.5 * (1.0 + math.tanh(odds / 2))
 
     def blend(self, template: SiameseTemplate, observation: SiameseObservation) -> SiameseTemplate:
-        """See `Cue.blend`; the network's template stays, and only its usual log odds change."""
-        look = _look(observation.region, template)
-        if look is None or look.doubt > 0.0:
-            return template
-        odds = max(_odds_among(look.candidates, observation.box), _LEAST_ODDS)
-        looks = template.looks + 1
-        # The mean of the first looks; the first frame is too easy to count.
-        rate = max(_USUAL_RATE, 1.0 / looks)
-        usual_odds = template.usual_odds + rate * (odds - template.usual_odds)
-        return replace(template, usual_odds=usual_odds, looks=looks)
+        """See `Cue.blend`; the template stays."""
+        return template
 
 
 def _odds_at(observation: SiameseObservation, template: SiameseTemplate) -> float | None:
     """Log odds of the best candidate at the observed box; None where the cue is silent."""
     found = _found(observation.region, template)
-    return None if found is None else _odds_among(found, observation.box)
-
-
-def _odds_among(candidates: Candidates, box: NDArray[np.float64]) -> float:
-    """Log odds of the best candidate at a (4,) box; minus infinity without any."""
-    log_likeness = _log_likeness(candidates.boxes, BoxesByAxis(*box), _SIZE_STD)
-    return float((candidates.log_odds + log_likeness).max(initial=-math.inf))
+    if found is None:
+        return None
+    log_likeness = _log_likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
+    return float((found.log_odds + log_likeness).max())
 
 
 def _log_likeness(
@@ -303,15 +265,10 @@ def _log_likeness(
 
 def _found(region: Region, template: SiameseTemplate) -> Candidates | None:
     """What the network found in a region; None where it did not run."""
-    look = _look(region, template)
-    return None if look is None else look.candidates
-
-
-def _look(region: Region, template: SiameseTemplate) -> _Look | None:
-    look: _Look | None = region.cached(_key(template), lambda: None)
-    return look
+    found: Candidates | None = region.cached(_key(template), lambda: None)
+    return found
 
 
 def _key(template: SiameseTemplate) -> object:
-    """Key of a look in a region's cache."""
+    """Key of the candidates in a region's cache."""
     return "siamese candidates", template

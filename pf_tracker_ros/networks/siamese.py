@@ -135,7 +135,7 @@ class SiameseNetwork(DescribedNetwork):
         boxes = np.hstack([centers - sizes / 2, np.maximum(sizes, 1.0)])
         return Candidates(boxes, log_odds, left_out=int(np.sum(~usable)))
 
-    def fits(self, frame: Frame, box: NDArray[np.float64]) -> bool:
+    def suits(self, frame: Frame, box: NDArray[np.float64]) -> bool:
         """Whether the network is meant for the image around a (4,) box, pixels."""
         if not self.description.color_only:
             return True

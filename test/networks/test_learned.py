@@ -47,10 +47,9 @@ def followed(tracker, images, box=BOX):
 def make_region(model, picture):
     """The cue, its template, and a region that it has seen or not, of a target at (130, 100)."""
 
-    def make(doubt=1.0, looks=0, **parameters):
+    def make(doubt=1.0, **parameters):
         cue = Siamese(SiameseParameters(model=str(model), **parameters))
         template = cue.learn(Region(Frame(picture((120, 100))), BOX[None]), BOX)
-        template = replace(template, looks=looks)
         region = Region(Frame(picture((130, 100))), BOX[None], center_box=BOX)
         cue.precompute([PredictedTarget(region, template, template, doubt)])
         return cue, template, region
@@ -98,14 +97,13 @@ def test_a_candidate_is_recognized(make_region):
 
 
 def test_only_in_doubt_it_is_silent_otherwise(make_region):
-    cue, template, region = make_region(doubt=0.0, looks=20, when="doubtful")
+    cue, template, region = make_region(doubt=0.0, when="doubtful")
     assert not cue.responds(region, template)
     assert not cue.response(region, BOX[None], template).any()
     assert cue.propose(region, template) is None
     assert cue.log_odds(cue.observe(region, BOX), template, template) == {}
-    for doubt, looks in ((0.2, 20), (0.0, 19)):
-        cue, template, region = make_region(doubt, looks, when="doubtful")
-        assert cue.responds(region, template)
+    cue, template, region = make_region(doubt=0.2, when="doubtful")
+    assert cue.responds(region, template)
 
 
 @pytest.mark.parametrize("when", ["always", "doubtful"])
@@ -139,29 +137,13 @@ def fused(cue):
     return CueFusion({"siamese": (cue, 1.0), "other": (other, 0.5)})
 
 
-@pytest.mark.parametrize(
-    ("usual_odds", "reliability"), [(-3.0, 0.001), (0.8, 0.001), (1.2, 0.5), (1.6, 1.0), (9.0, 1.0)]
-)
-def test_it_is_believed_as_far_as_it_usually_knows_the_target(make_region, usual_odds, reliability):
+def test_its_weight_is_the_doubt_where_it_is_not_silent(make_region):
     cue, template, region = make_region()
-    template = replace(template, usual_odds=usual_odds)
-    assert cue.reliability(template) == pytest.approx(reliability)
-    assert cue.reliability(replace(template, fits=False)) == 0.0
-    cue.precompute([PredictedTarget(region, template, template, 1.0)])
-    fusion = CueFusion(
-        {
-            "siamese": (cue, 1.0),
-            "other": (CUES["foreground"](CUES.parameters_of("foreground")()), 0.5),
-        }
-    )
-    factors = fusion.weights_in_doubt(region, {"siamese": template}, 0.4)
-    assert factors == {"siamese": pytest.approx(0.4 * reliability)}
-    probabilities = cue.propose(region, template).probabilities
-    assert probabilities[0] == pytest.approx(reliability, abs=1e-3)
+    assert fused(cue).weights_in_doubt(region, {"siamese": template}, 0.4) == {"siamese": 0.4}
 
 
 def test_a_silent_cue_has_no_weight(make_region):
-    cue, template, region = make_region(doubt=0.0, looks=20, when="doubtful")
+    cue, template, region = make_region(doubt=0.0, when="doubtful")
     fusion = CueFusion(
         {
             "siamese": (cue, 1.0),
@@ -169,17 +151,6 @@ def test_a_silent_cue_has_no_weight(make_region):
         }
     )
     assert fusion.weights_in_doubt(region, {"siamese": template}, 0.4) == {"siamese": 0.0}
-
-
-def test_only_estimates_without_a_doubt_change_its_usual_log_odds(make_region):
-    for doubt, looks, share in ((0.0, 0, 1.0), (0.0, 3, 0.25), (0.0, 50, 0.05), (0.1, 3, 0.0)):
-        cue, template, region = make_region(doubt, looks)
-        beside = np.array([250.0, 100.0, 40.0, 40.0])
-        blended = cue.blend(template, cue.observe(region, beside))
-        # The candidates are far away: their log odds there count as -3.
-        expected = template.usual_odds + share * (-3.0 - template.usual_odds)
-        assert blended.usual_odds == pytest.approx(expected)
-        assert blended.looks == looks + (doubt == 0.0)
 
 
 def test_a_network_for_color_is_not_used_on_gray_images(write_model, description, walk):
