@@ -75,7 +75,7 @@ class AppearanceParameters:
     kind: str = declared(
         "color_stripes",
         "Appearance that identifies targets: color_stripes uses color histograms of horizontal "
-        "stripes of their boxes.",
+        "stripes of their boxes; embedding uses a network that you supply.",
         choices=APPEARANCES,
         read_only=True,
     )

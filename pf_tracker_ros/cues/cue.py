@@ -126,6 +126,22 @@ class PredictedTarget(NamedTuple):
     doubt: float = 1.0
 
 
+class NetworkUse(NamedTuple):
+    """Use of a network.
+
+    Attributes:
+        runs: Number of its runs.
+        seconds: Time that they took.
+    """
+
+    runs: int = 0
+    seconds: float = 0.0
+
+    def since(self, before: NetworkUse) -> NetworkUse:
+        """Use after an earlier state of it."""
+        return NetworkUse(self.runs - before.runs, self.seconds - before.seconds)
+
+
 class Cue(Protocol):
     """Compares boxes with a template of the target.
 
@@ -152,6 +168,11 @@ class Cue(Protocol):
     def context_margin(self) -> float:
         """Margin around a box that the cue reads, in box sides."""
         return 0.0
+
+    @property
+    def network_use(self) -> NetworkUse | None:
+        """Use of the cue's network since it was made; None without a network."""
+        return None
 
     @abstractmethod
     def learn(self, region: Region, box: NDArray[np.float64]) -> Any:
@@ -191,6 +212,10 @@ class Cue(Protocol):
     def propose(self, region: Region, template: Any) -> ProposedBoxes | None:
         """Boxes that may be the target, for the proposal; None without any."""
         return None
+
+    def suits(self, template: Any) -> bool:
+        """Whether a cue that weighs in doubt is used on the target of a template at all."""
+        return True
 
     @abstractmethod
     def match(self, observation: Any, template: Any) -> Match | None:

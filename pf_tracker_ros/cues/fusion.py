@@ -16,13 +16,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, PredictedTarget, SearchableCue
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, NetworkUse, PredictedTarget, SearchableCue
 from pf_tracker_ros.filter import ProposedBoxes
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
@@ -155,6 +156,12 @@ class CueFusion:
         self.needs_foreground = any(cue.needs_foreground for cue in self._cues.values())
         self.uses_center_box_size = any(cue.uses_center_box_size for cue in self._cues.values())
 
+    @property
+    def network_use(self) -> NetworkUse | None:
+        """Use of the cues' network; None if no cue has one."""
+        used = (cue.network_use for cue in self._cues.values())
+        return next((one for one in used if one is not None), None)
+
     def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
@@ -168,12 +175,11 @@ class CueFusion:
             predicted_targets: Region, templates, first templates and doubt of each target.
         """
         for name, cue in self._cues.items():
+            in_doubt = name in self._in_doubt
             with_template = [
-                PredictedTarget(
-                    region, templates[name], first[name], doubt if self._in_doubt else 1.0
-                )
+                PredictedTarget(region, templates[name], first[name], doubt if in_doubt else 1.0)
                 for region, templates, first, doubt in predicted_targets
-                if name in templates
+                if name in templates and (not in_doubt or cue.suits(templates[name]))
             ]
             if with_template:
                 cue.precompute(with_template)
@@ -260,15 +266,35 @@ class CueFusion:
                 return proposed
         return None
 
+    def weights_in_doubt(
+        self, region: Region, templates: Templates, doubt: float
+    ) -> Mapping[str, float]:
+        """Name of each cue that weighs in doubt to the factor of its weight, 0 to 1.
+
+        Args:
+            region: Region of the frame.
+            templates: Templates of the target.
+            doubt: Doubt about the last estimate, 0 to 1.
+        """
+        factors = dict.fromkeys(self._in_doubt, doubt)
+        for name in self._in_doubt & self._searchable.keys() & templates.keys():
+            # A silent cue would only dilute the others.
+            if not self._searchable[name].responds(region, templates[name]):
+                factors[name] = 0.0
+        return factors
+
     def adapt(
-        self, distractor_ratios: DistractorRatios, adaptation: float, doubt: float = 1.0
+        self,
+        distractor_ratios: DistractorRatios,
+        adaptation: float,
+        factors: Mapping[str, float] = MappingProxyType({}),
     ) -> CueWeights:
         """The cue weights, raised for cues of below-average distractor ratio; they sum to 1.
 
         Args:
             distractor_ratios: Smoothed ratios.
             adaptation: See `FusionParameters`.
-            doubt: Factor of the cues that weigh in doubt, 0 to 1.
+            factors: See `weights_in_doubt`.
         """
         cue_weights = self.cue_weights
         if distractor_ratios and adaptation:
@@ -281,12 +307,11 @@ class CueFusion:
                 )
                 for name, weight in cue_weights.items()
             }
-        elif not self._in_doubt:
+        elif not factors:
             return cue_weights
-        if self._in_doubt:
+        if factors:
             cue_weights = {
-                name: weight * doubt if name in self._in_doubt else weight
-                for name, weight in cue_weights.items()
+                name: weight * factors.get(name, 1.0) for name, weight in cue_weights.items()
             }
         total = sum(cue_weights.values())
         return {name: weight / total for name, weight in cue_weights.items()}

@@ -14,7 +14,8 @@
 The weight of the cue grows with the doubt about the last estimate: where the other cues are sure of
 it, they have the better box; where they are not, the network often still knows the target. The
 network runs at most once a frame for each target, around its predicted box; elsewhere the cue is
-silent. Its template is that of the first box, so it cannot drift.
+silent and has no weight. Its template is that of the first box, so it cannot drift. A network for
+color images is not used on gray ones, unless no other cue is selected.
 
 Sources: see `networks.siamese`; Okuma et al. 2004, "A boosted particle filter: multitarget
 detection and tracking" (particles at detections).
@@ -24,6 +25,7 @@ from __future__ import annotations
 
 import logging
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -36,6 +38,7 @@ from pf_tracker_ros.cues.cue import (
     CUES,
     CueParameters,
     Match,
+    NetworkUse,
     PredictedTarget,
     SearchableCue,
     declared_weight,
@@ -51,6 +54,9 @@ if TYPE_CHECKING:
 _COMPARED = 12
 # Standard deviations of a candidate's center, box sides, and of the logarithms of its sides.
 _CENTER_STD, _SIZE_STD = 0.35, 0.6
+# How fast the log likelihood falls with the response: in the most doubt, where the other cues are
+# about as sharp, a candidate outweighs them.
+_SHARPNESS = 400.0
 # The log odds of a candidate at the estimate count against the target below the second value, down
 # to the first, by this slope. Higher ones add nothing: distractors have them, too.
 _LEAST_ODDS, _USUAL_ODDS, _ODDS_SLOPE = -3.0, 2.0, 0.5
@@ -66,24 +72,25 @@ class SiameseParameters(CueParameters):
         "Folder of the network, or the path of its description; see docs/learned.md.",
         read_only=True,
     )
-    engine: str = declared(
-        "auto",
-        "Library that runs the network. auto: ONNX Runtime where it is installed, else OpenCV.",
-        choices=("auto", "onnxruntime", "opencv"),
-        read_only=True,
-    )
     when: str = declared(
         "always",
         "When the network runs. always: in every frame; doubtful: while the confidence is below "
         "0.6, for less CPU time.",
         choices=("always", "doubtful"),
     )
-    sharpness: float = declared(
-        400.0,
-        "How fast the likelihood falls with a falling response.",
-        minimum=0.0,
-        maximum=1000.0,
-    )
+
+
+@dataclass(frozen=True, eq=False)
+class SiameseTemplate:
+    """The network's template of a target.
+
+    Attributes:
+        network: Of the first box.
+        suits: Whether the network is meant for such images.
+    """
+
+    network: NetworkTemplate
+    suits: bool
 
 
 class SiameseObservation(NamedTuple):
@@ -103,7 +110,7 @@ class Siamese(SearchableCue):
     """Agreement with the candidates of a Siamese network.
 
     Args:
-        parameters: Network and sharpness.
+        parameters: Network, and when it runs.
 
     Raises:
         ParameterError: The network cannot be used; the message says why.
@@ -114,22 +121,33 @@ class Siamese(SearchableCue):
 
     def __init__(self, parameters: SiameseParameters) -> None:
         # Imported here: nothing but this cue needs it.
-        from pf_tracker_ros.networks.siamese import open_network
+        from pf_tracker_ros.networks.described import open_network
+        from pf_tracker_ros.networks.siamese import SiameseNetwork
 
-        self._network = open_network(parameters.model, parameters.engine)
+        self._network = open_network(SiameseNetwork, parameters.model)
         self._has_told = False
+        self._use = NetworkUse()
         self._only_in_doubt = parameters.when == "doubtful"
-        self._sharpness = parameters.sharpness
 
-    def learn(self, region: Region, box: NDArray[np.float64]) -> NetworkTemplate:
+    @property
+    def network_use(self) -> NetworkUse:
+        """See `Cue.network_use`; without what a new target takes."""
+        return self._use
+
+    def learn(self, region: Region, box: NDArray[np.float64]) -> SiameseTemplate:
         """See `Cue.learn`."""
-        return self._network.learn(region.frame, box)
+        frame = region.frame
+        return SiameseTemplate(self._network.learn(frame, box), self._network.suits(frame, box))
+
+    def suits(self, template: SiameseTemplate) -> bool:
+        """See `Cue.suits`."""
+        return template.suits
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> SiameseObservation:
         """See `Cue.observe`."""
         return SiameseObservation(region, box)
 
-    def template_from(self, observation: SiameseObservation) -> NetworkTemplate:
+    def template_from(self, observation: SiameseObservation) -> SiameseTemplate:
         """See `Cue.template_from`."""
         return self.learn(observation.region, observation.box)
 
@@ -138,7 +156,10 @@ class Siamese(SearchableCue):
         for one in predicted_targets:
             if one.doubt > 0.0 or not self._only_in_doubt:
                 region = one.region
-                found = self._network.find(region.frame, one.template, region.center_box)
+                start = time.perf_counter()
+                found = self._network.find(region.frame, one.template.network, region.center_box)
+                seconds = self._use.seconds + time.perf_counter() - start
+                self._use = NetworkUse(self._use.runs + 1, seconds)
                 if len(found.boxes):
                     region.store(_key(one.template), found.likeliest(_COMPARED))
                 elif not self._has_told:
@@ -149,24 +170,24 @@ class Siamese(SearchableCue):
                         self._network.description.name,
                     )
 
-    def responds(self, region: Region, template: NetworkTemplate) -> bool:
+    def responds(self, region: Region, template: SiameseTemplate) -> bool:
         """See `SearchableCue.responds`."""
         return _found(region, template) is not None
 
     def response(
-        self, region: Region, boxes: NDArray[np.float64], template: NetworkTemplate
+        self, region: Region, boxes: NDArray[np.float64], template: SiameseTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.response`; 0 where the cue is silent."""
         return self._response(region, BoxesByAxis(*boxes.T), template, _SIZE_STD)
 
     def response_on_grid(
-        self, region: Region, grid: BoxGrid, template: NetworkTemplate
+        self, region: Region, grid: BoxGrid, template: SiameseTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.response_on_grid`; the size is left out, as all have the same."""
         return self._response(region, grid.by_axis, template, math.inf)
 
     def _response(
-        self, region: Region, boxes: BoxesByAxis, template: NetworkTemplate, size_std: float
+        self, region: Region, boxes: BoxesByAxis, template: SiameseTemplate, size_std: float
     ) -> NDArray[np.float64]:
         found = _found(region, template)
         shape = np.broadcast(*boxes).shape
@@ -178,22 +199,22 @@ class Siamese(SearchableCue):
         return responses.max(axis=0).ravel()
 
     def log_likelihood_of(
-        self, response: NDArray[np.float64], template: NetworkTemplate
+        self, response: NDArray[np.float64], template: SiameseTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.log_likelihood_of`."""
-        return -self._sharpness * (1.0 - response)
+        return -_SHARPNESS * (1.0 - response)
 
-    def propose(self, region: Region, template: NetworkTemplate) -> ProposedBoxes | None:
+    def propose(self, region: Region, template: SiameseTemplate) -> ProposedBoxes | None:
         """See `Cue.propose`."""
         found = _found(region, template)
         return None if found is None else ProposedBoxes(found.boxes, found.probabilities)
 
-    def match(self, observation: SiameseObservation, template: NetworkTemplate) -> Match | None:
+    def match(self, observation: SiameseObservation, template: SiameseTemplate) -> Match | None:
         """See `Cue.match`; the other cues decide what is learned."""
         return None
 
     def log_odds(
-        self, observation: SiameseObservation, template: NetworkTemplate, first: NetworkTemplate
+        self, observation: SiameseObservation, template: SiameseTemplate, first: SiameseTemplate
     ) -> dict[str, float]:
         """See `Cue.log_odds`."""
         odds = _odds_at(observation, template)
@@ -201,17 +222,17 @@ class Siamese(SearchableCue):
             return {}
         return {"score": _ODDS_SLOPE * (min(max(odds, _LEAST_ODDS), _USUAL_ODDS) - _USUAL_ODDS)}
 
-    def recognition(self, observation: SiameseObservation, template: NetworkTemplate) -> float:
+    def recognition(self, observation: SiameseObservation, template: SiameseTemplate) -> float:
         """See `Cue.recognition`: the probability of the candidate there."""
         odds = _odds_at(observation, template)
         return 0.0 if odds is None else 0.5 * (1.0 + math.tanh(odds / 2))
 
-    def blend(self, template: NetworkTemplate, observation: SiameseObservation) -> NetworkTemplate:
+    def blend(self, template: SiameseTemplate, observation: SiameseObservation) -> SiameseTemplate:
         """See `Cue.blend`; the template stays."""
         return template
 
 
-def _odds_at(observation: SiameseObservation, template: NetworkTemplate) -> float | None:
+def _odds_at(observation: SiameseObservation, template: SiameseTemplate) -> float | None:
     """Log odds of the best candidate at the observed box; None where the cue is silent."""
     found = _found(observation.region, template)
     if found is None:
@@ -242,12 +263,12 @@ def _log_likeness(
     return log_likeness
 
 
-def _found(region: Region, template: NetworkTemplate) -> Candidates | None:
+def _found(region: Region, template: SiameseTemplate) -> Candidates | None:
     """What the network found in a region; None where it did not run."""
     found: Candidates | None = region.cached(_key(template), lambda: None)
     return found
 
 
-def _key(template: NetworkTemplate) -> object:
+def _key(template: SiameseTemplate) -> object:
     """Key of the candidates in a region's cache."""
     return "siamese candidates", template

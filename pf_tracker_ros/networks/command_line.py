@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from pf_tracker_ros.atomic_files import atomic_write
 from pf_tracker_ros.command_lines import Parser
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.networks.described import DescribedNetwork
 from pf_tracker_ros.networks.description import DESCRIPTION_FILE, SHIPPED, read_model
+from pf_tracker_ros.networks.embedding import EmbeddingNetwork
 from pf_tracker_ros.networks.engines import file_hash
 from pf_tracker_ros.networks.siamese import SiameseNetwork
 from pf_tracker_ros.opencv import one_opencv_thread
@@ -26,7 +28,9 @@ examples:
   model check ~/models/fear
   ros2 run pf_tracker_ros tracker --ros-args -p preset:=learned -p siamese.model:=~/models/fear
 """
-# Passes that are timed.
+Result = TypeVar("Result")
+
+# Runs that are timed.
 _TIMED = 20
 
 
@@ -95,17 +99,20 @@ def _check(model: str, engine: str) -> Iterator[str]:
     yield f"{description.name} in {folder}"
     yield f"license: {description.license}"
     yield f"source:  {description.source}"
-    network = SiameseNetwork(model, engine)
-    for name, sha256 in network.hashes.items():
-        yield f"file:    {name}, SHA-256 {sha256}"
-    frame, box = _example()
     with one_opencv_thread():
-        template = network.learn(frame, box)
-        times = []
-        for _ in range(_TIMED):
-            start = time.process_time()
-            found = network.find(frame, template, box)
-            times.append(time.process_time() - start)
+        if description.head.file:
+            yield from _check_head(SiameseNetwork(model, engine))
+        if description.embedding.file:
+            yield from _check_embedding(EmbeddingNetwork(model, engine))
+    yield "It runs as its description says."
+
+
+def _check_head(network: SiameseNetwork) -> Iterator[str]:
+    """Run a Siamese network, and time it."""
+    yield from _files_of(network)
+    frame, box = _example()
+    template = network.learn(frame, box)
+    found, milliseconds = _timed(lambda: network.find(frame, template, box))
     cells = len(found.boxes) + found.left_out
     if found.left_out > cells / 2:
         raise ParameterError(
@@ -113,8 +120,36 @@ def _check(model: str, engine: str) -> Iterator[str]:
             "image of noise; check the description, or export the network again"
         )
     yield f"cells:   {cells}" + (f", {found.left_out} without a box" if found.left_out else "")
-    yield f"time:    {np.median(times) * 1e3:.1f} ms a target and frame with {network.engine}"
-    yield "It runs as its description says."
+    yield f"time:    {milliseconds:.1f} ms a target and frame with {network.engine}"
+
+
+def _check_embedding(network: EmbeddingNetwork) -> Iterator[str]:
+    """Run an embedding network, and time it."""
+    yield from _files_of(network)
+    frame, box = _example()
+    vectors, milliseconds = _timed(lambda: network.embed(frame, box[None]))
+    if not vectors.any():
+        raise ParameterError(
+            "the embedding of an image of noise is not finite, or 0; check the description, or "
+            "export the network again"
+        )
+    yield f"vector:  {vectors.shape[1]} values"
+    yield f"time:    {milliseconds:.1f} ms a detection with {network.engine}"
+
+
+def _files_of(network: DescribedNetwork) -> Iterator[str]:
+    for name, sha256 in network.hashes.items():
+        yield f"file:    {name}, SHA-256 {sha256}"
+
+
+def _timed(run: Callable[[], Result]) -> tuple[Result, float]:
+    """The last result of some runs, and their median time in milliseconds."""
+    times = []
+    for _ in range(_TIMED):
+        start = time.process_time()
+        result = run()
+        times.append(time.process_time() - start)
+    return result, float(np.median(times)) * 1e3
 
 
 def _example() -> tuple[Frame, np.ndarray[Any, np.dtype[np.float64]]]:

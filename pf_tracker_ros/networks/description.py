@@ -1,9 +1,14 @@
-"""The description of a Siamese network: the file `model.yaml` in the folder of its ONNX files.
+"""The description of a network: the file `model.yaml` in the folder of its ONNX files.
+
+A Siamese network, of the cue `siamese`:
 
 1. A crop around the target, the template, is read once; one around its predicted box, the search
    crop, in each frame.
 2. A backbone may convert either crop to features.
 3. The head compares both, and returns a score and a box for each cell of the search crop.
+
+An embedding network, of the appearance `embedding`, converts the crop around a box to a vector;
+vectors of one target are close to each other. A description may have either or both.
 
 Descriptions of published networks are in `models/`; their files are not part of this package.
 """
@@ -107,12 +112,44 @@ class HeadDescription:
 
 
 @dataclass(frozen=True)
+class EmbeddingDescription:
+    """A network from the crop of a box to a vector or a map, for re-identification."""
+
+    file: str = declared("", "File name; empty without an embedding.")
+    sha256: str = declared("", "Hash of the file; empty accepts any.")
+    input: str = declared("input", "Name of the input.")
+    output: str = declared("output", "Name of the output.")
+    width: int = declared(128, "Width of the crop.", unit="px", minimum=8, maximum=4096)
+    height: int = declared(256, "Height of the crop.", unit="px", minimum=8, maximum=4096)
+    scale: float = declared(
+        1.0, "Sides of the crop over those of the box.", minimum=0.1, maximum=20.0
+    )
+    rows: int = declared(
+        1, "Parts from top to bottom in which a map is averaged.", minimum=1, maximum=64
+    )
+    columns: int = declared(
+        1, "Parts from left to right in which a map is averaged.", minimum=1, maximum=64
+    )
+    distance_scale: float = declared(
+        1.0,
+        "Appearance distance over 1 minus the cosine of two vectors. Distances of one target's "
+        "boxes should be about 0.12.",
+        minimum=0.001,
+        maximum=1000.0,
+    )
+
+
+@dataclass(frozen=True)
 class ModelDescription:
-    """A Siamese network."""
+    """A network: a Siamese one, an embedding, or both."""
 
     name: str = declared("", "Name of the network.")
     license: str = declared("", "License of its weights.")
     source: str = declared("", "Where it comes from.")
+    color_only: bool = declared(
+        False,
+        "Whether the network is used in color images only, where other cues track the target too.",
+    )
     channels: str = declared("rgb", "Order of the color channels.", choices=("rgb", "bgr"))
     mean: tuple[float, ...] = declared(
         (0.0, 0.0, 0.0),
@@ -131,11 +168,7 @@ class ModelDescription:
     template: BranchDescription = group(BranchDescription)
     search: BranchDescription = group(BranchDescription)
     head: HeadDescription = group(HeadDescription)
-
-    def files(self) -> dict[str, str]:
-        """Name of each file to its expected hash, or to an empty string."""
-        parts = (self.template.backbone, self.search.backbone, self.head)
-        return {part.file: part.sha256 for part in parts if part.file}
+    embedding: EmbeddingDescription = group(EmbeddingDescription)
 
 
 class Model(NamedTuple):
@@ -169,8 +202,10 @@ def read_model(model: str) -> Model:
     try:
         document = read_yaml(path, "description of a network")
         description = build(ModelDescription, dict(_flat(document, "")))
-        if not description.head.file:
-            raise ParameterError("'head.file' is empty; it names the file of the network")
+        if not (description.head.file or description.embedding.file):
+            raise ParameterError(
+                "'head.file' and 'embedding.file' are empty; either names the file of a network"
+            )
         return Model(description, path.parent)
     except ModuleNotFoundError as error:
         raise ParameterError(f"{error}; a network needs PyYAML: pip install pyyaml") from error

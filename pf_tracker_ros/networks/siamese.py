@@ -14,28 +14,22 @@ has no source.
 
 from __future__ import annotations
 
-import math
-import os
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
-from weakref import WeakValueDictionary
+from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.frame import PixelRect
+from pf_tracker_ros.networks.crops import Crop, crop_around, mean_color, normalized, read_crop
+from pf_tracker_ros.networks.described import DescribedNetwork
 from pf_tracker_ros.networks.description import (
     BranchDescription,
     CropDescription,
     HeadDescription,
-    ModelDescription,
-    description_path,
-    read_model,
 )
-from pf_tracker_ros.networks.engines import Network, Tensor, engine_name, file_hash, load_network
+from pf_tracker_ros.networks.engines import Tensor
 from pf_tracker_ros.parameters import ParameterError
 
 # Probabilities are limited to this distance from 0 and 1, so that their log odds are finite.
@@ -47,6 +41,9 @@ _LARGEST_LOG_ODDS = 20.0
 _CORRECTION, _SAME_ABOVE = 0.75, 0.4
 # Sides of the search crop beyond which a box is no box.
 _LARGEST_BOX = 10.0
+# Least mean range of a pixel's channels in a color image, gray levels; sides of the target and
+# pixels of the crop in which it is measured.
+_LEAST_COLOR, _COLOR_SCALE, _COLOR_PIXELS = 2.0, 2.0, 32
 # Channels of the outputs.
 _SCORE_CHANNELS = {"log_odds": 1, "two_classes": 2, "probability": 1}
 _BOX_CHANNELS = {"distances": 4, "sizes": 2}
@@ -94,65 +91,10 @@ class Candidates(NamedTuple):
         return Candidates(self.boxes[order], self.log_odds[order])
 
 
-class _Crop(NamedTuple):
-    """A part of a frame: (2,) corner and (2,) size, pixels."""
+class SiameseNetwork(DescribedNetwork):
+    """A Siamese network with its description; see `DescribedNetwork`."""
 
-    corner: NDArray[np.float64]
-    size: NDArray[np.float64]
-
-
-class SiameseNetwork:
-    """A Siamese network with its description.
-
-    A copy is the network itself. A pickle holds the path and the hashes, and reads the files again.
-
-    Args:
-        model: Folder of the model, or the path of its description.
-        engine: auto, onnxruntime or opencv.
-
-    Attributes:
-        description: Its description.
-        engine: The engine in use.
-        hashes: Name of each file to its SHA-256.
-
-    Raises:
-        ParameterError: The network cannot be used; the message says why and what to do.
-    """
-
-    def __init__(self, model: str, engine: str = "auto") -> None:
-        if not model:
-            raise ParameterError(
-                "parameter 'siamese.model' is empty; allowed: the folder of a network with its "
-                "model.yaml, see docs/learned.md"
-            )
-        self._arguments = (model, engine)
-        self.engine = engine_name(engine)
-        self.description, folder = read_model(model)
-        self.hashes: dict[str, str] = {}
-        self._networks: dict[str, Network] = {}
-        for name, expected in self.description.files().items():
-            path = folder / name
-            try:
-                found = file_hash(path)
-                if expected and found != expected.lower():
-                    raise ParameterError(
-                        f"{path} is not the file that {self.description.name} describes: its "
-                        f"SHA-256 is {found}, not {expected}"
-                    )
-                self._networks[name] = load_network(path, self.engine)
-            except OSError as error:
-                raise ParameterError(
-                    f"the network {self.description.name} needs {path}, which cannot be read "
-                    f"({error.strerror}); it comes from {self.description.source}"
-                ) from error
-            self.hashes[name] = found
-        self._check()
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (type(self), self._arguments, self.hashes)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> SiameseNetwork:
-        return self
+    parameter = "siamese.model"
 
     def learn(self, frame: Frame, box: NDArray[np.float64]) -> NetworkTemplate:
         """Template of a (4,) box, pixels.
@@ -160,8 +102,7 @@ class SiameseNetwork:
         Raises:
             ParameterError: The network does not fit its description.
         """
-        view = frame.pixels
-        border = cv2.mean(view)[: 1 if view.ndim == 2 else 3]
+        border = mean_color(frame)
         features, _ = self._features(frame, box, self.description.template, border)
         template = NetworkTemplate(features, border)
         likeliest = self.find(frame, template, box).likeliest(1).boxes
@@ -194,22 +135,36 @@ class SiameseNetwork:
         boxes = np.hstack([centers - sizes / 2, np.maximum(sizes, 1.0)])
         return Candidates(boxes, log_odds, left_out=int(np.sum(~usable)))
 
-    def _check(self) -> None:
-        """Run the network once, on an empty frame.
+    def suits(self, frame: Frame, box: NDArray[np.float64]) -> bool:
+        """Whether the network is meant for the image around a (4,) box, pixels."""
+        if not self.description.color_only:
+            return True
+        if frame.pixels.ndim == 2:
+            return False
+        crop = crop_around(box, CropDescription(scale=_COLOR_SCALE))
+        pixels = read_crop(frame, crop, (_COLOR_PIXELS, _COLOR_PIXELS), mean_color(frame))
+        return float(np.ptp(pixels, axis=2).mean()) >= _LEAST_COLOR
 
-        Raises:
-            ParameterError: It does not fit its description.
-        """
-        key = (self.description, self.engine, tuple(self.hashes.items()))
-        if key not in _CHECKED:
-            frame, box = Frame(np.zeros((64, 64), np.uint8)), np.array([16.0, 16.0, 32.0, 32.0])
-            if not len(self.find(frame, self.learn(frame, box), box).boxes):
-                raise ParameterError(
-                    f"the network {self.description.name} finds no box in any cell: scores or "
-                    "boxes are not finite, or all boxes have no sides or are far from the crop; "
-                    "check box_kind, mean and deviation in its description, or export it again"
-                )
-            _CHECKED.add(key)
+    def _files(self) -> dict[str, str]:
+        """See `DescribedNetwork._files`."""
+        if not self.description.head.file:
+            raise ParameterError(
+                f"the network {self.description.name} has no 'head.file' in its description, so it "
+                "does not find a target; allowed: a Siamese network"
+            )
+        branches = self.description.template.backbone, self.description.search.backbone
+        parts = (*branches, self.description.head)
+        return {part.file: part.sha256 for part in parts if part.file}
+
+    def _check(self) -> None:
+        """See `DescribedNetwork._check`."""
+        frame, box = Frame(np.zeros((64, 64), np.uint8)), np.array([16.0, 16.0, 32.0, 32.0])
+        if not len(self.find(frame, self.learn(frame, box), box).boxes):
+            raise ParameterError(
+                f"the network {self.description.name} finds no box in any cell: scores or "
+                "boxes are not finite, or all boxes have no sides or are far from the crop; "
+                "check box_kind, mean and deviation in its description, or export it again"
+            )
 
     def _features(
         self,
@@ -217,36 +172,14 @@ class SiameseNetwork:
         box: NDArray[np.float64],
         branch: BranchDescription,
         border: tuple[float, ...],
-    ) -> tuple[Tensor, _Crop]:
+    ) -> tuple[Tensor, Crop]:
         """Features of a crop around a (4,) box, and the crop."""
-        crop = _crop_around(box, branch.crop)
-        values = self._normalized(_read_crop(frame, crop, branch.crop.pixels, border))
+        crop, pixels = crop_around(box, branch.crop), branch.crop.pixels
+        values = normalized(read_crop(frame, crop, (pixels, pixels), border), self.description)
         backbone = branch.backbone
         if backbone.file:
             (values,) = self._run(backbone.file, {backbone.input: values}, [backbone.output])
         return values, crop
-
-    def _normalized(self, pixels: NDArray[np.uint8]) -> Tensor:
-        """(1, 3, side, side) input of the network from (side, side) or (side, side, 3) pixels."""
-        if pixels.ndim == 2:
-            pixels = cv2.cvtColor(pixels, cv2.COLOR_GRAY2BGR)
-        elif self.description.channels == "rgb":
-            pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
-        mean = np.array(self.description.mean, np.float32)
-        deviation = np.array(self.description.deviation, np.float32)
-        values = (pixels.astype(np.float32) - mean) / deviation
-        return np.ascontiguousarray(values.transpose(2, 0, 1)[None])
-
-    def _run(self, file: str, inputs: dict[str, Tensor], outputs: list[str]) -> list[Tensor]:
-        try:
-            return self._networks[file].run(inputs, outputs)
-        except Exception as error:
-            # Each library has its own types of errors.
-            reason = " ".join(str(error).split())
-            raise ParameterError(
-                f"the network {self.description.name} cannot run {file} as its description says "
-                f"({reason})"
-            ) from error
 
     def _check_shapes(self, outputs: list[Tensor]) -> None:
         head = self.description.head
@@ -269,87 +202,6 @@ class SiameseNetwork:
                 f"its search crop of {pixels} px: 'head.stride' or 'search.crop.pixels' in its "
                 "description is wrong"
             )
-
-
-# Networks in use, by path, engine and process.
-_IN_USE: WeakValueDictionary[tuple[str, str, int], SiameseNetwork] = WeakValueDictionary()
-
-
-def open_network(model: str, engine: str) -> SiameseNetwork:
-    """A network; one in use in this process is not read again, even if its files are gone.
-
-    Args:
-        model: As of `SiameseNetwork`.
-        engine: As of `SiameseNetwork`.
-
-    Raises:
-        ParameterError: As of `SiameseNetwork`.
-    """
-    # A forked process loads its own.
-    key = (model and str(description_path(model).absolute()), engine, os.getpid())
-    network = _IN_USE.get(key)
-    if network is None:
-        network = _IN_USE[key] = SiameseNetwork(model, engine)
-    return network
-
-
-# Networks that fit their descriptions.
-_CHECKED: set[tuple[ModelDescription, str, tuple[tuple[str, str], ...]]] = set()
-
-
-def _restored(
-    network_type: type[SiameseNetwork], arguments: tuple[str, str], hashes: dict[str, str]
-) -> SiameseNetwork:
-    """The network again, from the same files.
-
-    Raises:
-        ParameterError: The files have changed.
-    """
-    network = network_type(*arguments)
-    if network.hashes != hashes:
-        raise ParameterError(
-            f"the files of the network in {arguments[0]} are not those of the copied tracker"
-        )
-    return network
-
-
-def _crop_around(box: NDArray[np.float64], rules: CropDescription) -> _Crop:
-    """The crop around a (4,) box, pixels."""
-    size = np.maximum(box[2:], 1.0)
-    if rules.shape == "square":
-        with_context = size + rules.context * size.sum()
-        size = np.full(2, math.sqrt(with_context[0] * with_context[1]))
-    size = size * rules.scale
-    return _Crop(box[:2] + box[2:] / 2 - size / 2, size)
-
-
-def _read_crop(
-    frame: Frame, crop: _Crop, pixels: int, border: tuple[float, ...]
-) -> NDArray[np.uint8]:
-    """(pixels, pixels) or (pixels, pixels, 3) of a part of a frame, with a border beyond it."""
-    reduction = max(int(crop.size.min() / pixels), 1)
-    # From here on, pixels are those of the reduced view.
-    corner, size = crop.corner / reduction, crop.size / reduction
-    (left, right), (top, bottom) = (
-        _inside(start, start + length, -(-limit // reduction))
-        for start, length, limit in zip(corner, size, frame.size, strict=True)
-    )
-    step = size / pixels
-    first = corner + step / 2 - (left, top) - 0.5
-    return cv2.warpAffine(
-        frame.view(PixelRect(top, bottom, left, right), reduction),
-        np.array([[step[0], 0.0, first[0]], [0.0, step[1], first[1]]]),
-        (pixels, pixels),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=border,
-    )
-
-
-def _inside(start: float, end: float, length: int) -> tuple[int, int]:
-    """Pixel range [first, last) that covers start to end and one more, at least 1, in a length."""
-    first = min(max(math.floor(start) - 1, 0), length - 1)
-    return first, max(min(math.ceil(end) + 1, length), first + 1)
 
 
 def _log_odds(scores: Tensor, head: HeadDescription) -> NDArray[np.float64]:

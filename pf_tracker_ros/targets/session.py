@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.targets.association import require_scipy
@@ -142,6 +143,11 @@ class Session:
     def estimate(self) -> Estimate | None:
         """Of the selected target after the last processed frame; None without one."""
         return estimate_of(self.targets, self.selected)
+
+    @property
+    def network_use(self) -> NetworkUse | None:
+        """See `TrackManager.network_use`."""
+        return self._manager.network_use
 
     @property
     def frame_buffer(self) -> FrameBuffer:

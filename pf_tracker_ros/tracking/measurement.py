@@ -376,7 +376,8 @@ class SearchingMeasurer(Measurer):
         region, prediction = frame_prediction.region, frame_prediction.prediction
         motion, templates = cast(SearchableMotion, state.motion), state.templates
         doubt = state.doubt
-        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation, doubt)
+        factors = self._fusion.weights_in_doubt(region, templates, doubt)
+        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation, factors)
         responses = self._fusion.responses_on_grid(region, search.grid, templates)
         centers = motion.center_prior(state.particles.states, prediction.interval)
         grid_log_likelihood = self._fusion.search(

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
+from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import KalmanFilter, ParticleSet, build_resampler
 from pf_tracker_ros.filter.particles import GeneratorState
@@ -129,6 +130,11 @@ class TargetFilter:
     def needs_foreground(self) -> bool:
         """Whether a cue reads `Frame.foreground`."""
         return self._fusion.needs_foreground
+
+    @property
+    def network_use(self) -> NetworkUse | None:
+        """Use of the cues' network since the filter was made; None if no cue has one."""
+        return self._fusion.network_use
 
     def initialize(
         self,

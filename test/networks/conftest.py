@@ -118,6 +118,63 @@ def correlation(box_channels=4, shapes=True, half=TEMPLATE / 2, weight=0.0):
     )
 
 
+SIDE = 16
+EMBEDDING = f"""\
+name: mean colors
+license: CC0-1.0
+source: the tests
+deviation: [255.0, 255.0, 255.0]
+embedding:
+  file: colors.onnx
+  width: {SIDE}
+  height: {2 * SIDE}
+  rows: 2
+"""
+
+
+def mean_colors(bias=0.0):
+    """The bytes of an embedding network: the channels of parts of 8 x 8 pixels, and a constant.
+
+    Args:
+        bias: Added to each mean.
+    """
+    weights = np.zeros((3, 3, 8, 8))
+    weights[range(3), range(3)] = 1 / 64
+    place = _integers("kernel_shape", 8, 8), _integers("strides", 8, 8)
+    return _model(
+        [_node("Conv", ["input", "weights", "bias"], "output", *place)],
+        [_tensor("weights", weights), _tensor("bias", np.full(3, bias))],
+        [_value("input", (1, 3, 2 * SIDE, SIDE))],
+        [_value("output", (1, 3, SIDE // 4, SIDE // 8))],
+    )
+
+
+@pytest.fixture
+def write_embedding(tmp_path):
+    """Writes an embedding network and its description into a new folder; returns the folder."""
+
+    def write(content=None, description=EMBEDDING):
+        folder = tmp_path / "embedding"
+        folder.mkdir()
+        (folder / "colors.onnx").write_bytes(mean_colors() if content is None else content)
+        (folder / "model.yaml").write_text(description, encoding="utf-8")
+        return folder
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def embedding_bytes():
+    """The function `mean_colors`."""
+    return mean_colors
+
+
+@pytest.fixture(scope="session")
+def embedding_description():
+    """The description of the embedding network, as text."""
+    return EMBEDDING
+
+
 @pytest.fixture
 def write_model(tmp_path):
     """Writes a network and its description into a new folder, and returns the folder."""

@@ -13,10 +13,14 @@ import pytest
 
 from pf_tracker_ros import Detections, MultiTracker, Tracker
 from pf_tracker_ros.boxes import BoxGrid
+from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.cue import PredictedTarget
 from pf_tracker_ros.cues.siamese import Siamese, SiameseParameters
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.topics import FrameResult
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 TIMEOUT = 60.0
 INTERVAL = 0.04
@@ -24,7 +28,7 @@ BOX = np.array([120.0, 100.0, 40.0, 40.0])
 
 
 def learned(model, seed=0, kind=Tracker, **parameters):
-    values = {"siamese.model": str(model), "siamese.engine": "opencv", **parameters}
+    values = {"siamese.model": str(model), **parameters}
     return kind.from_preset("learned", seed=seed, parameters=values)
 
 
@@ -44,7 +48,7 @@ def make_region(model, picture):
     """The cue, its template, and a region that it has seen or not, of a target at (130, 100)."""
 
     def make(doubt=1.0, **parameters):
-        cue = Siamese(SiameseParameters(model=str(model), engine="opencv", **parameters))
+        cue = Siamese(SiameseParameters(model=str(model), **parameters))
         template = cue.learn(Region(Frame(picture((120, 100))), BOX[None]), BOX)
         region = Region(Frame(picture((130, 100))), BOX[None], center_box=BOX)
         cue.precompute([PredictedTarget(region, template, template, doubt)])
@@ -127,11 +131,69 @@ def test_parameters_can_change_and_targets_start_after_the_folder_is_gone(model,
     assert [target.id for target in tracker.update(walk[1], INTERVAL)] == [1]
 
 
+def fused(cue):
+    """The cue beside another one."""
+    other = CUES["foreground"](CUES.parameters_of("foreground")())
+    return CueFusion({"siamese": (cue, 1.0), "other": (other, 0.5)})
+
+
+def test_its_weight_is_the_doubt_where_it_is_not_silent(make_region):
+    cue, template, region = make_region()
+    assert fused(cue).weights_in_doubt(region, {"siamese": template}, 0.4) == {"siamese": 0.4}
+
+
+def test_a_silent_cue_has_no_weight(make_region):
+    cue, template, region = make_region(doubt=0.0, when="doubtful")
+    fusion = CueFusion(
+        {
+            "siamese": (cue, 1.0),
+            "other": (CUES["foreground"](CUES.parameters_of("foreground")()), 0.5),
+        }
+    )
+    assert fusion.weights_in_doubt(region, {"siamese": template}, 0.4) == {"siamese": 0.0}
+
+
+def test_a_network_for_color_is_not_used_on_gray_images(write_model, description, walk):
+    """To the last bit; on color images it is."""
+    folder = write_model(description=f"{description}color_only: true\n")
+    parameters = {"siamese.model": str(folder)}
+    gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in walk]
+    same_channels = [cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) for image in gray]
+    for images, is_used in ((gray, False), (same_channels, False), (walk, True)):
+        own, plain = (
+            [one.box for one in followed(tracker, images[:6])]
+            for tracker in (
+                Tracker.from_preset("learned", seed=0, parameters=parameters),
+                Tracker.from_preset("default", seed=0),
+            )
+        )
+        assert (own != plain) == is_used
+
+
+def test_a_session_tells_how_often_its_network_ran(model, walk):
+    values = preset_parameters("learned") | {"siamese.model": str(model)}
+    session = Session(values, seed=0)
+    session.request(tuple(BOX))
+    runs = []
+    for index, image in enumerate(walk[:4]):
+        before = session.network_use
+        session.process(Frame(image, index * 40_000_000))
+        runs.append(session.network_use.since(before))
+    assert [one.runs for one in runs] == [0, 1, 1, 1]
+    assert runs[-1].seconds > 0.0
+    result = FrameResult(targets=session.targets, network_use=runs[-1])
+    assert result.values["network_runs"] == 1
+    assert result.values["network_time_ms"] == pytest.approx(1e3 * runs[-1].seconds)
+    assert Session(preset_parameters("default"), seed=0).network_use is None
+    assert "network_runs" not in FrameResult(targets=session.targets).values
+
+
 def test_without_a_usable_cell_the_cue_is_silent(model, picture, caplog):
     """As for a network that gives values that are not finite on some images only."""
-    cue = Siamese(SiameseParameters(model=str(model), engine="opencv"))
+    cue = Siamese(SiameseParameters(model=str(model)))
     template = cue.learn(Region(Frame(picture((120, 100))), BOX[None]), BOX)
-    spoiled = replace(template, features=np.full_like(template.features, np.nan))
+    features = np.full_like(template.network.features, np.nan)
+    spoiled = replace(template, network=replace(template.network, features=features))
     region = Region(Frame(picture((130, 100))), BOX[None], center_box=BOX)
     for _ in range(2):
         cue.precompute([PredictedTarget(region, spoiled, spoiled, 1.0)])
@@ -188,9 +250,7 @@ def test_a_preset_without_a_model_is_refused_and_the_tracker_goes_on(walk):
 
 
 def test_a_cue_that_is_switched_on_while_tracking_learns_the_target(model, walk):
-    tracker = Tracker.from_preset(
-        "default", parameters={"siamese.model": str(model), "siamese.engine": "opencv"}
-    )
+    tracker = Tracker.from_preset("default", parameters={"siamese.model": str(model)})
     followed(tracker, walk[:5])
     tracker.set_parameters({"cues": ("color_contrast", "correlation_response", "siamese")})
     for image in walk[5:]:

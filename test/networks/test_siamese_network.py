@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.networks.described import open_network
 from pf_tracker_ros.networks.description import SHIPPED, read_model
 from pf_tracker_ros.networks.engines import engine_name, load_network
-from pf_tracker_ros.networks.siamese import SiameseNetwork, open_network
+from pf_tracker_ros.networks.siamese import SiameseNetwork
 from pf_tracker_ros.parameters import ParameterError
 
 BOX = np.array([120.0, 100.0, 40.0, 40.0])
@@ -132,7 +133,7 @@ WRONG = [
     (edited("name: a", "name: [a"), "model.yaml cannot be read as YAML"),
     (edited("name: a correlation", "naming: a correlation"), "model.yaml: no parameter 'naming'"),
     (edited("stride: 4.0", "stride: 0.0"), "'head.stride' is 0.0; allowed: float, 1 to 256"),
-    (edited("  file: correlation.onnx\n", ""), "'head.file' is empty"),
+    (edited("  file: correlation.onnx\n", ""), "'head.file' and 'embedding.file' are empty"),
     (edited("head:", "heads:"), "no parameter 'heads.file'; did you mean 'head.file'"),
     (edited("head:", "head: none\nheads:"), "head"),
     (
@@ -161,13 +162,13 @@ def test_a_network_without_a_plausible_box_is_refused(write_model, correlation_b
 
 
 def test_a_network_in_use_is_not_read_again(model):
-    network = open_network(str(model), "opencv")
+    network = open_network(SiameseNetwork, str(model), "opencv")
     shutil.rmtree(model)
-    assert open_network(str(model), "opencv") is network
+    assert open_network(SiameseNetwork, str(model), "opencv") is network
     assert copy.deepcopy(network) is network
     del network
     with pytest.raises(ParameterError, match=r"model\.yaml"):
-        open_network(str(model), "opencv")
+        open_network(SiameseNetwork, str(model), "opencv")
 
 
 def test_an_engine_that_is_not_installed_is_named(monkeypatch):
@@ -183,7 +184,7 @@ def test_every_shipped_description_is_whole():
     for name in names:
         description, folder = read_model(os.fspath(SHIPPED / f"{name}.yaml"))
         assert all([description.name, description.license, description.source])
-        assert description.files()
+        assert description.head.file
         assert folder == SHIPPED
 
 

@@ -347,10 +347,13 @@ class TrackerNode(ManagedNode):
         if arrival in DROPPED_ARRIVALS:
             return _Processed(session.drop(arrival).frame)
         frame = Frame(self._decode(message), stamp)
+        network_use = session.network_use
         outcome = session.process(frame, arrival)
         if outcome.frame != "frozen":
             self._manager.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
         result = self._frame_result(frame.image)
+        if network_use is not None and session.network_use is not None:
+            result = replace(result, network_use=session.network_use.since(network_use))
         for error in (
             *outcome.refused,
             *outcome.ended,
