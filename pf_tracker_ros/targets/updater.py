@@ -373,9 +373,12 @@ class Updater:
     def _correct(self, track: Track, frame: Frame, detection: Detection) -> Track:
         """A track with a hit, and its box moved towards the detection."""
         box = track.box
-        is_far = bool(pairwise_iou(box[None], detection.box[None])[0, 0] < _FAR_BELOW)
-        # Against a confident image, one distant detection is not enough.
-        is_doubted = is_far and track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
+        places = np.array([box, track.predicted_box])
+        is_far, is_unexpected = pairwise_iou(places, detection.box[None])[:, 0] < _FAR_BELOW
+        # Against a confident image, one distant detection is not enough; the image is wrong where
+        # the detections before it expect it.
+        is_confident = track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
+        is_doubted = is_far and is_unexpected and is_confident
         jumps = is_far and not is_doubted
         box_filter = track.box_filter.correct(detection.box, track.unconfirmed_for)
         size = box_filter.size
