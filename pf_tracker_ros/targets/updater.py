@@ -203,9 +203,11 @@ class Updater:
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
         lower_edges = boxes[:, 1] + boxes[:, 3]
         covered = pairwise_coverage(boxes, boxes) * (lower_edges[None] > lower_edges[:, None])
-        visible = 1.0 - covered.max(axis=1, initial=0.0)
+        visible = np.maximum(1.0 - covered.max(axis=1, initial=0.0), _MIN_VISIBLE)
+        # What was never confirmed is not hidden, but most likely nothing.
+        visible[[not (track.is_confirmed or track.is_manual) for track in tracks]] = 1.0
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
-        changes = self._log_miss * independence * np.maximum(visible, _MIN_VISIBLE)
+        changes = self._log_miss * independence * visible
         return tuple(
             track
             if detection
