@@ -8,7 +8,7 @@
 4. Update the particle filter. An occluded track coasts instead, at its predicted center.
 5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
 6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
-   of 1 - recall, less where the target is hidden or was missed a moment ago.
+   of 1 - recall, less where a confirmed target is hidden or any was missed a moment ago.
 
 Detections are one factor of the likelihood, as in Breitenstein et al. 2011, "Online Multiperson
 Tracking-by-Detection from a Single, Uncalibrated Camera".
