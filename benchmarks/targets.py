@@ -26,7 +26,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,6 +47,10 @@ from pf_tracker_ros.footage import FootageError, open_footage
 OURS = "pf_tracker_ros"
 PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}
 """Interval of the detector to its first frames."""
+# A poor detector: recall, precision, standard deviation of its centers in sides and of its
+# logarithmic sizes, shift in sides, and factor of its width and height.
+_RECALL, _PRECISION, _JITTER = 0.5, 0.6, 0.1
+_SHIFT, _WIDENED = np.array([0.05, 0.05]), np.array([1.15, 1.0])
 FIGURES = ("HOTA", "IDF1", "MOTA", "switches", "overlap %", "CPU ms", "CPU ms / target")
 
 
@@ -96,6 +100,39 @@ class AnnotatedSequence:
         return AnnotatedSequence(
             name, self.frames, self.interval, tuple(truth), tuple(detections), camera
         )
+
+    def degraded(self, seed: int) -> AnnotatedSequence:
+        """The sequence with a poor detector, whose scores say nothing.
+
+        It finds half of the true boxes, and 6 of 10 of its boxes are of targets. All boxes are
+        moved and resized at random, and shifted and widened alike.
+
+        Args:
+            seed: Of the random numbers.
+        """
+        draw = np.random.default_rng(seed)
+        everywhere = np.concatenate(self.detections)
+        right = [
+            pairwise_iou(found[:, :4], tracks.boxes).max(axis=1, initial=0.0) > 0.5
+            for tracks, found in zip(self.truth, self.detections, strict=True)
+        ]
+        count_right = float(sum(map(np.sum, right)))
+        true_boxes = sum(len(tracks.ids) for tracks in self.truth)
+        kept = min(_RECALL * true_boxes / max(count_right, 1.0), 1.0)
+        wanted = kept * count_right * (1.0 - _PRECISION) / _PRECISION
+        added = max(wanted - kept * (len(everywhere) - count_right), 0.0) / len(self.detections)
+        detections = []
+        for found in self.detections:
+            false = draw.choice(everywhere, draw.poisson(added))
+            false[:, :2] = draw.choice(everywhere, len(false))[:, :2]
+            rows = np.concatenate([found[draw.random(len(found)) < kept], false])
+            centers = rows[:, :2] + rows[:, 2:4] / 2
+            centers += rows[:, 2:4] * (_SHIFT + _JITTER * draw.normal(size=centers.shape))
+            sizes = rows[:, 2:4] * _WIDENED * np.exp(_JITTER * draw.normal(size=centers.shape))
+            scores = draw.uniform(0.5, 1.0, (len(rows), 1))
+            detections.append(np.hstack([centers - sizes / 2, sizes, scores]))
+        name = f"{self.name}, poor detector"
+        return replace(self, name=name, detections=tuple(detections))
 
 
 def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) -> AnnotatedSequence:
@@ -354,6 +391,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="crop the images as a camera on a walking robot would see them",
     )
+    parser.add_argument(
+        "--poor-detector",
+        action="store_true",
+        help="thin, move and resize the detections, and add false ones",
+    )
     options_of.add_folder(parser)
     options = parser.parse_args(arguments)
     missing = {name: what for name, one in TRACKERS.items() if (what := one.missing())}
@@ -374,6 +416,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sequences = [read_sequence(*paths) for paths in options.sequence]
         if options.moving_camera:
             sequences = [sequence.carried() for sequence in sequences]
+        if options.poor_detector:
+            sequences = [sequence.degraded(options.seed) for sequence in sequences]
         options.output.mkdir(parents=True, exist_ok=True)
         outcomes = read_outcomes(options.output / "targets.json")
         for outcome in compare(sequences, trackers):

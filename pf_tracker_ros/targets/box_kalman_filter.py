@@ -35,10 +35,11 @@ CENTER_STD = np.array([0.15, 0.1])
 _LOG_SIZE_STD = np.array([0.1, 0.2])
 # Seconds within which errors of the height correlate: people bend, and detectors repeat errors.
 _CORRELATION_TIME = 0.1
-# Square root of the acceleration noise's intensity: change of velocity per second, in heights.
-_ACCELERATION = 0.2
-# Standard deviation of the velocity of a new target, heights per second.
-_INITIAL_VELOCITY_STD = 0.3
+# Square root of the acceleration noise's intensity along x and y: change of velocity per second, in
+# heights. On the ground, targets move across the image more than up and down.
+_ACCELERATION = np.array([0.3, 0.1])
+# Standard deviation of the velocity of a new target along x and y, heights per second.
+_INITIAL_VELOCITY_STD = np.array([0.6, 0.3])
 GROWTH_VARIANCE = 0.12**2
 """Prior of the variance of the rate of growth, 1/s^2."""
 # Time constant of the rate of growth, seconds.
@@ -84,8 +85,9 @@ class BoxKalmanFilter:
             growth_variance: Of the rate of growth, 1/s^2.
         """
         std = np.concatenate([CENTER_STD * box[2:], _LOG_SIZE_STD])
-        velocity_std = _INITIAL_VELOCITY_STD * box[3]
-        velocity_variance = np.array([velocity_std**2, velocity_std**2, growth_variance, 0.0])
+        velocity_variance = np.concatenate(
+            [np.square(_INITIAL_VELOCITY_STD * box[3]), [growth_variance, 0.0]]
+        )
         return cls(_position(box), np.zeros(4), np.square(std), np.zeros(4), velocity_variance)
 
     @property
@@ -133,10 +135,10 @@ class BoxKalmanFilter:
                 1.0 - decay**2,
             ]
         )
-        noise = (_ACCELERATION * height) ** 2 * interval
-        motion = np.array([noise * interval**2 / 3.0, noise * interval / 2.0, noise])
+        noise = np.square(_ACCELERATION * height) * interval
+        motion = np.outer([interval**2 / 3.0, interval / 2.0, 1.0], noise)
         aspect = np.array([_ASPECT_NOISE**2 * interval, 0.0, 0.0])
-        noises = np.stack([motion, motion, growth, aspect], axis=1)
+        noises = np.column_stack([motion, growth, aspect])
         step = np.array([interval, interval, rest, 0.0])
         factor = np.array([1.0, 1.0, decay, 0.0])
         return BoxKalmanFilter(

@@ -8,7 +8,7 @@
 4. Update the particle filter. An occluded track coasts instead, at its predicted center.
 5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
 6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
-   of 1 - recall, less where the target is hidden or was missed a moment ago.
+   of 1 - recall, less where a confirmed target is hidden or any was missed a moment ago.
 
 Detections are one factor of the likelihood, as in Breitenstein et al. 2011, "Online Multiperson
 Tracking-by-Detection from a Single, Uncalibrated Camera".
@@ -203,9 +203,11 @@ class Updater:
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
         lower_edges = boxes[:, 1] + boxes[:, 3]
         covered = pairwise_coverage(boxes, boxes) * (lower_edges[None] > lower_edges[:, None])
-        visible = 1.0 - covered.max(axis=1, initial=0.0)
+        visible = np.maximum(1.0 - covered.max(axis=1, initial=0.0), _MIN_VISIBLE)
+        # What was never confirmed is not hidden, but most likely nothing.
+        visible[[not (track.is_confirmed or track.is_manual) for track in tracks]] = 1.0
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
-        changes = self._log_miss * independence * np.maximum(visible, _MIN_VISIBLE)
+        changes = self._log_miss * independence * visible
         return tuple(
             track
             if detection
@@ -373,9 +375,12 @@ class Updater:
     def _correct(self, track: Track, frame: Frame, detection: Detection) -> Track:
         """A track with a hit, and its box moved towards the detection."""
         box = track.box
-        is_far = bool(pairwise_iou(box[None], detection.box[None])[0, 0] < _FAR_BELOW)
-        # Against a confident image, one distant detection is not enough.
-        is_doubted = is_far and track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
+        places = np.array([box, track.predicted_box])
+        is_far, is_unexpected = pairwise_iou(places, detection.box[None])[:, 0] < _FAR_BELOW
+        # Against a confident image, one distant detection is not enough; the image is wrong where
+        # the detections before it expect it.
+        is_confident = track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
+        is_doubted = is_far and is_unexpected and is_confident
         jumps = is_far and not is_doubted
         box_filter = track.box_filter.correct(detection.box, track.unconfirmed_for)
         size = box_filter.size

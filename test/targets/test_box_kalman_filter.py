@@ -52,6 +52,13 @@ def test_the_variance_grows_without_measurements():
     assert (np.diff(variances, 2, axis=0) > 0).all()
 
 
+def test_targets_move_across_the_image_more_than_up_and_down():
+    last, later = (filtered([(100, 200)] * count) for count in (20, 21))
+    std = np.sqrt(last.predict(1.0, HEIGHT).center_variance)
+    assert std[0] > 1.5 * std[1] > 0.1 * HEIGHT
+    assert later.center == pytest.approx(last.center)
+
+
 def test_after_a_pause_the_center_stays_and_the_variance_grows_for_ten_seconds():
     kalman = filtered([(100 + 8.0 * step, 200) for step in range(30)])
     center, variances = kalman.center, []

@@ -74,6 +74,31 @@ def test_a_target_that_the_detector_misses_ends(walkers, make_tracker):
     assert all(abs(y - 80) > 20 for y in centers)
 
 
+def test_a_false_detection_beside_a_target_soon_ends(walkers, make_tracker):
+    tracker = make_tracker()
+    for number in range(14):
+        found = walkers.detections(number)
+        if number == 8:
+            beside = walkers.boxes[8][:1] - [10.0, 4.0, 0.0, 0.0]
+            found = Detections(np.vstack([found.boxes, beside]), [*found.scores, 0.6])
+        tracker.update(walkers.images[number], INTERVAL, found)
+        if number == 8:
+            assert len(tracker._manager._track_set.tracks) == 4
+    assert len(tracker._manager._track_set.tracks) == 3
+
+
+def test_detections_overrule_an_image_that_they_leave(draw, make_tracker, iou):
+    steps = np.maximum(np.arange(24) - 10, 0)
+    rests, leaves = np.full((24, 2), (60.0, 90.0)), np.stack([60 + 2 * steps, 90 + 0 * steps], 1)
+    footage = draw([leaves, rests], colors=[(20, 20, 230)] * 2, textures=(10, 10))
+    tracker = make_tracker()
+    for number, image in enumerate(footage.images):
+        targets = tracker.update(image, INTERVAL, footage.detections(number, targets=[0]))
+        # The image shows the target at rest, and behind it what its detections follow.
+        overlaps = [iou(footage.boxes[number][0], one.estimate.box) for one in targets]
+        assert number < 3 or max(overlaps) > 0.6
+
+
 def test_detections_start_at_most_max_targets(run, walkers, make_tracker):
     assert len(run(make_tracker(max_targets=2), walkers, frames=1)[0]) == 2
 
