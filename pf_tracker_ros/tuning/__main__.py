@@ -6,8 +6,9 @@ import argparse
 import importlib
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -21,13 +22,12 @@ from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.evaluation.sequences import open_sequences
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.signals import handled_signals
 from pf_tracker_ros.targets.tracker import Tracker
-from pf_tracker_ros.tuning.command_line import parser
+from pf_tracker_ros.tuning.command_line import DEFAULT_TRIALS, parser
 from pf_tracker_ros.tuning.search_space import search_space
 
 SUCCESS, INCOMPLETE, REFUSED, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
@@ -69,25 +69,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     # All checks come before the first frame.
-    _require_packages()
+    _require_packages(options)
     from pf_tracker_ros.tuning.journal import open_journal
-    from pf_tracker_ros.tuning.output import TuningFiles
-    from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
 
-    merge_parameter_file(options)
-    given = parse_parameters(options.parameter)
-    with errors_name_parameter_file(options):
-        values = Tracker.from_preset(options.preset, 0, given).parameters
-    given = {name: values[name] for name in given}
-    request = TuningRequest(
-        options.preset,
-        given,
-        search_space(options.preset, given, options.only),
-        options.trials,
-        options.seeds,
-        options.folds,
-        options.seed,
-    )
+    make_run, outputs_of = _kind_of_run(options)
     sequences, unopened = open_sequences(options.sequences)
     for failure in unopened:
         _complain(failure.error)
@@ -98,39 +83,86 @@ def _run(options: argparse.Namespace) -> int:
         )
     output: Path = options.output
     journal = _checked_journal(output)
-    outputs = TuningFiles(output, request)
+    outputs = outputs_of(output)
     with open_journal(journal) as storage, _executor(options) as executor:
-        tuning = Tuning(request, sequences, storage, executor)
-        finished = tuning.finished if output.exists() else 0
-        if request.trials < finished:
-            raise EvaluationError(
-                f"{output} is the result of {finished} trials, and --trials {request.trials} would "
-                f"replace it by one of fewer; allowed: {finished} or more, or another --output"
-            )
+        run = make_run(sequences, storage, executor)
+        finished = run.finished if output.exists() else {}
+        _refuse_less(options, finished)
         try:
-            with progress_bar(tuning.runs, "runs") as on_progress:
-                result = tuning.run(on_progress)
+            with progress_bar(run.runs, "runs") as on_progress:
+                result = run.run(on_progress)
         except (KeyboardInterrupt, _Termination, OSError) as stop:
-            if finished:
-                kept = f"{output} keeps the result of {counted(finished, 'trial')}"
-            else:
-                error = outputs.write_best(tuning.best, tuning.trials)
-                kept = error or f"{output} has the best values so far"
+            kept = (
+                f"{output} keeps its finished result"
+                if finished
+                else outputs.write_interrupted(run)
+            )
             reason, code = _stopped(stop)
             print(f"tune: {reason}; {kept}", file=sys.stderr)
             return code
-    for each in tuning.errors:
+    for each in run.errors:
         _complain(f"{each}; the figures are without this evaluation")
     errors = outputs.write_result(result)
     for error in errors:
         _complain(error)
-    print(outputs.verdict(result))
-    if changed := outputs.changed(result):
-        print("used:" if outputs.uses(result) else "best values found, not used:")
-    for name, before, after in changed:
-        print(f"  {name}: {after:g} instead of {before:g}")
+    print(*outputs.summary(result), sep="\n")
     print(f"{output} has the parameters, {outputs.page} the report")
-    return INCOMPLETE if unopened or tuning.errors or errors else SUCCESS
+    return INCOMPLETE if unopened or run.errors or errors else SUCCESS
+
+
+def _kind_of_run(options: argparse.Namespace) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """The constructors of the run and of its outputs, with the request of the options.
+
+    Raises:
+        EvaluationError: Options exclude each other.
+        ParameterError: A parameter is not allowed.
+    """
+    from pf_tracker_ros.tuning.confidence_output import CalibrationFiles
+    from pf_tracker_ros.tuning.confidence_run import PARAMETER, ConfidenceRequest, ConfidenceRun
+    from pf_tracker_ros.tuning.output import TuningFiles
+    from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
+
+    merge_parameter_file(options)
+    given = parse_parameters(options.parameter)
+    with errors_name_parameter_file(options):
+        values = Tracker.from_preset(options.preset, 0, given).parameters
+    given = {name: values[name] for name in given}
+    if options.confidence:
+        if options.trials is not None or options.only:
+            raise EvaluationError(
+                "--confidence has no search; allowed: no --trials and no --only with it"
+            )
+        # It is fitted anew.
+        given.pop(PARAMETER, None)
+        fitted = ConfidenceRequest(options.preset, given, options.seeds, options.folds)
+        return partial(ConfidenceRun, fitted), partial(CalibrationFiles, request=fitted)
+    if options.trials is None:
+        options.trials = DEFAULT_TRIALS
+    request = TuningRequest(
+        options.preset,
+        given,
+        search_space(options.preset, given, options.only),
+        options.trials,
+        options.seeds,
+        options.folds,
+        options.seed,
+    )
+    return partial(Tuning, request), partial(TuningFiles, request=request)
+
+
+def _refuse_less(options: argparse.Namespace, finished: Mapping[str, int]) -> None:
+    """Keep a finished result from one of fewer trials or groups.
+
+    Raises:
+        EvaluationError: The options ask for fewer.
+    """
+    for name, count in finished.items():
+        asked = getattr(options, name)
+        if asked < count:
+            raise EvaluationError(
+                f"{options.output} is the result of --{name} {count}, and --{name} {asked} would "
+                f"replace it by one of fewer; allowed: {count} or more, or another --output"
+            )
 
 
 def _stopped(stop: BaseException) -> tuple[str, int]:
@@ -174,8 +206,8 @@ def _complain(message: Any) -> None:
     print(f"tune: error: {' '.join(str(message).split())}", file=sys.stderr)
 
 
-def _require_packages() -> None:
-    for package in _PACKAGES:
+def _require_packages(options: argparse.Namespace) -> None:
+    for package in (*_PACKAGES, *(["matplotlib"] if options.confidence else [])):
         try:
             importlib.import_module(package)
         except ImportError as error:
