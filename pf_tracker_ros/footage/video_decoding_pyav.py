@@ -13,6 +13,7 @@ by any player, and are not missing here.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from contextlib import suppress
 from fractions import Fraction
@@ -36,6 +37,8 @@ _DURATION_TOLERANCE = Fraction(1, 5)
 _MICROSECONDS = 1_000_000
 # Each packet is a frame: others may split one, or contain one that is not shown.
 _COUNTED_CODECS = ("h264", "hevc")
+# Bytes below glibc's DEFAULT_MMAP_THRESHOLD_MAX.
+_LARGEST_REUSED = 32_000_000
 # FFmpeg's decoder of texts, which it may also choose by the file name.
 _TERMINAL_CODEC = "ansi"
 
@@ -60,6 +63,7 @@ class PyavVideo:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.damage = ""
+        _reuse_freed_memory()
         with self._open() as container:
             stream = self._stream(container)
             rate = stream.average_rate or stream.guessed_rate
@@ -137,6 +141,18 @@ class PyavVideo:
                     times += [packet.pts] if packet.pts is not None else []
         if len(times) > 1 and stream.time_base:
             self.interval = float((max(times) - min(times)) * stream.time_base / (len(times) - 1))
+
+
+@functools.cache
+def _reuse_freed_memory() -> None:
+    """Let the C library reuse the memory of a freed image for the next one.
+
+    glibc returns large freed blocks to the system, which clears each of their pages when they are
+    used again. For many sizes this would take as long as the conversion of the image. A block that
+    is freed raises the size from which this happens up to its own. Not a page of this one is used,
+    and other C libraries are not affected. See mallopt(3), M_MMAP_THRESHOLD.
+    """
+    np.empty(_LARGEST_REUSED, np.uint8)
 
 
 class _Reading:
