@@ -5,7 +5,12 @@ What the container promises is compared with what was read:
 1. A file with a list of its frames (MP4, MOV, AVI) has to contain as many packets.
 2. From the first frame that is shown, each H.264 and H.265 packet of such a file has to be shown.
 3. Packets of another file have to reach its declared duration.
-4. Each packet has to be decoded without an error, into frames that are not marked as corrupt.
+4. Each packet has to be decoded without an error, into frames that are not marked as corrupt, and
+   has to be complete.
+
+The decoders of H.264, MPEG-4, MPEG-2 and ProRes mark pictures in which they conceal damage. That of
+Motion JPEG only refuses them if it is told to, see `_StrictDecoder`. Those of H.265, VP8, VP9 and
+others do not notice most damage inside of a picture.
 
 Frames that an edit list excludes, and leading frames whose references were cut off, are not shown
 by any player, and are not missing here.
@@ -14,7 +19,7 @@ by any player, and are not missing here.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
@@ -39,6 +44,8 @@ _MICROSECONDS = 1_000_000
 _COUNTED_CODECS = ("h264", "hevc")
 # Bytes below glibc's DEFAULT_MMAP_THRESHOLD_MAX.
 _LARGEST_REUSED = 32_000_000
+# Each picture is independent, and damage is told only by an error.
+_STRICT_CODECS = ("mjpeg",)
 # FFmpeg's decoder of texts, which it may also choose by the file name.
 _TERMINAL_CODEC = "ansi"
 
@@ -89,7 +96,8 @@ class PyavVideo:
             has_decoding_times = container.format.name == "avi"
             # One for all frames, because a new one is slow to prepare.
             converter = VideoReformatter()
-            reading = _Reading(container, stream, has_frame_list=self.has_frame_list)
+            strict = _StrictDecoder(stream, self._open) if _is_strict(stream) else None
+            reading = _Reading(container, stream, strict, has_frame_list=self.has_frame_list)
             for index, frame in enumerate(reading.frames()):
                 number = frame.dts if has_decoding_times else frame.pts
                 time = None if number is None else number * Fraction(frame.time_base or 0)
@@ -155,13 +163,57 @@ def _reuse_freed_memory() -> None:
     np.empty(_LARGEST_REUSED, np.uint8)
 
 
+def _is_strict(stream: av.VideoStream) -> bool:
+    return stream.codec_context.name in _STRICT_CODECS
+
+
+class _StrictDecoder:
+    """Decodes pictures, each by itself, strictly first, and as far as possible if that fails.
+
+    Args:
+        stream: The stream; its decoder is set up.
+        open_container: Opens the file again, for a second decoder.
+    """
+
+    def __init__(
+        self, stream: av.VideoStream, open_container: Callable[[], InputContainer]
+    ) -> None:
+        # Threads would report the error of a picture with a later one.
+        stream.thread_type = "NONE"
+        stream.codec_context.options = {"err_detect": "explode"}
+        self._index = stream.index
+        self._open = open_container
+        # The container is kept, since its stream ends with it.
+        self._lenient: tuple[InputContainer, Any] | None = None
+
+    def decode(self, packet: av.Packet[Any]) -> list[tuple[av.VideoFrame, bool]]:
+        """The frames of a packet, and whether each is damaged.
+
+        Raises:
+            av.FFmpegError: Nothing can be decoded.
+        """
+        try:
+            return [(frame, frame.is_corrupt) for frame in packet.decode()]
+        except av.FFmpegError:
+            if self._lenient is None:
+                container = self._open()
+                self._lenient = container, container.streams[self._index].codec_context
+            return [(frame, True) for frame in self._lenient[1].decode(packet)]
+
+
 class _Reading:
     """One pass through a file."""
 
     def __init__(
-        self, container: InputContainer, stream: av.VideoStream, *, has_frame_list: bool
+        self,
+        container: InputContainer,
+        stream: av.VideoStream,
+        strict: _StrictDecoder | None,
+        *,
+        has_frame_list: bool,
     ) -> None:
         self._container = container
+        self._strict = strict
         self._has_frame_list = has_frame_list
         self._stream = stream
         self._packet_count = 0
@@ -178,8 +230,8 @@ class _Reading:
     def frames(self) -> Iterator[av.VideoFrame]:
         """Decode the frames."""
         for packet in self._packets():
-            for frame in self._decode(packet):
-                if frame.is_corrupt:
+            for frame, is_damaged in self._decode(packet):
+                if is_damaged or packet.is_corrupt:
                     self._corrupt.append(self._frame_count)
                 self._frame_count += 1
                 if self._first_time is None:
@@ -225,9 +277,12 @@ class _Reading:
         except (av.FFmpegError, OSError) as error:
             self._error = getattr(error, "strerror", None) or str(error)
 
-    def _decode(self, packet: av.Packet[Any]) -> list[av.VideoFrame]:
+    def _decode(self, packet: av.Packet[Any]) -> list[tuple[av.VideoFrame, bool]]:
+        """The frames of a packet, and whether each is known to be damaged."""
         try:
-            return packet.decode()
+            if self._strict:
+                return self._strict.decode(packet)
+            return [(frame, frame.is_corrupt) for frame in packet.decode()]
         except av.FFmpegError:
             self._failed.append(self._frame_count)
             return []
