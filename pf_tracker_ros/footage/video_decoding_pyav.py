@@ -40,6 +40,8 @@ _OPTIONS = {"protocol_whitelist": "file"}
 # Declared durations are rounded, and may end with the sound.
 _DURATION_TOLERANCE = Fraction(1, 5)
 _MICROSECONDS = 1_000_000
+# Of the intervals in an AVI, which may be rounded.
+_INTERVAL_TOLERANCE = 0.01
 # Each packet is a frame: others may split one, or contain one that is not shown.
 _COUNTED_CODECS = ("h264", "hevc")
 # Bytes below glibc's DEFAULT_MMAP_THRESHOLD_MAX.
@@ -57,6 +59,7 @@ class PyavVideo:
         frame_count: Number of frames that are to be shown, according to the file.
         has_frame_list: Whether the file has a list of its frames, so that missing ones are noticed.
         interval: Mean seconds from one frame to the next, None if unknown.
+        note: What the file contradicts itself in, as a sentence, or empty.
         damage: After `pictures` has ended: what is missing or damaged, as "is damaged: ...", or
             empty.
 
@@ -75,6 +78,8 @@ class PyavVideo:
             stream = self._stream(container)
             rate = stream.average_rate or stream.guessed_rate
             self.interval = float(1 / rate) if rate else None
+            is_avi = container.format.name == "avi"
+            self.note = _contradiction(path, stream.time_base) if is_avi else ""
             # Tuple: the index belongs to the container.
             listed = tuple(entry.is_discard for entry in stream.index_entries)
             self.has_frame_list = 0 < stream.frames <= len(listed)
@@ -161,6 +166,28 @@ def _reuse_freed_memory() -> None:
     and other C libraries are not affected. See mallopt(3), M_MMAP_THRESHOLD.
     """
     np.empty(_LARGEST_REUSED, np.uint8)
+
+
+def _contradiction(path: Path, time_base: Fraction | None) -> str:
+    """The note for an AVI whose header has two frame intervals: no checksum tells which is right.
+
+    Args:
+        path: The file.
+        time_base: Interval of the stream header (strh), seconds, which is used.
+    """
+    # RIFF header, list hdrl, chunk avih: its first field, microseconds.
+    with path.open("rb") as file:
+        content = file.read(36)
+    other = int.from_bytes(content[32:36], "little")
+    if content[24:28] != b"avih" or not other or not time_base:
+        return ""
+    used = float(time_base * _MICROSECONDS)
+    if abs(used - other) <= max(_INTERVAL_TOLERANCE * used, 1.0):
+        return ""
+    return (
+        f"the header of {path.name} gives two intervals between frames, {used / 1000:.6g} ms, which "
+        f"is used, and {other / 1000:.6g} ms; the times may be wrong"
+    )
 
 
 def _is_strict(stream: av.VideoStream) -> bool:
