@@ -37,7 +37,7 @@ from pf_tracker_ros.plurals import counted
 
 # Nothing but the file itself is opened, whatever is written in it.
 _OPTIONS = {"protocol_whitelist": "file"}
-# Declared durations are rounded, and may end with the sound.
+# Declared durations may end with the sound.
 _DURATION_TOLERANCE = Fraction(1, 5)
 _MICROSECONDS = 1_000_000
 # Of the intervals in an AVI, which may be rounded.
@@ -278,7 +278,7 @@ class _Reading:
             listed = counted(self._stream.frames, "frame")
             yield f"it contains {self._packet_count} of its {listed}"
         declared = Fraction(self._container.duration or 0, _MICROSECONDS)
-        if not self._stream.frames and self._end < declared - _DURATION_TOLERANCE:
+        if not self._stream.frames and self._end < declared - self._duration_tolerance:
             yield f"it ends after {float(self._end):.2f} of {float(declared):.2f} s"
         if self._failed:
             failed = counted(len(self._failed), "frame")
@@ -288,6 +288,15 @@ class _Reading:
         if self._corrupt:
             corrupt = counted(len(self._corrupt), "damaged frame")
             yield f"it has {corrupt}, the first is frame {self._corrupt[0]}"
+
+    @property
+    def _duration_tolerance(self) -> Fraction:
+        """Seconds by which the packets may end before the declared duration."""
+        rate = self._stream.average_rate
+        if len(self._container.streams) > 1 or not rate:
+            return _DURATION_TOLERANCE
+        # The duration of the last frame may not be in the file.
+        return min(_DURATION_TOLERANCE, Fraction(3, 2) / rate)
 
     def _packets(self) -> Iterator[av.Packet[Any]]:
         """The packets of the video; those of the sound only count for the duration."""
