@@ -185,8 +185,8 @@ def _contradiction(path: Path, time_base: Fraction | None) -> str:
     if abs(used - other) <= max(_INTERVAL_TOLERANCE * used, 1.0):
         return ""
     return (
-        f"the header of {path.name} gives two intervals between frames, {used / 1000:.6g} ms, which "
-        f"is used, and {other / 1000:.6g} ms; the times may be wrong"
+        f"the header of {path.name} gives two intervals between frames, {used / 1000:.6g} ms (used) "
+        f"and {other / 1000:.6g} ms; the times may be wrong"
     )
 
 

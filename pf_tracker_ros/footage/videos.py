@@ -34,8 +34,8 @@ class VideoFootage:
     first frame, to report errors early.
 
     Attributes:
-        note: That the times of the file are not used, or may be wrong; after reading, where frames may be missing;
-            as a sentence, or empty.
+        note: That the times of the file are not used, or may be wrong; after reading, where frames
+            may be missing; as a sentence, or empty.
 
     Args:
         path: The file.

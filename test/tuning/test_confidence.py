@@ -15,13 +15,14 @@ pytest.importorskip("matplotlib")
 confidence = pytest.importorskip("pf_tracker_ros.tuning.confidence")
 run = pytest.importorskip("pf_tracker_ros.tuning.confidence_run")
 
+PLAIN = Calibration()
 PLANTED = Calibration(0.5, 1.0)
 # Undoes the planted one: x / 0.5 - 1 / 0.5.
 INVERSE = Calibration(2.0, -2.0)
 SEQUENCES, FRAMES = 10, 400
 
 
-def labeled(seed, planted=Calibration()):
+def labeled(seed, planted=PLAIN):
     """Frames that are right with their confidence as probability, which is then miscalibrated.
 
     The mean confidence of the sequences differs.
