@@ -185,7 +185,7 @@ def _contradiction(path: Path, time_base: Fraction | None) -> str:
     if abs(used - other) <= max(_INTERVAL_TOLERANCE * used, 1.0):
         return ""
     return (
-        f"the header of {path.name} gives two intervals between frames, {used / 1000:.6g} ms (used) "
+        f"the header of {path.name} gives two intervals between frames, {used / 1000:.6g} (used) "
         f"and {other / 1000:.6g} ms; the times may be wrong"
     )
 
@@ -224,7 +224,8 @@ class _StrictDecoder:
         except av.FFmpegError:
             if self._lenient is None:
                 container = self._open()
-                self._lenient = container, container.streams[self._index].codec_context
+                decoder: Any = container.streams[self._index].codec_context
+                self._lenient = container, decoder
             return [(frame, True) for frame in self._lenient[1].decode(packet)]
 
 

@@ -23,7 +23,7 @@ from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.calibration import Calibration
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenCueWeights, TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState
 
@@ -55,7 +55,7 @@ class Assessment:
         frame: Frame,
         cue_weights: CueWeights,
         covariance: NDArray[np.float64],
-        calibration: Calibration,
+        calibration: ConfidenceCalibration,
     ) -> Estimate:
         """The estimate that is published; makes the arrays read-only.
 

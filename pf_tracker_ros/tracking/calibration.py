@@ -34,7 +34,7 @@ def log_odds(confidence: ArrayLike) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class ConfidenceCalibration:
     """Scale and offset of the log odds.
 
     Attributes:
@@ -46,7 +46,7 @@ class Calibration:
     offset: float = 0.0
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Calibration:
+    def of(cls, values: Sequence[float]) -> ConfidenceCalibration:
         """The calibration of the parameter `track.confidence_calibration`.
 
         Raises:
@@ -62,7 +62,7 @@ class Calibration:
 
     def apply(self, confidence: ArrayLike) -> NDArray[np.float64]:
         """Calibrated confidences of any shape, 0 to 1; the same if scale and offset are 1 and 0."""
-        if self == Calibration():
+        if self == ConfidenceCalibration():
             return np.asarray(confidence, dtype=np.float64)
         odds = self.scale * log_odds(confidence) + self.offset
         # tanh stays within 0 to 1 where exp(-odds) would overflow.

@@ -28,7 +28,7 @@ from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
-from pf_tracker_ros.tracking.calibration import Calibration
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurer
@@ -114,7 +114,7 @@ class StateOperations:
         measurer: Measurer,
         initializer: FilterInitializer,
         lost_after: float,
-        calibration: Calibration,
+        calibration: ConfidenceCalibration,
     ) -> None:
         self._predictor = predictor
         self._measurer = measurer

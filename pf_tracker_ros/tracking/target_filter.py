@@ -36,7 +36,7 @@ from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
-from pf_tracker_ros.tracking.calibration import Calibration
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
@@ -92,7 +92,7 @@ class TargetFilter:
         )
         check_proposal(parameters, self._fusion)
         self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
-        self._calibration = Calibration.of(parameters.track.confidence_calibration)
+        self._calibration = ConfidenceCalibration.of(parameters.track.confidence_calibration)
         self._predictor = Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)
         self._redetector: Redetector | None = None

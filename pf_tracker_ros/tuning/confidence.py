@@ -21,11 +21,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.tracking.calibration import LARGEST, LEAST_SCALE, Calibration, log_odds
+from pf_tracker_ros.tracking.calibration import (
+    LARGEST,
+    LEAST_SCALE,
+    ConfidenceCalibration,
+    log_odds,
+)
 from pf_tracker_ros.tuning.comparison import Comparison
 
-RANGES = 10
-"""Number of ranges of confidence in `reliability`."""
+# Ranges of confidence in a reliability table.
+_RANGES = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +47,7 @@ class LabeledConfidences:
     confidence: NDArray[np.float64]
     is_right: NDArray[np.bool_]
 
-    def calibrated(self, calibration: Calibration) -> LabeledConfidences:
+    def calibrated(self, calibration: ConfidenceCalibration) -> LabeledConfidences:
         """The same frames with calibrated confidences."""
         return replace(self, confidence=calibration.apply(self.confidence))
 
@@ -81,7 +86,7 @@ class CalibrationResult:
         left_out: The same after the calibrations fitted without each sequence.
     """
 
-    calibration: Calibration
+    calibration: ConfidenceCalibration
     before: Sequence[LabeledConfidences]
     left_out: Sequence[LabeledConfidences]
 
@@ -113,7 +118,7 @@ def calibrate(sequences: Sequence[LabeledConfidences], folds: int) -> Calibratio
     return CalibrationResult(fit(sequences), sequences, left_out)
 
 
-def fit(sequences: Sequence[LabeledConfidences]) -> Calibration:
+def fit(sequences: Sequence[LabeledConfidences]) -> ConfidenceCalibration:
     """The calibration with the largest likelihood, to three digits after the point.
 
     Args:
@@ -138,21 +143,21 @@ def fit(sequences: Sequence[LabeledConfidences]) -> Calibration:
     bounds = [(LEAST_SCALE, LARGEST), (-LARGEST, LARGEST)]
     found = minimize(loss, [1.0, 0.0], jac=True, method="L-BFGS-B", bounds=bounds)
     scale, offset = (round(float(value), 3) for value in found.x)
-    return Calibration(scale, offset)
+    return ConfidenceCalibration(scale, offset)
 
 
 def reliability(sequences: Sequence[LabeledConfidences]) -> list[ReliabilityRow]:
     """The reliability table: how often frames of a confidence are right."""
     confidence, is_right, weights = _pooled(sequences)
-    number = np.minimum((confidence * RANGES).astype(np.intp), RANGES - 1)
+    number = np.minimum((confidence * _RANGES).astype(np.intp), _RANGES - 1)
     rows = []
-    for one in range(RANGES):
+    for one in range(_RANGES):
         share = weights[number == one].sum()
         mean, right = (
             (weights * values)[number == one].sum() / share if share else np.nan
             for values in (confidence, is_right)
         )
-        rows.append(ReliabilityRow(one / RANGES, (one + 1) / RANGES, share, mean, right))
+        rows.append(ReliabilityRow(one / _RANGES, (one + 1) / _RANGES, share, mean, right))
     return rows
 
 

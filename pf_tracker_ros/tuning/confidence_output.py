@@ -10,7 +10,7 @@ from pf_tracker_ros.evaluation.output_files import OutputFile
 from pf_tracker_ros.evaluation.reports.page import fill
 from pf_tracker_ros.evaluation.reports.svg_plots import reliability_plot
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.tracking.calibration import Calibration
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tuning.confidence import (
     CalibrationResult,
     calibration_error,
@@ -120,5 +120,5 @@ class CalibrationFiles:
         )
 
 
-def _values(calibration: Calibration) -> tuple[float, float]:
+def _values(calibration: ConfidenceCalibration) -> tuple[float, float]:
     return calibration.scale, calibration.offset

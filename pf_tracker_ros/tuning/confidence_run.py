@@ -23,7 +23,7 @@ from pf_tracker_ros.targets.tracker import Tracker
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tuning.confidence import CalibrationResult, LabeledConfidences, calibrate
 from pf_tracker_ros.tuning.evaluations import Evaluations, EvaluationTask
-from pf_tracker_ros.tuning.tuning import RUN, check_request, finished_counts, set_finished
+from pf_tracker_ros.tuning.tuning import RUN, check_tuning_request, finished_counts, set_finished
 
 PARAMETER = "track.confidence_calibration"
 """The parameter that is fitted."""
@@ -84,7 +84,7 @@ class ConfidenceRun:
             "parameters": dict(request.given),
             "seeds": request.seeds,
         }
-        check_request(self._study, identity, sequences)
+        check_tuning_request(self._study, identity, sequences)
 
     @property
     def finished(self) -> Mapping[str, int]:

@@ -127,7 +127,7 @@ class Tuning:
         self._study = optuna.create_study(
             storage=storage, study_name=RUN, direction="maximize", load_if_exists=True
         )
-        check_request(self._study, request.identity, sequences)
+        check_tuning_request(self._study, request.identity, sequences)
 
     def run(self, on_progress: OnProgress) -> TuningResult:
         """Search, and compare on the sequences left out.
@@ -284,7 +284,7 @@ def finished_counts(study: optuna.Study) -> Mapping[str, int]:
     return counts
 
 
-def check_request(
+def check_tuning_request(
     study: optuna.Study, identity: Mapping[str, Any], sequences: Sequence[Footage]
 ) -> None:
     """Store a request, or compare it with the stored one.

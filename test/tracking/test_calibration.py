@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.calibration import Calibration
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 
 PARAMETER = "track.confidence_calibration"
 
@@ -13,15 +13,15 @@ PARAMETER = "track.confidence_calibration"
 def test_the_log_odds_are_scaled_and_shifted():
     """Odds of 4 to the power of one half are 2, and times e they are 2 e."""
     odds = 2 * np.e
-    calibrated = Calibration(0.5, 1.0).apply([0.8, 0.5])
+    calibrated = ConfidenceCalibration(0.5, 1.0).apply([0.8, 0.5])
     assert calibrated == pytest.approx([odds / (1 + odds), np.e / (1 + np.e)])
 
 
 def test_the_order_stays_within_0_to_1():
     confidence = np.linspace(0.0, 1.0, 1001)
-    assert Calibration().apply(confidence).tolist() == confidence.tolist()
+    assert ConfidenceCalibration().apply(confidence).tolist() == confidence.tolist()
     for values in ((0.3, 2.0), (3.0, -1.0), (20.0, 20.0)):
-        calibrated = Calibration(*values).apply(confidence)
+        calibrated = ConfidenceCalibration(*values).apply(confidence)
         assert (np.diff(calibrated) >= 0.0).all()
         assert 0.0 <= calibrated[0] < calibrated[-1] <= 1.0
 
@@ -40,7 +40,7 @@ def test_boxes_and_states_stay(preset, moving_square):
     plain, calibrated = estimates((1.0, 0.0)), estimates((0.5, 1.0))
     assert len({one.state for one in plain}) > 1
     assert [(one.box, one.state) for one in plain] == [(one.box, one.state) for one in calibrated]
-    expected = Calibration(0.5, 1.0).apply([one.confidence for one in plain])
+    expected = ConfidenceCalibration(0.5, 1.0).apply([one.confidence for one in plain])
     assert [one.confidence for one in calibrated] == expected.tolist()
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError
 from pf_tracker_ros.parameter_files import read_parameter_file
-from pf_tracker_ros.tracking.calibration import Calibration
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tuning import __main__
 
 optuna = pytest.importorskip("optuna")
@@ -15,10 +15,10 @@ pytest.importorskip("matplotlib")
 confidence = pytest.importorskip("pf_tracker_ros.tuning.confidence")
 run = pytest.importorskip("pf_tracker_ros.tuning.confidence_run")
 
-PLAIN = Calibration()
-PLANTED = Calibration(0.5, 1.0)
+PLAIN = ConfidenceCalibration()
+PLANTED = ConfidenceCalibration(0.5, 1.0)
 # Undoes the planted one: x / 0.5 - 1 / 0.5.
-INVERSE = Calibration(2.0, -2.0)
+INVERSE = ConfidenceCalibration(2.0, -2.0)
 SEQUENCES, FRAMES = 10, 400
 
 
@@ -160,11 +160,11 @@ def test_options_of_the_search_are_refused(folder, capsys, more):
 
 def test_a_journal_of_a_search_is_refused(folder):
     from pf_tracker_ros.tuning.journal import open_journal
-    from pf_tracker_ros.tuning.tuning import RUN, check_request
+    from pf_tracker_ros.tuning.tuning import RUN, check_tuning_request
 
     with open_journal(folder / "mine.journal") as storage:
         study = optuna.create_study(storage=storage, study_name=RUN)
-        check_request(study, {"preset": "li2007", "ranges": {}}, [])
+        check_tuning_request(study, {"preset": "li2007", "ranges": {}}, [])
         request = run.ConfidenceRequest("li2007", {}, seeds=1, folds=2)
         with pytest.raises(EvaluationError, match="of another run"):
             run.ConfidenceRun(request, [], storage, None)
