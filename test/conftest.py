@@ -253,7 +253,8 @@ def write_clip():
         with av.open(str(path), "w", options=container_options or {}) as container:
             stream = container.add_stream(codec, rate=25)
             stream.width, stream.height = width, height
-            stream.pix_fmt = "bgr0" if codec == "ffv1" else "yuv420p"
+            formats = {"ffv1": "bgr0", "mjpeg": "yuvj420p"}
+            stream.pix_fmt = formats.get(codec, "yuv420p")
             stream.time_base = stream.codec_context.time_base = Fraction(1, 25)
             stream.bit_rate = 4_000_000
             stream.options = codec_options or {}

@@ -27,7 +27,7 @@ class OpencvVideo:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self.damage = ""
+        self.damage = self.note = ""
         # Its number of frames is compared.
         self.has_frame_list = True
         capture = self._open()

@@ -5,7 +5,12 @@ What the container promises is compared with what was read:
 1. A file with a list of its frames (MP4, MOV, AVI) has to contain as many packets.
 2. From the first frame that is shown, each H.264 and H.265 packet of such a file has to be shown.
 3. Packets of another file have to reach its declared duration.
-4. Each packet has to be decoded without an error, into frames that are not marked as corrupt.
+4. Each packet has to be decoded without an error, into frames that are not marked as corrupt, and
+   has to be complete.
+
+The decoders of H.264, MPEG-4, MPEG-2 and ProRes mark pictures in which they conceal damage. That of
+Motion JPEG only refuses them if it is told to, see `_StrictDecoder`. Those of H.265, VP8, VP9 and
+others do not notice most damage inside of a picture.
 
 Frames that an edit list excludes, and leading frames whose references were cut off, are not shown
 by any player, and are not missing here.
@@ -13,7 +18,8 @@ by any player, and are not missing here.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
@@ -31,11 +37,17 @@ from pf_tracker_ros.plurals import counted
 
 # Nothing but the file itself is opened, whatever is written in it.
 _OPTIONS = {"protocol_whitelist": "file"}
-# Declared durations are rounded, and may end with the sound.
+# Declared durations may end with the sound.
 _DURATION_TOLERANCE = Fraction(1, 5)
 _MICROSECONDS = 1_000_000
+# Of the intervals in an AVI, which may be rounded.
+_INTERVAL_TOLERANCE = 0.01
 # Each packet is a frame: others may split one, or contain one that is not shown.
 _COUNTED_CODECS = ("h264", "hevc")
+# Bytes below glibc's DEFAULT_MMAP_THRESHOLD_MAX.
+_LARGEST_REUSED = 32_000_000
+# Each picture is independent, and damage is told only by an error.
+_STRICT_CODECS = ("mjpeg",)
 # FFmpeg's decoder of texts, which it may also choose by the file name.
 _TERMINAL_CODEC = "ansi"
 
@@ -47,6 +59,7 @@ class PyavVideo:
         frame_count: Number of frames that are to be shown, according to the file.
         has_frame_list: Whether the file has a list of its frames, so that missing ones are noticed.
         interval: Mean seconds from one frame to the next, None if unknown.
+        note: What the file contradicts itself in, as a sentence, or empty.
         damage: After `pictures` has ended: what is missing or damaged, as "is damaged: ...", or
             empty.
 
@@ -60,10 +73,13 @@ class PyavVideo:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.damage = ""
+        _reuse_freed_memory()
         with self._open() as container:
             stream = self._stream(container)
             rate = stream.average_rate or stream.guessed_rate
             self.interval = float(1 / rate) if rate else None
+            is_avi = container.format.name == "avi"
+            self.note = _contradiction(path, stream.time_base) if is_avi else ""
             # Tuple: the index belongs to the container.
             listed = tuple(entry.is_discard for entry in stream.index_entries)
             self.has_frame_list = 0 < stream.frames <= len(listed)
@@ -85,7 +101,8 @@ class PyavVideo:
             has_decoding_times = container.format.name == "avi"
             # One for all frames, because a new one is slow to prepare.
             converter = VideoReformatter()
-            reading = _Reading(container, stream, has_frame_list=self.has_frame_list)
+            strict = _StrictDecoder(stream, self._open) if _is_strict(stream) else None
+            reading = _Reading(container, stream, strict, has_frame_list=self.has_frame_list)
             for index, frame in enumerate(reading.frames()):
                 number = frame.dts if has_decoding_times else frame.pts
                 time = None if number is None else number * Fraction(frame.time_base or 0)
@@ -139,13 +156,92 @@ class PyavVideo:
             self.interval = float((max(times) - min(times)) * stream.time_base / (len(times) - 1))
 
 
+@functools.cache
+def _reuse_freed_memory() -> None:
+    """Let the C library reuse the memory of a freed image for the next one.
+
+    glibc returns large freed blocks to the system, which clears each of their pages when they are
+    used again. For many sizes this would take as long as the conversion of the image. A block that
+    is freed raises the size from which this happens up to its own. Not a page of this one is used,
+    and other C libraries are not affected. See mallopt(3), M_MMAP_THRESHOLD.
+    """
+    np.empty(_LARGEST_REUSED, np.uint8)
+
+
+def _contradiction(path: Path, time_base: Fraction | None) -> str:
+    """The note for an AVI whose header has two frame intervals: no checksum tells which is right.
+
+    Args:
+        path: The file.
+        time_base: Interval of the stream header (strh), seconds, which is used.
+    """
+    # RIFF header, list hdrl, chunk avih: its first field, microseconds.
+    with path.open("rb") as file:
+        content = file.read(36)
+    other = int.from_bytes(content[32:36], "little")
+    if content[24:28] != b"avih" or not other or not time_base:
+        return ""
+    used = float(time_base * _MICROSECONDS)
+    if abs(used - other) <= max(_INTERVAL_TOLERANCE * used, 1.0):
+        return ""
+    return (
+        f"the header of {path.name} gives two intervals between frames, {used / 1000:.6g} (used) "
+        f"and {other / 1000:.6g} ms; the times may be wrong"
+    )
+
+
+def _is_strict(stream: av.VideoStream) -> bool:
+    return stream.codec_context.name in _STRICT_CODECS
+
+
+class _StrictDecoder:
+    """Decodes pictures, each by itself, strictly first, and as far as possible if that fails.
+
+    Args:
+        stream: The stream; its decoder is set up.
+        open_container: Opens the file again, for a second decoder.
+    """
+
+    def __init__(
+        self, stream: av.VideoStream, open_container: Callable[[], InputContainer]
+    ) -> None:
+        # Threads would report the error of a picture with a later one.
+        stream.thread_type = "NONE"
+        stream.codec_context.options = {"err_detect": "explode"}
+        self._index = stream.index
+        self._open = open_container
+        # The container is kept, since its stream ends with it.
+        self._lenient: tuple[InputContainer, Any] | None = None
+
+    def decode(self, packet: av.Packet[Any]) -> list[tuple[av.VideoFrame, bool]]:
+        """The frames of a packet, and whether each is damaged.
+
+        Raises:
+            av.FFmpegError: Nothing can be decoded.
+        """
+        try:
+            return [(frame, frame.is_corrupt) for frame in packet.decode()]
+        except av.FFmpegError:
+            if self._lenient is None:
+                container = self._open()
+                decoder: Any = container.streams[self._index].codec_context
+                self._lenient = container, decoder
+            return [(frame, True) for frame in self._lenient[1].decode(packet)]
+
+
 class _Reading:
     """One pass through a file."""
 
     def __init__(
-        self, container: InputContainer, stream: av.VideoStream, *, has_frame_list: bool
+        self,
+        container: InputContainer,
+        stream: av.VideoStream,
+        strict: _StrictDecoder | None,
+        *,
+        has_frame_list: bool,
     ) -> None:
         self._container = container
+        self._strict = strict
         self._has_frame_list = has_frame_list
         self._stream = stream
         self._packet_count = 0
@@ -162,8 +258,8 @@ class _Reading:
     def frames(self) -> Iterator[av.VideoFrame]:
         """Decode the frames."""
         for packet in self._packets():
-            for frame in self._decode(packet):
-                if frame.is_corrupt:
+            for frame, is_damaged in self._decode(packet):
+                if is_damaged or packet.is_corrupt:
                     self._corrupt.append(self._frame_count)
                 self._frame_count += 1
                 if self._first_time is None:
@@ -183,7 +279,7 @@ class _Reading:
             listed = counted(self._stream.frames, "frame")
             yield f"it contains {self._packet_count} of its {listed}"
         declared = Fraction(self._container.duration or 0, _MICROSECONDS)
-        if not self._stream.frames and self._end < declared - _DURATION_TOLERANCE:
+        if not self._stream.frames and self._end < declared - self._duration_tolerance:
             yield f"it ends after {float(self._end):.2f} of {float(declared):.2f} s"
         if self._failed:
             failed = counted(len(self._failed), "frame")
@@ -193,6 +289,15 @@ class _Reading:
         if self._corrupt:
             corrupt = counted(len(self._corrupt), "damaged frame")
             yield f"it has {corrupt}, the first is frame {self._corrupt[0]}"
+
+    @property
+    def _duration_tolerance(self) -> Fraction:
+        """Seconds by which the packets may end before the declared duration."""
+        rate = self._stream.average_rate
+        if len(self._container.streams) > 1 or not rate:
+            return _DURATION_TOLERANCE
+        # The duration of the last frame may not be in the file.
+        return min(_DURATION_TOLERANCE, Fraction(3, 2) / rate)
 
     def _packets(self) -> Iterator[av.Packet[Any]]:
         """The packets of the video; those of the sound only count for the duration."""
@@ -209,9 +314,12 @@ class _Reading:
         except (av.FFmpegError, OSError) as error:
             self._error = getattr(error, "strerror", None) or str(error)
 
-    def _decode(self, packet: av.Packet[Any]) -> list[av.VideoFrame]:
+    def _decode(self, packet: av.Packet[Any]) -> list[tuple[av.VideoFrame, bool]]:
+        """The frames of a packet, and whether each is known to be damaged."""
         try:
-            return packet.decode()
+            if self._strict:
+                return self._strict.decode(packet)
+            return [(frame, frame.is_corrupt) for frame in packet.decode()]
         except av.FFmpegError:
             self._failed.append(self._frame_count)
             return []

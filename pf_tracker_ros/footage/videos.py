@@ -34,8 +34,8 @@ class VideoFootage:
     first frame, to report errors early.
 
     Attributes:
-        note: That the times of the file are not used; after reading, where frames may be missing;
-            as a sentence, or empty.
+        note: That the times of the file are not used, or may be wrong; after reading, where frames
+            may be missing; as a sentence, or empty.
 
     Args:
         path: The file.
@@ -65,7 +65,7 @@ class VideoFootage:
         with closing(video.pictures()) as pictures:
             if next(pictures, None) is None:
                 raise FootageError(f"video {path}: no frame can be decoded")
-        self.note = ""
+        self.note = video.note
         slowest, fastest = _FRAME_RATES
         self._has_times = bool(video.interval and slowest <= 1.0 / video.interval <= fastest)
         if video.interval is not None and not self._has_times:

@@ -250,7 +250,7 @@ class Updater:
             covered = pairwise_coverage(predicted_box[None], boxes)[0]
             external_likelihoods.append(_occluder_likelihood(boxes, covered))
             # A distractor occludes only a confident target.
-            is_confident = track.filter_state.estimate.confidence > _FULL_CONFIDENCE
+            is_confident = track.filter_state.confidence > _FULL_CONFIDENCE
             occludes = np.array([is_confident or not one.is_distractor for one in front])
             is_covered = bool((covered * occludes).max() > _OCCLUDED_ABOVE)
             is_occluded_by_other = detection is None and is_covered
@@ -363,7 +363,7 @@ class Updater:
         box, box_filter = np.array(filter_state.estimate.box), track.box_filter
         center, std = box[:2] + box[2:] / 2, _IMAGE_STD * box[2:]
         if track.is_undetected:
-            count = min(filter_state.estimate.confidence / _FULL_CONFIDENCE, 1.0)
+            count = min(filter_state.confidence / _FULL_CONFIDENCE, 1.0)
             std = std / max(count, _MIN_COUNT)
         if not is_sized:
             box = np.concatenate([center - box_filter.size / 2, box_filter.size])
@@ -379,7 +379,7 @@ class Updater:
         is_far, is_unexpected = pairwise_iou(places, detection.box[None])[:, 0] < _FAR_BELOW
         # Against a confident image, one distant detection is not enough; the image is wrong where
         # the detections before it expect it.
-        is_confident = track.filter_state.estimate.confidence > _CONFIDENT_ABOVE
+        is_confident = track.filter_state.confidence > _CONFIDENT_ABOVE
         is_doubted = is_far and is_unexpected and is_confident
         jumps = is_far and not is_doubted
         box_filter = track.box_filter.correct(detection.box, track.unconfirmed_for)

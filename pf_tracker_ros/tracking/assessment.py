@@ -23,6 +23,7 @@ from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenCueWeights, TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState
 
@@ -33,7 +34,7 @@ class Assessment:
 
     Attributes:
         box: (4,) of the target, pixels.
-        confidence: Probability that it is the target, 0 to 1.
+        confidence: Probability that it is the target, 0 to 1, before its calibration.
         status: Track state and its timers.
         particles: Particles that the estimate reports.
         boxes: (N, 4) of these particles, pixels.
@@ -50,7 +51,11 @@ class Assessment:
     known_distractor: Box | None = None
 
     def to_estimate(
-        self, frame: Frame, cue_weights: CueWeights, covariance: NDArray[np.float64]
+        self,
+        frame: Frame,
+        cue_weights: CueWeights,
+        covariance: NDArray[np.float64],
+        calibration: ConfidenceCalibration,
     ) -> Estimate:
         """The estimate that is published; makes the arrays read-only.
 
@@ -58,13 +63,14 @@ class Assessment:
             frame: The frame.
             cue_weights: Weights of the cues in that frame.
             covariance: (4, 4) of the box, see `Estimate.box_covariance`.
+            calibration: Calibration of the confidence.
         """
         self.boxes.setflags(write=False)
         covariance.setflags(write=False)
         return Estimate(
             box=as_box(self.box),
             state=self.status.state,
-            confidence=self.confidence,
+            confidence=float(calibration.apply(self.confidence)),
             box_covariance=covariance,
             particles=self.particles.states,
             particle_boxes=self.boxes,

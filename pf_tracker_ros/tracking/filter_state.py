@@ -60,6 +60,8 @@ class FilterState:
         frames_since_seen: Consecutive frames without the state "tracking".
         followed_frames: Frames since the first one.
         generator_state: The target's own source of random numbers.
+        confidence: Confidence of the last frame before its calibration, 0 to 1; `estimate` has it
+            after that.
         estimate: Estimate of the last frame.
         saved_templates: Templates from before a recent jump of the illumination; None without one.
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
@@ -80,6 +82,7 @@ class FilterState:
     frames_since_seen: int
     followed_frames: int
     generator_state: GeneratorState
+    confidence: float
     estimate: Estimate
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
@@ -87,5 +90,5 @@ class FilterState:
     @property
     def doubt(self) -> float:
         """Doubt that the last estimate is the target, 0 to 1."""
-        doubt = (_CERTAIN_ABOVE - self.estimate.confidence) / (_CERTAIN_ABOVE - _DOUBTFUL_BELOW)
+        doubt = (_CERTAIN_ABOVE - self.confidence) / (_CERTAIN_ABOVE - _DOUBTFUL_BELOW)
         return min(max(doubt, 0.0), 1.0)

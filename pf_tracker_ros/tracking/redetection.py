@@ -218,7 +218,7 @@ class Redetector:
         candidate = self.search_around(
             state, measurement.frame, measurement.cue_weights, np.array(state.second_peak)
         )
-        if not self._doubtful_below <= candidate.confidence < state.estimate.confidence:
+        if not self._doubtful_below <= candidate.confidence < state.confidence:
             return None
         is_clear = relative_center_distances(candidate.box, state.estimate.box) >= 1.0
         is_second_peak = are_same_place(candidate.box, state.second_peak)

@@ -28,6 +28,7 @@ from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurer
@@ -104,6 +105,7 @@ class StateOperations:
         measurer: Learns templates.
         initializer: Makes motion models and Kalman filters.
         lost_after: See `TrackThresholds`.
+        calibration: Calibration of the reported confidence.
     """
 
     def __init__(
@@ -112,11 +114,13 @@ class StateOperations:
         measurer: Measurer,
         initializer: FilterInitializer,
         lost_after: float,
+        calibration: ConfidenceCalibration,
     ) -> None:
         self._predictor = predictor
         self._measurer = measurer
         self._initializer = initializer
         self._lost_after = lost_after
+        self._calibration = calibration
 
     def coast(self, state: FilterState, frame: Frame, interval: float) -> FilterState:
         """The state one frame later by the motion model alone, for an occluded target.
@@ -146,14 +150,17 @@ class StateOperations:
             frames_since_seen=state.frames_since_seen + 1,
             followed_frames=state.followed_frames + 1,
             generator_state=GeneratorState.of(generator),
-            estimate=assessment.to_estimate(frame, state.estimate.cue_weights, covariance),
+            confidence=confidence,
+            estimate=assessment.to_estimate(
+                frame, state.estimate.cue_weights, covariance, self._calibration
+            ),
             distractor_box=None,
         )
 
     def _decayed_confidence(self, state: FilterState, interval: float) -> float:
         if self._lost_after == 0.0:
             return 0.0
-        return state.estimate.confidence * 0.5 ** (interval / self._lost_after)
+        return state.confidence * 0.5 ** (interval / self._lost_after)
 
     def move_to(self, state: FilterState, box: Box) -> FilterState:
         """The state with particles and estimate moved to another box; velocities stay.

@@ -37,6 +37,7 @@ from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
+from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
 from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
@@ -92,6 +93,7 @@ class TargetFilter:
         )
         check_proposal(parameters, self._fusion)
         self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
+        self._calibration = ConfidenceCalibration.of(parameters.track.confidence_calibration)
         self._predictor = Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)
         self._redetector: Redetector | None = None
@@ -122,7 +124,11 @@ class TargetFilter:
             weighs_looks=parameters.max_targets == 1,
         )
         self.operations = StateOperations(
-            self._predictor, self._measurer, self._initializer, parameters.track.lost_after
+            self._predictor,
+            self._measurer,
+            self._initializer,
+            parameters.track.lost_after,
+            self._calibration,
         )
         self._resampler = build_resampler(parameters.resampling)
 
@@ -176,7 +182,10 @@ class TargetFilter:
             frames_since_seen=0,
             followed_frames=0,
             generator_state=GeneratorState.of(generator),
-            estimate=assessment.to_estimate(frame, self._fusion.cue_weights, covariance),
+            confidence=assessment.confidence,
+            estimate=assessment.to_estimate(
+                frame, self._fusion.cue_weights, covariance, self._calibration
+            ),
         )
 
     def predict(
@@ -298,7 +307,9 @@ class TargetFilter:
         # A lost target may be anywhere, however long ago it was lost.
         time_since_seen = min(assessment.status.time_since_seen, self.parameters.track.lost_after)
         covariance = self._measurer.covariance(state, measurement, assessment, time_since_seen)
-        estimate = assessment.to_estimate(measurement.frame, measurement.cue_weights, covariance)
+        estimate = assessment.to_estimate(
+            measurement.frame, measurement.cue_weights, covariance, self._calibration
+        )
         second_peak = measurement.second_peak
         return FilterState(
             first_box=state.first_box,
@@ -315,6 +326,7 @@ class TargetFilter:
             frames_since_seen=0 if is_seen else state.frames_since_seen + 1,
             followed_frames=state.followed_frames + 1,
             generator_state=GeneratorState.of(frame_prediction.generator),
+            confidence=assessment.confidence,
             estimate=estimate,
             saved_templates=learned.saved_templates,
             distractor_box=measurement.distractor_box,

@@ -88,7 +88,7 @@ class TrackAssessor:
             known_distractor = as_box(measurement.box)
         if known_distractor is not None and are_same_place(measurement.box, known_distractor):
             frame_confidence = similarity = 0.0
-        confidence = self._confidence.update(state.estimate.confidence, frame_confidence)
+        confidence = self._confidence.update(state.confidence, frame_confidence)
         status = self._advanced(state, measurement, confidence, similarity, interval)
         if self._redetector is None and status.probation:
             # No other candidate is searched for.

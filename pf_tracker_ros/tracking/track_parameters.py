@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.tracking.calibration import LARGEST
 from pf_tracker_ros.tracking.estimate import TrackThresholds
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 
@@ -20,6 +21,15 @@ class TrackParameters(TrackThresholds):
         "has the confidence of that frame alone.",
         minimum=0.01,
         maximum=1.0,
+    )
+    confidence_calibration: tuple[float, ...] = declared(
+        (1.0, 0.0),
+        "Scale and offset of the log odds of the reported confidence, as `tune --confidence` fits "
+        "them. The thresholds apply to the confidence before that, so boxes and states stay the "
+        "same. The scale is at least 0.01.",
+        minimum=-LARGEST,
+        maximum=LARGEST,
+        lengths=(2,),
     )
     occlusion_policy: str = declared(
         "coast",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +23,10 @@ from pf_tracker_ros.evaluation.command_line import (
 )
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.evaluation.sequences import open_sequences
-from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.tuning.command_line import parser
+from pf_tracker_ros.tuning.command_line import DEFAULT_TRIALS, parser
 from pf_tracker_ros.tuning.search_space import search_space
 
 # Memory that Ray reserves for an evaluation, bytes: enough for images of 8 megapixels.
@@ -48,22 +48,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     # All checks come before the first frame.
-    require_packages("tune", *_PACKAGES)
+    require_packages("tune", *_PACKAGES, *(["matplotlib"] if options.confidence else []))
     from pf_tracker_ros.tuning.journal import open_journal
-    from pf_tracker_ros.tuning.output import TuningFiles
-    from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
 
-    given, values = checked_parameters(options)
-    given = {name: values[name] for name in given}
-    request = TuningRequest(
-        options.preset,
-        given,
-        search_space(options.preset, given, options.only),
-        options.trials,
-        options.seeds,
-        options.folds,
-        options.seed,
-    )
+    make_run, outputs_of = _kind_of_run(options)
     sequences, unopened = open_sequences(options.sequences)
     for failure in unopened:
         _complain(failure.error)
@@ -74,39 +62,83 @@ def _run(options: argparse.Namespace) -> int:
         )
     output: Path = options.output
     journal = _checked_journal(output)
-    outputs = TuningFiles(output, request)
+    outputs = outputs_of(output)
     with open_journal(journal) as storage, _executor(options) as executor:
-        tuning = Tuning(request, sequences, storage, executor)
-        finished = tuning.finished if output.exists() else 0
-        if request.trials < finished:
-            raise EvaluationError(
-                f"{output} is the result of {finished} trials, and --trials {request.trials} would "
-                f"replace it by one of fewer; allowed: {finished} or more, or another --output"
-            )
+        run = make_run(sequences, storage, executor)
+        finished = run.finished if output.exists() else {}
+        _refuse_less(options, finished)
         try:
-            with progress_bar(tuning.runs, "runs") as on_progress:
-                result = tuning.run(on_progress)
+            with progress_bar(run.runs, "runs") as on_progress:
+                result = run.run(on_progress)
         except (KeyboardInterrupt, Termination, OSError) as stop:
-            if finished:
-                kept = f"{output} keeps the result of {counted(finished, 'trial')}"
-            else:
-                error = outputs.write_best(tuning.best, tuning.trials)
-                kept = error or f"{output} has the best values so far"
+            kept = (
+                f"{output} keeps its finished result"
+                if finished
+                else outputs.write_interrupted(run)
+            )
             reason, code = _stopped(stop)
             print(f"tune: {reason}; {kept}", file=sys.stderr)
             return code
-    for each in tuning.errors:
+    for each in run.errors:
         _complain(f"{each}; the figures are without this evaluation")
     errors = outputs.write_result(result)
     for error in errors:
         _complain(error)
-    print(outputs.verdict(result))
-    if changed := outputs.changed(result):
-        print("used:" if outputs.uses(result) else "best values found, not used:")
-    for name, before, after in changed:
-        print(f"  {name}: {after:g} instead of {before:g}")
+    print(*outputs.summary(result), sep="\n")
     print(f"{output} has the parameters, {outputs.page} the report")
-    return INCOMPLETE if unopened or tuning.errors or errors else SUCCESS
+    return INCOMPLETE if unopened or run.errors or errors else SUCCESS
+
+
+def _kind_of_run(options: argparse.Namespace) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """The constructors of the run and of its outputs, with the request of the options.
+
+    Raises:
+        EvaluationError: Options exclude each other.
+        ParameterError: A parameter is not allowed.
+    """
+    from pf_tracker_ros.tuning.confidence_output import CalibrationFiles
+    from pf_tracker_ros.tuning.confidence_run import PARAMETER, ConfidenceRequest, ConfidenceRun
+    from pf_tracker_ros.tuning.output import TuningFiles
+    from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
+
+    given, values = checked_parameters(options)
+    given = {name: values[name] for name in given}
+    if options.confidence:
+        if options.trials is not None or options.only:
+            raise EvaluationError(
+                "--confidence has no search; allowed: no --trials and no --only with it"
+            )
+        # It is fitted anew.
+        given.pop(PARAMETER, None)
+        fitted = ConfidenceRequest(options.preset, given, options.seeds, options.folds)
+        return partial(ConfidenceRun, fitted), partial(CalibrationFiles, request=fitted)
+    if options.trials is None:
+        options.trials = DEFAULT_TRIALS
+    request = TuningRequest(
+        options.preset,
+        given,
+        search_space(options.preset, given, options.only),
+        options.trials,
+        options.seeds,
+        options.folds,
+        options.seed,
+    )
+    return partial(Tuning, request), partial(TuningFiles, request=request)
+
+
+def _refuse_less(options: argparse.Namespace, finished: Mapping[str, int]) -> None:
+    """Keep a finished result from one of fewer trials or groups.
+
+    Raises:
+        EvaluationError: The options ask for fewer.
+    """
+    for name, count in finished.items():
+        asked = getattr(options, name)
+        if asked < count:
+            raise EvaluationError(
+                f"{options.output} is the result of --{name} {count}, and --{name} {asked} would "
+                f"replace it by one of fewer; allowed: {count} or more, or another --output"
+            )
 
 
 def _stopped(stop: BaseException) -> tuple[str, int]:

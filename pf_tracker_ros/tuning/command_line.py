@@ -15,12 +15,16 @@ repeated without each group of sequences, and its values are tested on them. If 
 sequences left out is not above 0 in its 95 % interval, the file has the preset's values.
 
 Parameters of --parameter or --params-file that are tuned are values to start from; others are kept.
+
+With --confidence, no values are searched. The probability that the box is on the target is fitted
+to the sequences, and tested in the same way.
 """
 
 _EPILOG = """\
-example:
+examples:
   tune sequences --trials 100 --jobs 4 --output mine.yaml
   tracker --ros-args --params-file mine.yaml
+  tune sequences --confidence --params-file mine.yaml --output calibrated.yaml
 
 Beside mine.yaml are mine.html, a report, and mine.journal, all trials. The same command continues
 an interrupted run from the journal; with more trials, it extends a finished one.
@@ -33,6 +37,10 @@ exit codes:
   130  interrupted (Ctrl-C); the file has the best values so far
   143  terminated; likewise
 """
+
+
+DEFAULT_TRIALS = 100
+"""Trials without --trials."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -54,6 +62,12 @@ def parser() -> argparse.ArgumentParser:
     )
     add_tracker_options(parser)
     parser.add_argument(
+        "--confidence",
+        action="store_true",
+        help="fit track.confidence_calibration, which makes the reported confidence the "
+        "probability that the box is on the target, instead of searching values",
+    )
+    parser.add_argument(
         "--only",
         action="append",
         default=[],
@@ -63,9 +77,8 @@ def parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--trials",
         type=positive,
-        default=100,
         metavar="N",
-        help="trials of each search (default: %(default)s)",
+        help=f"trials of each search (default: {DEFAULT_TRIALS})",
     )
     parser.add_argument(
         "--seeds",

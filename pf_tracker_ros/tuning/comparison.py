@@ -26,14 +26,14 @@ def seed_error(gains: NDArray[np.float64]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Success AUCs of a preset and of tuned values on the same sequences with the same seeds.
+    """Scores of a preset and of tuned values on the same sequences with the same seeds.
 
     The interval treats the sequences as a sample of the footage. Their differences contain those of
     the seeds.
 
     Attributes:
         names: Names of the sequences, at least two.
-        preset: (sequences, seeds) of the preset.
+        preset: (sequences, seeds) of the preset, such as success AUCs; more is better.
         tuned: (sequences, seeds) of the tuned values.
     """
 
@@ -68,7 +68,7 @@ class Comparison:
 
     @property
     def rows(self) -> list[tuple[str, float, float]]:
-        """Name and the two mean success AUCs of each sequence."""
+        """Name and the two mean scores of each sequence."""
         before, after = self.preset.mean(axis=1), self.tuned.mean(axis=1)
         return list(zip(self.names, before.tolist(), after.tolist(), strict=True))
 

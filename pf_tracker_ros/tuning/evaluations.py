@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
@@ -26,7 +26,7 @@ TunedValues: TypeAlias = Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class _Task:
+class EvaluationTask:
     """An evaluation for a worker."""
 
     footage: Footage
@@ -35,8 +35,11 @@ class _Task:
     seeds: Sequence[int]
 
 
+Evaluate: TypeAlias = Callable[[EvaluationTask], list[Any] | str]
+
+
 class Evaluations:
-    """Success AUCs of parameter values on sequences.
+    """Figures of parameter values on sequences, by default success AUCs.
 
     Args:
         study: Stores each evaluation as an attribute, those of an earlier run included.
@@ -46,6 +49,7 @@ class Evaluations:
         sequences: The sequences.
         seeds: The seeds.
         on_progress: Called with the number of runs that are done; a run has one seed.
+        evaluate: Returns a figure for each seed, of a type of JSON, or the reason for a failure.
     """
 
     def __init__(
@@ -58,6 +62,7 @@ class Evaluations:
         sequences: Sequence[Footage],
         seeds: Sequence[int],
         on_progress: OnProgress,
+        evaluate: Evaluate | None = None,
     ) -> None:
         self._study = study
         self._executor = executor
@@ -66,14 +71,15 @@ class Evaluations:
         self._sequences = sequences
         self._seeds = tuple(seeds)
         self._on_progress = on_progress
-        self._known: dict[str, list[float] | str] = study.user_attrs
+        self._evaluate: Evaluate = evaluate or success_aucs
+        self._known: dict[str, list[Any] | str] = study.user_attrs
 
     def knows(self, values: TunedValues, sequence: int) -> bool:
         """Whether this evaluation was carried out."""
         return self._key(values, sequence) in self._known
 
-    def aucs(self, values: TunedValues, sequence: int) -> list[float] | str:
-        """The success AUC for each seed, or the reason for a failure.
+    def figures(self, values: TunedValues, sequence: int) -> list[Any] | str:
+        """The figure for each seed, or the reason for a failure.
 
         Raises:
             KeyError: The evaluation was not carried out.
@@ -87,19 +93,19 @@ class Evaluations:
             KeyError: An evaluation was not carried out.
         """
         failed = [np.nan] * len(self._seeds)
-        rows = (self.aucs(values, sequence) for sequence in sequences)
+        rows = (self.figures(values, sequence) for sequence in sequences)
         return np.array([failed if isinstance(row, str) else row for row in rows])
 
     def carry_out(self, requests: Sequence[tuple[TunedValues, int]]) -> None:
         """Carry out the evaluations of values on sequences that are not known yet."""
-        pending: dict[str, tuple[_Task, int]] = {}
+        pending: dict[str, tuple[EvaluationTask, int]] = {}
         for values, sequence in requests:
             key = self._key(values, sequence)
             footage = self._sequences[sequence]
             if key in self._known:
                 self._on_progress(footage.name, len(self._seeds))
                 continue
-            task = _Task(footage, self._preset, {**self._fixed, **values}, self._seeds)
+            task = EvaluationTask(footage, self._preset, {**self._fixed, **values}, self._seeds)
             pending[key] = task, pending.get(key, (task, 0))[1] + 1
         keys = list(pending)
         with closing(self._results([task for task, _ in pending.values()])) as results:
@@ -118,18 +124,20 @@ class Evaluations:
         named = [self._seeds, self._sequences[sequence].name, dict(values)]
         return json.dumps(named, sort_keys=True)
 
-    def _results(self, tasks: Sequence[_Task]) -> Any:
+    def _results(self, tasks: Sequence[EvaluationTask]) -> Any:
         if self._executor is None:
-            return _one_by_one(tasks)
-        return self._executor.run(_evaluate, tasks)
+            return _one_by_one(self._evaluate, tasks)
+        return self._executor.run(self._evaluate, tasks)
 
 
-def _one_by_one(tasks: Sequence[_Task]) -> Iterator[tuple[int, list[float] | str]]:
+def _one_by_one(
+    evaluate: Evaluate, tasks: Sequence[EvaluationTask]
+) -> Iterator[tuple[int, list[Any] | str]]:
     for number, task in enumerate(tasks):
-        yield number, _evaluate(task)
+        yield number, evaluate(task)
 
 
-def _evaluate(task: _Task) -> list[float] | str:
+def success_aucs(task: EvaluationTask) -> list[float] | str:
     """Success AUC for each seed, or the reason for a failure."""
     make_tracker = partial(Tracker.from_preset, task.preset, parameters=task.parameters)
     ((_, result),) = evaluate_each([task.footage], make_tracker, task.seeds)

@@ -1,4 +1,4 @@
-"""The outputs of `tune`: a ROS parameter file, a page, and a summary."""
+"""The outputs of a search: a ROS parameter file, a page, and a summary."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pf_tracker_ros.parameter_files import yaml_text
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tuning.comparison import Comparison
 from pf_tracker_ros.tuning.evaluations import TunedValues
-from pf_tracker_ros.tuning.tuning import TuningRequest, TuningResult
+from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest, TuningResult
 
 _LINE_LENGTH = 100
 
@@ -28,6 +28,7 @@ class TuningFiles:
         request: What is tuned.
 
     Attributes:
+        path: Path of the parameter file.
         page: Path of the page.
 
     Raises:
@@ -35,6 +36,7 @@ class TuningFiles:
     """
 
     def __init__(self, path: Path, request: TuningRequest) -> None:
+        self.path = path
         self.page = path.with_suffix(".html")
         self._request = request
         self._parameter_file = OutputFile(path)
@@ -65,17 +67,28 @@ class TuningFiles:
         ]
         return [error for error in errors if error is not None]
 
-    def write_best(self, best: TunedValues, trials: int) -> str | None:
+    def write_interrupted(self, tuning: Tuning) -> str:
         """Write the best values of an interrupted run.
 
         Returns:
-            Error message; None on success.
+            What was kept, or an error message.
         """
+        trials = tuning.trials
         told = (
             f"Interrupted after {trials} of {counted(self._request.trials, 'trial')}: the best "
             "values so far, not tested on sequences left out."
         )
-        return self._write_parameters(best, told, {})
+        error = self._write_parameters(tuning.best, told, {})
+        return error or f"{self.path} has the best values so far"
+
+    def summary(self, result: TuningResult) -> list[str]:
+        """The verdict and the values, as lines to print."""
+        lines = [self.verdict(result)]
+        if changed := self.changed(result):
+            lines.append("used:" if self.uses(result) else "best values found, not used:")
+        return lines + [
+            f"  {name}: {after:g} instead of {before:g}" for name, before, after in changed
+        ]
 
     def uses(self, result: TuningResult) -> bool:
         """Whether the values found are better than the preset, and in the parameter file."""
@@ -114,34 +127,47 @@ class TuningFiles:
     def _write_parameters(
         self, values: TunedValues, told: str, candidate: Mapping[str, float]
     ) -> str | None:
-        text = self._parameter_text(values, told, candidate)
+        parameters = {**self._request.fixed, **self._changes(values)}
+        text = parameter_text(self._request.preset, parameters, told, candidate)
         return self._parameter_file.write(lambda path: path.write_text(text, encoding="utf-8"))
-
-    def _parameter_text(
-        self, values: TunedValues, told: str, candidate: Mapping[str, float]
-    ) -> str:
-        lines = textwrap.wrap(
-            told, _LINE_LENGTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
-        )
-        if candidate:
-            lines.append("# The best values found, which are not used:")
-            lines += [f"#   {name}: {yaml_text(value)}" for name, value in candidate.items()]
-        lines += ["/**:", "  ros__parameters:", f"    preset: {yaml_text(self._request.preset)}"]
-        parameters: dict[str, Any] = {**self._request.fixed, **self._changes(values)}
-        lines += [f"    {name}: {yaml_text(value)}" for name, value in parameters.items()]
-        return "\n".join(lines) + "\n"
 
     def _facts(self, result: TuningResult) -> dict[str, str]:
         request = self._request
-        given = ", ".join(f"{name}={value}" for name, value in request.given.items())
         searches = 1 + min(request.folds, len(result.comparison.names))
         return {
             "preset": request.preset,
-            "given parameters": given or "none",
+            "given parameters": given_text(request.given),
             "search": f"{counted(request.trials, 'trial')} of {counted(request.seeds, 'seed')}, "
             f"in {searches} searches",
             "tuned parameters": ", ".join(request.space),
         }
+
+
+def parameter_text(
+    preset: str, parameters: Mapping[str, Any], told: str, candidate: Mapping[str, Any]
+) -> str:
+    """Text of a ROS parameter file.
+
+    Args:
+        preset: The preset.
+        parameters: Full name to value of the parameters that differ from it.
+        told: A comment.
+        candidate: Full name to value of parameters for another comment, as they are not used.
+    """
+    lines = textwrap.wrap(
+        told, _LINE_LENGTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False
+    )
+    if candidate:
+        lines.append("# The best values found, which are not used:")
+        lines += [f"#   {name}: {yaml_text(value)}" for name, value in candidate.items()]
+    lines += ["/**:", "  ros__parameters:", f"    preset: {yaml_text(preset)}"]
+    lines += [f"    {name}: {yaml_text(value)}" for name, value in parameters.items()]
+    return "\n".join(lines) + "\n"
+
+
+def given_text(given: Mapping[str, Any]) -> str:
+    """Given parameters, for the facts of a page."""
+    return ", ".join(f"{name}={value}" for name, value in given.items()) or "none"
 
 
 def gain_text(compared: Comparison) -> str:

@@ -206,7 +206,7 @@ class ValueSearch:
     def failure(self, values: TunedValues, sequences: Sequence[int]) -> str:
         """The reason if an evaluation failed so far, else empty."""
         known = (each for each in sequences if self._evaluations.knows(values, each))
-        found = (self._evaluations.aucs(values, each) for each in known)
+        found = (self._evaluations.figures(values, each) for each in known)
         return next((one for one in found if isinstance(one, str)), "")
 
     def tell(self, trial: Trial, state: TrialState, gain: float | None, reason: str) -> None:

@@ -25,7 +25,10 @@ from pf_tracker_ros.tuning.search_space import SearchRange
 
 # Seeds of the comparison, other than those of the search.
 _COMPARED_SEEDS = 5
-_RUN, _REQUEST, _FINISHED = "run", "request", "finished"
+RUN = "run"
+"""Name of the study with request and evaluations."""
+
+_REQUEST, _FINISHED = "request", "result"
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,17 @@ class TuningRequest:
         """TunedValues of the tuned parameters in the preset."""
         values = preset_parameters(self.preset)
         return {name: values[name] for name in self.space}
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What has to be the same in a run that continues another."""
+        return {
+            "preset": self.preset,
+            "parameters": dict(self.given),
+            "ranges": {name: asdict(each) for name, each in self.space.items()},
+            "seeds": self.seeds,
+            "seed": self.seed,
+        }
 
     @property
     def fixed(self) -> dict[str, Any]:
@@ -111,9 +125,9 @@ class Tuning:
         self._storage = storage
         self._executor = executor
         self._study = optuna.create_study(
-            storage=storage, study_name=_RUN, direction="maximize", load_if_exists=True
+            storage=storage, study_name=RUN, direction="maximize", load_if_exists=True
         )
-        _check_request(self._study, request, sequences)
+        check_tuning_request(self._study, request.identity, sequences)
 
     def run(self, on_progress: OnProgress) -> TuningResult:
         """Search, and compare on the sequences left out.
@@ -138,14 +152,13 @@ class Tuning:
         self._run_searches(searches, evaluations, on_progress)
         found = [search.simplified()[0] for search in searches]
         result = self._compare(found, usable, folds, on_progress)
-        self._study.set_user_attr(_FINISHED, request.trials)
+        set_finished(self._study, {"trials": request.trials, "folds": request.folds})
         return result
 
     @property
-    def finished(self) -> int:
-        """Trials of the last run that came to its end; 0 without one."""
-        trials: int = self._study.user_attrs.get(_FINISHED, 0)
-        return trials
+    def finished(self) -> Mapping[str, int]:
+        """See `finished_counts`."""
+        return finished_counts(self._study)
 
     @property
     def runs(self) -> int:
@@ -229,7 +242,7 @@ class Tuning:
         for sequence in usable:
             for values in found:
                 if evaluations.knows(values, sequence):
-                    self._report(evaluations.aucs(values, sequence))
+                    self._report(evaluations.figures(values, sequence))
         if compared.sum() < 2:
             raise EvaluationError("fewer than 2 sequences could be compared")
         names = [
@@ -245,7 +258,7 @@ class Tuning:
 
     def _has_failed(self, evaluations: Evaluations, sequence: int) -> bool:
         """Whether the preset failed on a sequence; reports it."""
-        found = evaluations.aucs(self._request.own, sequence)
+        found = evaluations.figures(self._request.own, sequence)
         self._report(found)
         return isinstance(found, str)
 
@@ -255,21 +268,38 @@ class Tuning:
             self.errors.append(found)
 
 
-def _check_request(
-    study: optuna.Study, request: TuningRequest, sequences: Sequence[Footage]
+def set_finished(study: optuna.Study, counts: Mapping[str, int]) -> None:
+    """Store that a run came to its end.
+
+    Args:
+        study: The study named `RUN`.
+        counts: Option to its value, of the options that make a result better if they are larger.
+    """
+    study.set_user_attr(_FINISHED, dict(counts))
+
+
+def finished_counts(study: optuna.Study) -> Mapping[str, int]:
+    """The counts of the last run that came to its end; empty without one."""
+    counts: Mapping[str, int] = study.user_attrs.get(_FINISHED, {})
+    return counts
+
+
+def check_tuning_request(
+    study: optuna.Study, identity: Mapping[str, Any], sequences: Sequence[Footage]
 ) -> None:
-    """Store the request, or compare it with the stored one.
+    """Store a request, or compare it with the stored one.
+
+    Args:
+        study: The study named `RUN`.
+        identity: What has to be the same in each run that continues another.
+        sequences: The sequences, which have to be the same as well.
 
     Raises:
         EvaluationError: They differ.
     """
     asked = {
         "version": __version__,
-        "preset": request.preset,
-        "parameters": dict(request.given),
-        "ranges": {name: asdict(each) for name, each in request.space.items()},
-        "seeds": request.seeds,
-        "seed": request.seed,
+        **identity,
         "sequences": [(each.name, _digest(each)) for each in sequences],
     }
     asked = json.loads(json.dumps(asked))

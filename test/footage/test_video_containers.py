@@ -247,3 +247,38 @@ def test_a_range_counts_its_stamps_from_its_first_frame(tmp_path, shifts, write_
     clip = write_clip(tmp_path / "clip.mp4", shifts[:50], GAP)
     frames = list(VideoFootage(clip, first_frame=24, frame_count=3).frames())
     assert milliseconds(frames) == [0, 4040, 4080]
+
+
+def test_an_avi_whose_header_gives_two_intervals_is_noted(tmp_path, shifts, write_clip):
+    """Only one of them is used, and nothing tells which one was changed."""
+    pytest.importorskip("av")
+    clip = write_clip(tmp_path / "clip.avi", shifts[:20], STEADY[:20])
+    assert open_footage(clip).note == ""
+    content = bytearray(clip.read_bytes())
+    for begin in (content.index(b"avih") + 9, content.index(b"strh") + 8 + 20):
+        changed = bytearray(content)
+        changed[begin] ^= 3
+        (tmp_path / "changed.avi").write_bytes(changed)
+        note = open_footage(tmp_path / "changed.avi").note
+        assert "changed.avi gives two intervals between frames" in note
+
+
+@pytest.mark.parametrize("place", [0.3, 0.5, 0.9])
+def test_damage_inside_of_a_motion_jpeg_picture_is_told(tmp_path, shifts, write_clip, place):
+    av = pytest.importorskip("av")
+    clip = write_clip(tmp_path / "clip.avi", shifts[:20], STEADY[:20], codec="mjpeg")
+    whole, error = read(clip)
+    assert error == ""
+    with av.open(str(clip)) as container:
+        packets = [(packet.pos, packet.size) for packet in container.demux(video=0) if packet.size]
+    position, size = packets[7]
+    content = bytearray(clip.read_bytes())
+    begin = position + int(place * size)
+    # Ones are no code of a Huffman table, and no marker follows.
+    content[begin : begin + 40] = b"\xff\x00" * 20
+    clip.write_bytes(content)
+    frames, error = read(clip)
+    assert "it has 1 damaged frame, the first is frame 7" in error
+    assert milliseconds(frames) == milliseconds(whole)
+    for index, (frame, other) in enumerate(zip(frames, whole, strict=True)):
+        assert np.array_equal(frame.image, other.image) == (index != 7)

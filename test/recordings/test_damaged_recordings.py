@@ -97,4 +97,5 @@ def test_damage_is_told(whole, track, start_alarm, tmp_path):
         if not errors:
             found = stamps_in(output)
             assert len(found) == 20 or kind not in LISTED, seed
-            assert found == sorted(found, key=int), seed
+            # The header of a message in a bag has no checksum.
+            assert source.is_dir() or set(found) <= set(expected), seed

@@ -36,7 +36,8 @@ def folder(write_sequence, moving_square, tmp_path, monkeypatch):
 
 
 def test_parameters_and_report_are_written_and_the_run_is_extended(folder, capsys):
-    arguments = ["sequences", *FEW, "--parameter", "particles=20", "--output", "mine.yaml"]
+    arguments = ["sequences", *FEW, "--folds", "3", "--parameter", "particles=20"]
+    arguments += ["--output", "mine.yaml"]
     assert __main__.main(arguments) == 0
     printed = capsys.readouterr().out
     assert "on sequences left out, the success AUC changes from" in printed
@@ -52,7 +53,9 @@ def test_parameters_and_report_are_written_and_the_run_is_extended(folder, capsy
     assert __main__.main([*arguments, "--seeds", "2"]) == 2
     assert "another run (seeds differ); remove it" in capsys.readouterr().err
     assert __main__.main([*arguments, "--trials", "2"]) == 2
-    assert "mine.yaml is the result of 3 trials" in capsys.readouterr().err
+    assert "mine.yaml is the result of --trials 3" in capsys.readouterr().err
+    assert __main__.main([*arguments, "--folds", "2"]) == 2
+    assert "mine.yaml is the result of --folds 3" in capsys.readouterr().err
     assert (folder / "mine.yaml").read_bytes() == before
 
 
@@ -66,7 +69,7 @@ def test_an_interrupted_extension_keeps_the_finished_result(folder, capsys, monk
 
     monkeypatch.setattr("pf_tracker_ros.tuning.tuning.Tuning.run", interrupted)
     assert __main__.main([*arguments, "--trials", "2"]) == 130
-    assert "mine.yaml keeps the result of 1 trial" in capsys.readouterr().err
+    assert "mine.yaml keeps its finished result" in capsys.readouterr().err
     assert (folder / "mine.yaml").read_bytes() == before
 
 

@@ -65,6 +65,18 @@ def precision_plot(curves: Mapping[str, NDArray[np.float64]]) -> str:
     return _svg(figure, "Precision plot")
 
 
+def reliability_plot(curves: Mapping[str, NDArray[np.float64]]) -> str:
+    """Reliability diagram: label to (ranges, 2) mean confidence and share of right frames."""
+    figure, axes = _figure(_TALL, "confidence", "share of right frames")
+    axes.plot((0, 1), (0, 1), color=_FAINT, linewidth=0.8)
+    for label, curve in curves.items():
+        _line(axes, curve[:, 0], curve[:, 1], label)
+        axes.lines[-1].set(marker="o", markersize=3)
+    axes.set(xlim=(0, 1), ylim=(0, 1.02))
+    _legend(axes, "lower right")
+    return _svg(figure, "Reliability diagram")
+
+
 def series_plots(content: SequenceContent) -> dict[str, str]:
     """Plots of the known quantities over the frames, heading to SVG."""
     plots = {}
