@@ -193,7 +193,7 @@ class Siamese(SearchableCue):
         return None
 
     def log_odds(
-        self, observation: SiameseObservation, template: NetworkTemplate, first: NetworkTemplate
+        self, observation: SiameseObservation, template: NetworkTemplate
     ) -> dict[str, float]:
         """See `Cue.log_odds`."""
         odds = _odds_at(observation, template)

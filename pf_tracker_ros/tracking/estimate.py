@@ -254,7 +254,6 @@ class TrackStatus:
         similarity: float,
         interval: float,
         thresholds: TrackThresholds,
-        found_above: float = 0.0,
     ) -> TrackStatus:
         """The status one frame later.
 
@@ -264,7 +263,6 @@ class TrackStatus:
                 `time_since_seen`, even before the smoothed confidence has risen.
             interval: Seconds since the last frame.
             thresholds: Thresholds between the track states.
-            found_above: Confidence that a target out of sight has to reach as well.
         """
         needed = thresholds.occluded_below
         if self.state != "tracking":
@@ -277,7 +275,7 @@ class TrackStatus:
                 hidden_for=max(self.hidden_for - interval, 0.0),
                 reacquired_for=tracked,
             )
-        if self.state != "tracking" and confidence >= max(needed, found_above):
+        if self.state != "tracking" and confidence >= needed:
             return self.as_found(probation=_PROBATION if was_lost else 0.0)
         hidden_for = self.hidden_for + interval
         if similarity >= needed:

@@ -29,9 +29,9 @@ _DEFAULT: dict[str, Any] = {
     "cues": ("color_contrast", "correlation_response"),
     "template.update_above": 0.0,
     "template.similarity_above": 0.33,
-    "track.occluded_below": 0.3,
-    "track.recovered_above": 0.52,
-    "track.confidence_rate": 0.1,
+    "track.occluded_below": 0.64,
+    "track.recovered_above": 0.72,
+    "track.confidence_rate": 0.5,
     "track.occlusion_policy": "keep_tracking",
 }
 _LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}

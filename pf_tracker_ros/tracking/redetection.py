@@ -22,7 +22,7 @@ from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_di
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.assessment import Assessment, Confidence
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence, Sighting
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
@@ -34,13 +34,6 @@ _ACCEPT_ABOVE = 0.84
 _REVISIT_INTERVAL = 3
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
-
-# Seconds after which another look at the same place is a chance of its own to be wrong.
-_INDEPENDENT_AFTER = 0.5
-# Factor of the number of looks after a target has left the image: it may be nowhere in it.
-_LOOKS_AFTER_LEAVING = 3.0
-# Share of the logarithm of the number of looks that counts against a finding.
-_LOOKS_WEIGHT = 0.5
 
 MODES = ("automatic", "ask")
 
@@ -92,25 +85,6 @@ def window_centers(
     return places * np.array([image_size[0] / across, image_size[1] / down])
 
 
-def found_above(
-    threshold: float, hidden_for: float, places: float, *, has_left: bool = False
-) -> float:
-    """Confidence from which on a target out of sight is found again, 0 to 1.
-
-    The best of many looks is often wrong: the log odds that are needed rise with the logarithm of
-    their number.
-
-    Args:
-        threshold: Confidence needed for a single look, 0 to 1.
-        hidden_for: Seconds out of sight.
-        places: Largest number of looks: boxes side by side in the area searched, at least 1.
-        has_left: Whether the target was last seen at the border of the image, and this box is not.
-    """
-    looks = min(1.0 + hidden_for / _INDEPENDENT_AFTER, places)
-    factor = (looks * (_LOOKS_AFTER_LEAVING if has_left else 1.0)) ** -_LOOKS_WEIGHT
-    return threshold / (threshold + (1.0 - threshold) * factor)
-
-
 class Candidate(NamedTuple):
     """The likeliest box of a window.
 
@@ -128,7 +102,6 @@ class Redetector:
 
     Attributes:
         asks: Whether a lost target has to be confirmed by somebody.
-        places: Boxes side by side in a window.
 
     Args:
         measurer: Lays the search grid of a window.
@@ -154,7 +127,6 @@ class Redetector:
         self._confidence = confidence
         self._windows = parameters.windows
         self.asks = parameters.mode == "ask"
-        self.places = max(side * side, 1.0)
         self._side = side
         self._doubtful_below = doubtful_below
 
@@ -256,4 +228,5 @@ class Redetector:
         likeliest = search.boxes[best]
         seen = self._fusion.observe(region, likeliest)
         match = self._fusion.match(seen, state.templates)
-        return Candidate(likeliest, self._confidence.assess(state, seen, match))
+        sighting = Sighting(frame, likeliest, seen, match)
+        return Candidate(likeliest, self._confidence.assess(state, sighting))
