@@ -238,29 +238,30 @@ def carried_over(
         None where the confidence asks no questions.
     """
 
-    def answers(numbers: Sequence[int]) -> confidence_cross_validation.LabeledOdds:
+    def answers(numbers: Sequence[int]) -> list[confidence_cross_validation.LabeledOdds]:
         runs = [(number, seed) for number in numbers for seed in range(len(outputs[number]))]
-        frames = [outputs[number][seed] for number, seed in runs]
-        odds = [
-            recorded[run].odds[one]
-            for run, of in zip(runs, frames, strict=True)
-            for one in of.number
+        return [
+            confidence_cross_validation.LabeledOdds(
+                [recorded[number, seed].odds[one] for one in outputs[number][seed].number],
+                outputs[number][seed].is_right,
+            )
+            for number, seed in runs
         ]
-        return confidence_cross_validation.LabeledOdds(odds, together(frames).is_right)
 
     labeled = {name: answers(numbers) for name, numbers in groups.items()}
-    if not any(odds for of in labeled.values() for odds in of.odds):
+    if not any(odds for runs in labeled.values() for of in runs for odds in of.odds):
         return None
     carried, fitted = {}, {}
     for left, numbers in groups.items():
-        fitted[left] = confidence_cross_validation.fit(
-            [of for name, of in labeled.items() if name != left]
-        )
+        others = [of for name, runs in labeled.items() if name != left for of in runs]
+        fitted[left] = confidence_cross_validation.fit(others)
         make_tracker = partial(confidence_cross_validation.fitted_tracker, preset, fitted[left])
         members = [sequences[number] for number in numbers]
         runs = measured(members, lambda _, seed, make=make_tracker: make(seed), len(outputs[0]))
         carried[left] = together([frames for of in runs for frames in of])
-    fitted["none"] = confidence_cross_validation.fit(list(labeled.values()))
+    fitted["none"] = confidence_cross_validation.fit(
+        [of for runs in labeled.values() for of in runs]
+    )
     return CarriedOver(carried, fitted)
 
 

@@ -81,8 +81,8 @@ class Assessment:
         )
 
 
-# Standard deviation of the particles' centers, box sizes, that adds no log odds; its least value; the
-# log odds' slope over its logarithm.
+# Standard deviation of the particles' centers, box sizes, that adds no log odds; its least value;
+# slope of the log odds over its logarithm.
 _NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.72
 # Similarity to the exemplars that adds no log odds, and their slope over it.
 _NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.565, 6.5

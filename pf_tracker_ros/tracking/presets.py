@@ -29,8 +29,8 @@ _DEFAULT: dict[str, Any] = {
     "cues": ("color_contrast", "correlation_response"),
     "template.update_above": 0.0,
     "template.similarity_above": 0.33,
-    "track.occluded_below": 0.64,
-    "track.recovered_above": 0.72,
+    "track.occluded_below": 0.58,
+    "track.recovered_above": 0.68,
     "track.confidence_rate": 0.5,
     "track.occlusion_policy": "keep_tracking",
 }

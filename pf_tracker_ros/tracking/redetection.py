@@ -30,6 +30,8 @@ from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 _OVERLAP = 0.5
 # Confidence above which a candidate is the target.
 _ACCEPT_ABOVE = 0.84
+DOUBTFUL_BELOW = 0.3
+"""Confidence below which a box is too unlike the target to be taken for it."""
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
@@ -109,7 +111,6 @@ class Redetector:
         confidence: Confidence in a candidate.
         parameters: Number of windows.
         side: Side of a window, box sizes.
-        doubtful_below: Confidence below which a candidate is not searched again.
     """
 
     def __init__(
@@ -120,7 +121,6 @@ class Redetector:
         parameters: RedetectionParameters,
         *,
         side: float,
-        doubtful_below: float,
     ) -> None:
         self._measurer = measurer
         self._fusion = fusion
@@ -128,7 +128,6 @@ class Redetector:
         self._windows = parameters.windows
         self.asks = parameters.mode == "ask"
         self._side = side
-        self._doubtful_below = doubtful_below
 
     def find(
         self,
@@ -168,7 +167,7 @@ class Redetector:
         for center in centers:
             window_box = np.hstack([center - size / 2, size])
             candidate = self.search_around(state, frame, cue_weights, window_box, excluded)
-            if candidate.confidence >= self._doubtful_below:
+            if candidate.confidence >= DOUBTFUL_BELOW:
                 candidate = self.search_around(state, frame, cue_weights, candidate.box, excluded)
                 is_current = (np.abs(candidate.box[:2] - box[:2]) <= size / 2).all()
                 if not (tracked_confidence and is_current):
@@ -190,7 +189,7 @@ class Redetector:
         candidate = self.search_around(
             state, measurement.frame, measurement.cue_weights, np.array(state.second_peak)
         )
-        if not self._doubtful_below <= candidate.confidence < state.estimate.confidence:
+        if not DOUBTFUL_BELOW <= candidate.confidence < state.estimate.confidence:
             return None
         is_clear = relative_center_distances(candidate.box, state.estimate.box) >= 1.0
         is_second_peak = are_same_place(candidate.box, state.second_peak)

@@ -110,7 +110,6 @@ class TargetFilter:
                 self._confidence,
                 parameters.redetection,
                 side=proposal.window,
-                doubtful_below=parameters.track.occluded_below,
             )
         self._occlusion_policy = OCCLUSION_POLICIES[parameters.track.occlusion_policy]()
         self._initializer = FilterInitializer(parameters)

@@ -20,11 +20,13 @@ from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
-from pf_tracker_ros.tracking.redetection import Candidate, Redetector
+from pf_tracker_ros.tracking.redetection import DOUBTFUL_BELOW, Candidate, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
 _LEARN_ABOVE = 0.01
+# Similarity to the current templates from which on a target is not lost.
+_RECOGNIZED_ABOVE = 0.52
 
 
 class TrackAssessor:
@@ -119,11 +121,12 @@ class TrackAssessor:
 
         A target that matches its current templates is not lost, even if the exemplars differ.
         """
-        confidence = self._confidence.assess(state, measurement.sighting)
-        similarity = max(confidence, measurement.match.similarity, measurement.recognition)
+        confidence = similarity = self._confidence.assess(state, measurement.sighting)
+        recognized = max(measurement.match.similarity, measurement.recognition)
+        if self._redetector and recognized >= _RECOGNIZED_ABOVE:
+            similarity = 1.0
         known_distractor = state.known_distractor
-        is_confident = confidence >= self._thresholds.occluded_below
-        if is_confident and _jumped_to_second_peak(state, measurement):
+        if confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
             known_distractor = as_box(measurement.box)
         if known_distractor is not None and are_same_place(measurement.box, known_distractor):
             confidence = similarity = 0.0
