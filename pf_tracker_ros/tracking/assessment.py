@@ -83,11 +83,11 @@ class Assessment:
 
 # Standard deviation of the particles' centers, box sizes, that adds no log odds; its least value;
 # slope of the log odds over its logarithm.
-_NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.75
+_NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.8
 # Similarity to the exemplars that adds no log odds, and their slope over it.
-_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.68, 12.0
+_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.62, 9.2
 # Slope of the log odds over the logarithm of the number of looks.
-_LOOKS_ODDS_SLOPE = 0.55
+_LOOKS_ODDS_SLOPE = 0.46
 # Seconds after which another look at the same place is a chance of its own to be wrong, the factor
 # of looks after a target has left the image, since it may be nowhere in it, and the largest number.
 _INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING, _MOST_LOOKS = 0.5, 3.0, 100.0

@@ -76,7 +76,7 @@ class GradientsAndColors:
         even_clutter=0.135,
         even_level=0.4,
         exponent=6.5,
-        odds_slope=1.2,
+        odds_slope=1.15,
         even_peak_to_sidelobe=8.0,
     )
 
