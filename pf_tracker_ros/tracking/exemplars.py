@@ -34,7 +34,7 @@ _COMPARED = 3
 # Seconds from one exemplar to the next.
 _INTERVAL = 0.5
 # Confidence from which on the target is surely seen.
-_SURE_ABOVE = 0.8
+_SURE_ABOVE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
