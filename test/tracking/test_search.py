@@ -139,7 +139,7 @@ def test_another_object_is_not_redetected(accept_above, monkeypatch):
 @pytest.mark.parametrize("hidden", [15, 16, 17])
 def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_frames(hidden):
     """Meanwhile a darker distractor of its colors is followed out of the search window."""
-    mixed = TARGET.reshape(-1, 3) // 2 + 20
+    mixed = TARGET.reshape(-1, 3) // 2 + 30
     np.random.default_rng(0).shuffle(mixed)
     tracker = Tracker.from_preset("default")
     tracker.start(frame(60, 60, background=WIDE_BACKGROUND), (60, 60, 36, 36))
@@ -148,7 +148,8 @@ def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_fram
     for number in range(hidden):
         away = frame(60 + 15 * number, 60, True, WIDE_BACKGROUND, mixed.reshape(36, 36, 3))
         estimate = tracker.update(away)
-        assert estimate.state == "occluded"
+        # In the first of these frames, it is at the target's place.
+        assert number == 0 or estimate.state == "occluded"
     assert off_center(estimate.box, 60, 60) > 150.0
     for _ in range(3):
         estimate = tracker.update(frame(64, 58, background=WIDE_BACKGROUND))
