@@ -85,7 +85,7 @@ class Assessment:
 # slope of the log odds over its logarithm.
 _NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.8
 # Similarity to the exemplars that adds no log odds, and their slope over it.
-_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.62, 9.2
+_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.6, 9.2
 # Slope of the log odds over the logarithm of the number of looks.
 _LOOKS_ODDS_SLOPE = 0.46
 # Seconds after which another look at the same place is a chance of its own to be wrong, the factor
