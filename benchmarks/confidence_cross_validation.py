@@ -15,7 +15,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros import Tracker
+from pf_tracker_ros import Estimate, Tracker
 from pf_tracker_ros.tracking.assessment import Confidence, Sighting
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.track_assessor import TrackAssessor
@@ -35,7 +35,8 @@ class RecordedConfidence:
         confidence: The confidence.
 
     Attributes:
-        odds: Question to log odds, for each frame.
+        odds: Term to log odds, for each frame; empty where the box was not assessed, since another
+            object covers it.
     """
 
     def __init__(self, confidence: Confidence) -> None:
@@ -44,7 +45,7 @@ class RecordedConfidence:
 
     def assess(self, state: FilterState, sighting: Sighting) -> float:
         """See `Confidence.assess`."""
-        self.odds.append(self._confidence.log_odds(state, sighting))
+        self.odds[-1] = self._confidence.log_odds(state, sighting)
         return self._confidence.assess(state, sighting)
 
     def update(self, before: float, now: float) -> float:
@@ -52,17 +53,36 @@ class RecordedConfidence:
         return self._confidence.update(before, now)
 
 
-def recording_tracker(preset: str, seed: int) -> tuple[Tracker, RecordedConfidence]:
-    """A tracker and the recorded confidence in its boxes, without that of redetection."""
-    recorded: list[RecordedConfidence] = []
+class RecordingTracker:
+    """A tracker whose confidence in its boxes is recorded, without that of redetection.
 
-    def make_assessor(confidence: Confidence, *others: object) -> TrackAssessor:
-        recorded.append(RecordedConfidence(confidence))
-        return TrackAssessor(recorded[-1], *others)
+    Args:
+        preset: Preset of the tracker.
+        seed: Its seed.
 
-    with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", make_assessor):
-        tracker = Tracker.from_preset(preset, seed)
-    return tracker, recorded[-1]
+    Attributes:
+        recorded: The recorded confidence.
+    """
+
+    def __init__(self, preset: str, seed: int) -> None:
+        made: list[RecordedConfidence] = []
+
+        def make_assessor(confidence: Confidence, *others: object) -> TrackAssessor:
+            made.append(RecordedConfidence(confidence))
+            return TrackAssessor(made[-1], *others)
+
+        with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", make_assessor):
+            self._tracker = Tracker.from_preset(preset, seed)
+        self.recorded = made[-1]
+
+    def start(self, image: NDArray[np.generic], box: tuple[float, float, float, float]) -> None:
+        """See `Tracker.start`."""
+        self._tracker.start(image, box)
+
+    def update(self, image: NDArray[np.generic], dt: float | None = None) -> Estimate:
+        """See `Tracker.update`."""
+        self.recorded.odds.append({})
+        return self._tracker.update(image, dt)
 
 
 def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
@@ -106,6 +126,12 @@ class LabeledOdds:
     odds: Sequence[Odds]
     is_right: NDArray[np.bool_]
 
+    @property
+    def assessed(self) -> LabeledOdds:
+        """The frames with log odds."""
+        has_odds = np.array([bool(one) for one in self.odds], dtype=np.bool_)
+        return LabeledOdds([one for one in self.odds if one], self.is_right[has_odds])
+
 
 def fit(runs: Sequence[LabeledOdds]) -> Weights:
     """Fit weights by logistic regression.
@@ -113,13 +139,14 @@ def fit(runs: Sequence[LabeledOdds]) -> Weights:
     Args:
         runs: Frames of each run.
     """
+    runs = [run.assessed for run in runs]
     names = sorted({name for run in runs for odds in run.odds for name in odds})
     # A term that was not evaluated has log odds 0.
     odds = np.array([[one.get(name, 0.0) for name in names] for run in runs for one in run.odds])
     deviations = np.maximum(odds.std(axis=0), _MIN_DEVIATION)
     inputs = np.column_stack([odds / deviations, np.ones(len(odds))])
     is_right = np.concatenate([run.is_right for run in runs])
-    counts = np.concatenate([np.full(len(run.odds), len(run.odds)) for run in runs])
+    counts = np.concatenate([np.full(len(run.odds), float(len(run.odds))) for run in runs])
     weights = counts**-0.5 / (counts**-0.5).sum()
     penalty = _REGULARIZATION * np.eye(len(names) + 1)
     penalty[-1, -1] = 0.0
