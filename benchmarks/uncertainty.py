@@ -47,6 +47,7 @@ from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 
+AnyTracker = Tracker | confidence_cross_validation.RecordingTracker
 RIGHT_ABOVE = 0.5
 # The target is truly lost if the overlap has been below this for so many seconds.
 GONE_BELOW, GONE_FOR = 0.1, 3.0
@@ -100,7 +101,7 @@ class _Recorder:
         tracker: Any tracker.
     """
 
-    def __init__(self, tracker: Tracker) -> None:
+    def __init__(self, tracker: AnyTracker) -> None:
         self._tracker = tracker
         self.estimates: list[Estimate] = []
 
@@ -186,7 +187,7 @@ def inside(frames: Frames, share: float) -> float:
 
 
 def measured(
-    sequences: Sequence[Footage], trackers: Callable[[int, int], Tracker], seeds: int
+    sequences: Sequence[Footage], trackers: Callable[[int, int], AnyTracker], seeds: int
 ) -> list[list[Frames]]:
     """Output for all frames but the first, for each sequence and seed.
 
@@ -395,10 +396,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         members = cross_validation.grouped(names, options.group) if options.group else {}
         recorded: dict[tuple[int, int], confidence_cross_validation.RecordedConfidence] = {}
 
-        def tracker(number: int, seed: int) -> Tracker:
-            made, recorded[number, seed] = confidence_cross_validation.recording_tracker(
-                options.preset, seed
-            )
+        def tracker(number: int, seed: int) -> AnyTracker:
+            made = confidence_cross_validation.RecordingTracker(options.preset, seed)
+            recorded[number, seed] = made.recorded
             return made
 
         outputs = measured(sequences, tracker, options.seeds)

@@ -422,7 +422,7 @@ def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> 
 
 
 def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
-    """Whether a tracked target's (4,) box is at its last second peak, and away from its last box."""
+    """Whether a tracked target's (4,) box is at the last second peak, away from the last box."""
     return (
         last.status.state == "tracking"
         and last.second_peak is not None

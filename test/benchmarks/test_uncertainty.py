@@ -169,7 +169,7 @@ def test_a_run_weighs_as_the_square_root_of_its_frames(cross_validation):
 
 
 def test_recorded_odds_add_up_to_the_confidence(cross_validation, moving_square):
-    tracker, heard = cross_validation.recording_tracker("default", 0)
+    tracker = cross_validation.RecordingTracker("default", 0)
     plain = Tracker.from_preset("default", 0)
     same = cross_validation.fitted_tracker("default", cross_validation.Weights({}, 0.0), 0)
     doubting = cross_validation.fitted_tracker("default", cross_validation.Weights({}, -100.0), 0)
@@ -180,8 +180,8 @@ def test_recorded_odds_add_up_to_the_confidence(cross_validation, moving_square)
         first, without, again, never = (one.update(image) for one in trackers)
         assert first.box == without.box == again.box
         assert first.confidence == without.confidence == again.confidence
-        odds = sum(heard.odds[-1].values())
+        odds = sum(tracker.recorded.odds[-1].values())
         assert first.confidence <= 1.0 / (1.0 + math.exp(-odds)) + 1e-12
         assert never.confidence < 1e-9
-    assert len(heard.odds) == 5
-    assert "spread" in heard.odds[0]
+    assert len(tracker.recorded.odds) == 5
+    assert "spread" in tracker.recorded.odds[0]
