@@ -1,36 +1,27 @@
 """Cross-validation of the confidence: fitted on some groups of sequences, tested on another.
 
 1. Each group of sequences is left out in turn.
-2. On the others, each question of the confidence is divided by its standard deviation.
-3. A logistic regression fits a factor and a constant of their sum. Groups have equal weight, and
-   in each group right and wrong frames do, as their ratio does not carry over to other footage.
-4. The group left out is tracked with the result.
+2. On the others, a logistic regression fits a factor of each term of the log odds and a constant.
+   Sequences weigh as the square root of their number of frames, since neighboring ones are alike.
+3. The group left out is tracked with the result.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros import Tracker
-from pf_tracker_ros.cues import Match
-from pf_tracker_ros.cues.fusion import Templates
-from pf_tracker_ros.tracking.assessment import Confidence
+from pf_tracker_ros import Estimate, Tracker
+from pf_tracker_ros.tracking.assessment import Confidence, Sighting
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.track_assessor import TrackAssessor
 
-# Rarely negative and never positive; set by hand.
-_VETO = "correlation_response.level"
-# Footage seldom shows a template that learned another object, so its weight is reduced.
-_SHARE_OF_LEARNED = {"correlation_response.response": 0.5}
-# Prior odds that a box is right.
-_PRIOR_ODDS = 5.0
-_NEWTON_STEPS, _REGULARIZATION = 30, 1e-6
+# Of the factors of standardized terms: two similar terms share their factor.
+_NEWTON_STEPS, _REGULARIZATION = 30, 1e-3
 _MIN_DEVIATION = 1e-9
 
 
@@ -44,46 +35,62 @@ class RecordedConfidence:
         confidence: The confidence.
 
     Attributes:
-        odds: Question to log odds, for each frame.
+        odds: Term to log odds, for each frame; empty where the box was not assessed, since another
+            object covers it.
     """
 
     def __init__(self, confidence: Confidence) -> None:
         self._confidence = confidence
         self.odds: list[Odds] = []
 
-    def assess(
-        self, state: FilterState, seen: Templates, match: Match, particle_std: Callable[[], float]
-    ) -> float:
+    def assess(self, state: FilterState, sighting: Sighting) -> float:
         """See `Confidence.assess`."""
-        self.odds.append(self._confidence.log_odds(state, seen, particle_std))
-        return self._confidence.assess(state, seen, match, particle_std)
+        self.odds[-1] = self._confidence.log_odds(state, sighting)
+        return self._confidence.assess(state, sighting)
 
     def update(self, before: float, now: float) -> float:
         """See `Confidence.update`."""
         return self._confidence.update(before, now)
 
 
-def recording_tracker(preset: str, seed: int) -> tuple[Tracker, RecordedConfidence]:
-    """A tracker and the recorded confidence in its boxes, without that of redetection."""
-    recorded: list[RecordedConfidence] = []
+class RecordingTracker:
+    """A tracker whose confidence in its boxes is recorded, without that of redetection.
 
-    def make_assessor(confidence: Confidence, *others: object, **options: bool) -> TrackAssessor:
-        recorded.append(RecordedConfidence(confidence))
-        return TrackAssessor(recorded[-1], *others, **options)
+    Args:
+        preset: Preset of the tracker.
+        seed: Its seed.
 
-    with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", make_assessor):
-        tracker = Tracker.from_preset(preset, seed)
-    return tracker, recorded[-1]
+    Attributes:
+        recorded: The recorded confidence.
+    """
+
+    def __init__(self, preset: str, seed: int) -> None:
+        made: list[RecordedConfidence] = []
+
+        def make_assessor(confidence: Confidence, *others: object) -> TrackAssessor:
+            made.append(RecordedConfidence(confidence))
+            return TrackAssessor(made[-1], *others)
+
+        with patch("pf_tracker_ros.tracking.target_filter.TrackAssessor", make_assessor):
+            self._tracker = Tracker.from_preset(preset, seed)
+        self.recorded = made[-1]
+
+    def start(self, image: NDArray[np.generic], box: tuple[float, float, float, float]) -> None:
+        """See `Tracker.start`."""
+        self._tracker.start(image, box)
+
+    def update(self, image: NDArray[np.generic], dt: float | None = None) -> Estimate:
+        """See `Tracker.update`."""
+        self.recorded.odds.append({})
+        return self._tracker.update(image, dt)
 
 
 def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
     """A tracker whose confidence has other weights."""
 
     class Fitted(Confidence):
-        def log_odds(
-            self, state: FilterState, seen: Templates, particle_std: Callable[[], float]
-        ) -> dict[str, float]:
-            return weights.weigh(super().log_odds(state, seen, particle_std))
+        def log_odds(self, state: FilterState, sighting: Sighting) -> dict[str, float]:
+            return weights.weigh(super().log_odds(state, sighting))
 
     with patch("pf_tracker_ros.tracking.target_filter.Confidence", Fitted):
         return Tracker.from_preset(preset, seed)
@@ -119,39 +126,36 @@ class LabeledOdds:
     odds: Sequence[Odds]
     is_right: NDArray[np.bool_]
 
+    @property
+    def assessed(self) -> LabeledOdds:
+        """The frames with log odds."""
+        has_odds = np.array([bool(one) for one in self.odds], dtype=np.bool_)
+        return LabeledOdds([one for one in self.odds if one], self.is_right[has_odds])
 
-def fit(groups: Sequence[LabeledOdds]) -> Weights:
-    """Fit weights: equal for all standardized questions, scaled by logistic regression.
+
+def fit(runs: Sequence[LabeledOdds]) -> Weights:
+    """Fit weights by logistic regression.
 
     Args:
-        groups: Frames of groups of sequences, with equal weight.
+        runs: Frames of each run.
     """
-    all_odds = [odds for group in groups for odds in group.odds]
-    names = sorted({name for odds in all_odds for name in odds} - {_VETO})
-    # A question that was not evaluated has log odds 0.
-    odds = np.array([[one.get(name, 0.0) for name in names] for one in all_odds])
-    shares = np.array([_SHARE_OF_LEARNED.get(name, 1.0) for name in names])
-    deviations = np.maximum(odds.std(axis=0), _MIN_DEVIATION) / shares
-    inputs = np.column_stack([(odds / deviations).sum(axis=1), np.ones(len(all_odds))])
-    vetoes = np.array([one.get(_VETO, 0.0) for one in all_odds])
-    is_right = np.concatenate([group.is_right for group in groups])
-    weights = np.concatenate([_balance(group.is_right) for group in groups]) / len(groups)
-    factors = np.zeros(2)
+    runs = [run.assessed for run in runs]
+    names = sorted({name for run in runs for odds in run.odds for name in odds})
+    # A term that was not evaluated has log odds 0.
+    odds = np.array([[one.get(name, 0.0) for name in names] for run in runs for one in run.odds])
+    deviations = np.maximum(odds.std(axis=0), _MIN_DEVIATION)
+    inputs = np.column_stack([odds / deviations, np.ones(len(odds))])
+    is_right = np.concatenate([run.is_right for run in runs])
+    counts = np.concatenate([np.full(len(run.odds), float(len(run.odds))) for run in runs])
+    weights = counts**-0.5 / (counts**-0.5).sum()
+    penalty = _REGULARIZATION * np.eye(len(names) + 1)
+    penalty[-1, -1] = 0.0
+    factors = np.zeros(len(names) + 1)
     for _ in range(_NEWTON_STEPS):
-        probability = 0.5 * (1.0 + np.tanh((inputs @ factors + vetoes) / 2))
-        gradient = inputs.T @ (weights * (probability - is_right))
+        probability = 0.5 * (1.0 + np.tanh(inputs @ factors / 2))
+        gradient = inputs.T @ (weights * (probability - is_right)) + penalty @ factors
         curvature = (inputs * (weights * probability * (1.0 - probability))[:, None]).T @ inputs
-        # Regularized, as separable data would give infinite factors.
-        factors -= np.linalg.solve(
-            curvature + _REGULARIZATION * np.eye(2), gradient + _REGULARIZATION * factors
-        )
-    scale, constant = map(float, factors)
-    scales = (scale / deviations).tolist()
-    return Weights(dict(zip(names, scales, strict=True)), constant + math.log(_PRIOR_ODDS))
-
-
-def _balance(is_right: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(F,) weights of frames that give right and wrong ones the same sum."""
-    right = max(int(is_right.sum()), 1)
-    wrong = max(len(is_right) - int(is_right.sum()), 1)
-    return np.where(is_right, 0.5 / right, 0.5 / wrong)
+        factors -= np.linalg.solve(curvature + penalty, gradient)
+    *scaled, constant = factors.tolist()
+    scales = [one / deviation for one, deviation in zip(scaled, deviations.tolist(), strict=True)]
+    return Weights(dict(zip(names, scales, strict=True)), constant)

@@ -47,6 +47,7 @@ from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 
+AnyTracker = Tracker | confidence_cross_validation.RecordingTracker
 RIGHT_ABOVE = 0.5
 # The target is truly lost if the overlap has been below this for so many seconds.
 GONE_BELOW, GONE_FOR = 0.1, 3.0
@@ -100,7 +101,7 @@ class _Recorder:
         tracker: Any tracker.
     """
 
-    def __init__(self, tracker: Tracker) -> None:
+    def __init__(self, tracker: AnyTracker) -> None:
         self._tracker = tracker
         self.estimates: list[Estimate] = []
 
@@ -186,7 +187,7 @@ def inside(frames: Frames, share: float) -> float:
 
 
 def measured(
-    sequences: Sequence[Footage], trackers: Callable[[int, int], Tracker], seeds: int
+    sequences: Sequence[Footage], trackers: Callable[[int, int], AnyTracker], seeds: int
 ) -> list[list[Frames]]:
     """Output for all frames but the first, for each sequence and seed.
 
@@ -238,29 +239,30 @@ def carried_over(
         None where the confidence asks no questions.
     """
 
-    def answers(numbers: Sequence[int]) -> confidence_cross_validation.LabeledOdds:
+    def answers(numbers: Sequence[int]) -> list[confidence_cross_validation.LabeledOdds]:
         runs = [(number, seed) for number in numbers for seed in range(len(outputs[number]))]
-        frames = [outputs[number][seed] for number, seed in runs]
-        odds = [
-            recorded[run].odds[one]
-            for run, of in zip(runs, frames, strict=True)
-            for one in of.number
+        return [
+            confidence_cross_validation.LabeledOdds(
+                [recorded[number, seed].odds[one] for one in outputs[number][seed].number],
+                outputs[number][seed].is_right,
+            )
+            for number, seed in runs
         ]
-        return confidence_cross_validation.LabeledOdds(odds, together(frames).is_right)
 
     labeled = {name: answers(numbers) for name, numbers in groups.items()}
-    if not any(odds for of in labeled.values() for odds in of.odds):
+    if not any(odds for runs in labeled.values() for of in runs for odds in of.odds):
         return None
     carried, fitted = {}, {}
     for left, numbers in groups.items():
-        fitted[left] = confidence_cross_validation.fit(
-            [of for name, of in labeled.items() if name != left]
-        )
+        others = [of for name, runs in labeled.items() if name != left for of in runs]
+        fitted[left] = confidence_cross_validation.fit(others)
         make_tracker = partial(confidence_cross_validation.fitted_tracker, preset, fitted[left])
         members = [sequences[number] for number in numbers]
         runs = measured(members, lambda _, seed, make=make_tracker: make(seed), len(outputs[0]))
         carried[left] = together([frames for of in runs for frames in of])
-    fitted["none"] = confidence_cross_validation.fit(list(labeled.values()))
+    fitted["none"] = confidence_cross_validation.fit(
+        [of for runs in labeled.values() for of in runs]
+    )
     return CarriedOver(carried, fitted)
 
 
@@ -394,10 +396,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         members = cross_validation.grouped(names, options.group) if options.group else {}
         recorded: dict[tuple[int, int], confidence_cross_validation.RecordedConfidence] = {}
 
-        def tracker(number: int, seed: int) -> Tracker:
-            made, recorded[number, seed] = confidence_cross_validation.recording_tracker(
-                options.preset, seed
-            )
+        def tracker(number: int, seed: int) -> AnyTracker:
+            made = confidence_cross_validation.RecordingTracker(options.preset, seed)
+            recorded[number, seed] = made.recorded
             return made
 
         outputs = measured(sequences, tracker, options.seeds)

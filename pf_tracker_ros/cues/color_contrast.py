@@ -36,16 +36,6 @@ from pf_tracker_ros.frames.region import Region, nearest_pixel
 
 # Added to both histograms, so that unseen colors have probability 1/2.
 _PRIOR_SHARE = 1e-4
-# Slope and zero of the log odds: of the Bhattacharyya coefficient of the box's colors and the first
-# template's, ...
-_SIMILARITY_ODDS, _EVEN_SIMILARITY = 3.3, 0.4
-# ... and of the contrast by the first template, as a share of that template's own. The latter is
-# for colored targets only, because gray levels are too common.
-_CONTRAST_ODDS, _EVEN_CONTRAST, _MIN_CONTRAST_SHARE = 2.8, 0.7, -0.2
-# A target with at least this share of pixels that are not gray is colored.
-_MIN_COLORED_SHARE = 0.05
-# Smallest contrast used as a divisor.
-_MIN_CONTRAST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -75,13 +65,6 @@ class ContrastTemplate:
     def contrast(self) -> float:
         """The target's own contrast, 0 to 1."""
         return max(float((self.inside - self.ring) @ self.probabilities), 0.0)
-
-    @cached_property
-    def is_colored(self) -> bool:
-        """Whether the target has colors other than gray."""
-        levels = round(len(self.inside) ** (1 / 3))
-        grays = np.arange(levels) * (levels**2 + levels + 1)
-        return float(1.0 - self.inside[grays].sum()) >= _MIN_COLORED_SHARE
 
 
 Contrast = TypeVar("Contrast", np.float64, NDArray[np.float64])
@@ -174,19 +157,6 @@ class ColorContrast(SearchableCue):
         return Match(
             float(self._log_likelihood(contrast, template)), min(max(float(share), 0.0), 1.0)
         )
-
-    def log_odds(
-        self, observation: ContrastTemplate, template: ContrastTemplate, first: ContrastTemplate
-    ) -> dict[str, float]:
-        """See `Cue.log_odds`: similarity to the first colors, and the contrast by these."""
-        similarity = float(np.sqrt(observation.inside * first.inside).sum())
-        odds = {"first colors": _SIMILARITY_ODDS * (similarity - _EVEN_SIMILARITY)}
-        if first.is_colored:
-            contrast = float((observation.inside - observation.ring) @ first.probabilities)
-            share = contrast / max(first.contrast, _MIN_CONTRAST)
-            share = min(max(share, _MIN_CONTRAST_SHARE), 1.0)
-            odds["contrast by the first colors"] = _CONTRAST_ODDS * (share - _EVEN_CONTRAST)
-        return odds
 
     def contrast(
         self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate

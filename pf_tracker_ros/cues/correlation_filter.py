@@ -113,14 +113,11 @@ class Windows(NamedTuple):
 
     Attributes:
         spectra: (windows, channels, cells, cells // 2 + 1) spectra of their features.
-        expected: (channels, cells, cells // 2 + 1) mean spectrum, approximately that of a window
-            of the predicted size.
         center: (2,) common center, image pixels.
         sides: Side of each window, image pixels, ascending.
     """
 
     spectra: Spectrum
-    expected: Spectrum
     center: NDArray[np.float64]
     sides: Sequence[float]
 
@@ -219,30 +216,6 @@ def mean_of(windows: NDArray[Value]) -> NDArray[Value]:
 def deviation_of(values: NDArray[np.float32]) -> float:
     """Standard deviation of a response map, > 0."""
     return max(float(cv2.meanStdDev(values)[1][0, 0]), SMALLEST_RESPONSE)
-
-
-def peak_near(
-    values: NDArray[np.float32],
-    center_box: NDArray[np.float64],
-    side: float,
-    box: NDArray[np.float64],
-) -> float:
-    """The largest value of a response map within a quarter of a box's sides from its center.
-
-    Args:
-        values: (S, S) response map of a window.
-        center_box: (4,) box in the middle of the window, image pixels.
-        side: Side of the window, image pixels.
-        box: (4,) box, image pixels.
-    """
-    samples = len(values)
-    scale = samples / side
-    offset = box[:2] + box[2:] / 2 - center_box[:2] - center_box[2:] / 2
-    center = offset * scale + samples // 2
-    radius = np.maximum(box[2:] * scale / 4, 1.0)
-    edges = np.rint([center - radius, center + radius]).astype(np.intp)
-    (left, top), (right, bottom) = np.minimum(np.maximum(edges, 0), samples - 1).tolist()
-    return float(values[top : bottom + 1, left : right + 1].max())
 
 
 def peak_to_sidelobe(value: float, deviation: float) -> float:

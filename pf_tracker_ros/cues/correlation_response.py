@@ -29,9 +29,6 @@ from pf_tracker_ros.cues.correlation_filter import (
     ResponseMaps,
     Spectrum,
     Windows,
-    deviation_of,
-    mean_of,
-    peak_near,
     peak_to_sidelobe,
     response,
     response_at_center,
@@ -187,11 +184,7 @@ class CorrelationResponse(SearchableCue):
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """See `Cue.precompute`."""
         for colored in (False, True):
-            selected = [
-                one
-                for one in predicted_targets
-                if one.template.colored == one.first.colored == colored
-            ]
+            selected = [one for one in predicted_targets if one.template.colored == colored]
             for start in range(0, len(selected), self._windows_at_once):
                 batch = selected[start : start + self._windows_at_once]
                 if len(batch) > 1:
@@ -205,15 +198,11 @@ class CorrelationResponse(SearchableCue):
         filters = np.stack([one.template.filter for one in predicted_targets])
         spectra = np.concatenate([one.spectra for one in windows])
         maps = response(np.repeat(filters, counts, axis=0), spectra, _REFINEMENT * self._cells)
-        first = np.stack([one.first.filter for one in predicted_targets])
-        expected = np.stack([one.expected for one in windows])
-        first_maps = response(first, expected, self._cells)
-        for one, its_windows, its_maps, first_map in zip(
-            predicted_targets, windows, _split(maps, counts), first_maps, strict=True
+        for one, its_windows, its_maps in zip(
+            predicted_targets, windows, _split(maps, counts), strict=True
         ):
             one.region.store((self, colored), its_windows)
             one.region.store(_key(one.template), ResponseMaps.of(its_maps, its_windows))
-            one.region.store(_first_key(one.first), first_map)
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> DeferredObservation:
         """See `Cue.observe`."""
@@ -242,28 +231,13 @@ class CorrelationResponse(SearchableCue):
         return Match(-_SHARPNESS * (1.0 - value), similarity)
 
     def log_odds(
-        self,
-        observation: DeferredObservation,
-        template: CorrelationTemplate,
-        first: CorrelationTemplate,
+        self, observation: DeferredObservation, template: CorrelationTemplate
     ) -> dict[str, float]:
         """See `Cue.log_odds` and `Calibration.log_odds`."""
         region, box = observation
         maps = self._response_maps(region, template)
         at_box = float(maps.read((box[:2] + box[2:] / 2)[None], np.array([0.5]))[0])
-        first_map = region.cached(
-            _first_key(first),
-            # The first filter may be for colored windows and the present one for gray ones.
-            lambda: response(
-                first.filter, self._windows(region, first.colored).expected, self._cells
-            ),
-        )
-        near_box = peak_near(first_map, region.center_box, self._side(region.center_box), box)
-        return self._features.calibration.log_odds(
-            peak_to_sidelobe(at_box, maps.deviation),
-            peak_to_sidelobe(near_box, deviation_of(first_map)),
-            max(at_box, SMALLEST_RESPONSE) / template.reference,
-        )
+        return self._features.calibration.log_odds(peak_to_sidelobe(at_box, maps.deviation))
 
     def response(
         self, region: Region, boxes: NDArray[np.float64], template: CorrelationTemplate
@@ -318,7 +292,7 @@ class CorrelationResponse(SearchableCue):
         ]
         spectra = self._spectra([*itertools.chain(*patches)], colored)
         return [
-            Windows(part, mean_of(part), sizes[0].center, [one.side for one in sizes])
+            Windows(part, sizes[0].center, [one.side for one in sizes])
             for part, sizes in zip(_split(spectra, map(len, patches)), patches, strict=True)
         ]
 
@@ -366,10 +340,6 @@ class CorrelationResponse(SearchableCue):
 def _key(template: CorrelationTemplate) -> object:
     """Key of the response maps in a region's cache."""
     return "correlation responses", template
-
-
-def _first_key(first: CorrelationTemplate) -> object:
-    return "first correlation response", first
 
 
 def _split(values: NDArray[Value], counts: Iterable[int]) -> list[NDArray[Value]]:

@@ -116,13 +116,11 @@ class PredictedTarget(NamedTuple):
     Attributes:
         region: Region around its predicted box.
         template: Present template.
-        first: Template of the first frame.
         doubt: Doubt about the last estimate, 0 to 1.
     """
 
     region: Region
     template: Any
-    first: Any
     doubt: float = 1.0
 
 
@@ -221,14 +219,12 @@ class Cue(Protocol):
     def match(self, observation: Any, template: Any) -> Match | None:
         """Match of an observation with a template; None if the cue cannot decide."""
 
-    def log_odds(self, observation: Any, template: Any, first: Any) -> dict[str, float]:
+    def log_odds(self, observation: Any, template: Any) -> dict[str, float]:
         """Log odds that the observed box is the target, as independent terms.
 
         Args:
             observation: Observation of the box.
             template: Present template.
-            first: Template of the first frame. It never changes, so later wrong updates do not
-                affect it.
 
         Returns:
             Name of each term to its log odds, > 0 for the target; empty if the cue cannot decide.

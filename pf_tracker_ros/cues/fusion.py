@@ -166,19 +166,17 @@ class CueFusion:
         """Each cue's template of a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
-    def precompute(
-        self, predicted_targets: Sequence[tuple[Region, Templates, Templates, float]]
-    ) -> None:
+    def precompute(self, predicted_targets: Sequence[tuple[Region, Templates, float]]) -> None:
         """Compute maps of several regions at once; see `Cue.precompute`.
 
         Args:
-            predicted_targets: Region, templates, first templates and doubt of each target.
+            predicted_targets: Region, templates and doubt of each target.
         """
         for name, cue in self._cues.items():
             in_doubt = name in self._in_doubt
             with_template = [
-                PredictedTarget(region, templates[name], first[name], doubt if in_doubt else 1.0)
-                for region, templates, first, doubt in predicted_targets
+                PredictedTarget(region, templates[name], doubt if in_doubt else 1.0)
+                for region, templates, doubt in predicted_targets
                 if name in templates and (not in_doubt or cue.suits(templates[name]))
             ]
             if with_template:
@@ -337,14 +335,12 @@ class CueFusion:
             ),
         )
 
-    def log_odds(
-        self, observation: Templates, templates: Templates, first: Templates
-    ) -> dict[str, float]:
+    def log_odds(self, observation: Templates, templates: Templates) -> dict[str, float]:
         """Log odds of all cues, see `Cue.log_odds`; terms are named `<cue>.<term>`."""
         return {
             f"{name}.{term}": odds
             for name, cue, template in self._with_template(templates)
-            for term, odds in cue.log_odds(observation[name], template, first[name]).items()
+            for term, odds in cue.log_odds(observation[name], template).items()
         }
 
     def recognition(self, observation: Templates, templates: Templates) -> float:

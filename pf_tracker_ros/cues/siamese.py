@@ -214,7 +214,7 @@ class Siamese(SearchableCue):
         return None
 
     def log_odds(
-        self, observation: SiameseObservation, template: SiameseTemplate, first: SiameseTemplate
+        self, observation: SiameseObservation, template: SiameseTemplate
     ) -> dict[str, float]:
         """See `Cue.log_odds`."""
         odds = _odds_at(observation, template)

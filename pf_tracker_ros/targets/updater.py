@@ -299,9 +299,9 @@ class Updater:
     def _check_switch(self, track: Track, before: Track, distractors: NDArray[np.float64]) -> Track:
         """Mark a track as occluded, and keep its Kalman filter, where it may be on a distractor.
 
-        It may have switched once it jumps to the second peak of the last frame, unless the filter
-        knows that as a distractor, or once it overlaps a distractor. That ends near the predicted
-        center, and once the target is lost: redetection then decides.
+        It may have switched once it jumps, while tracked, to the second peak of the last frame,
+        unless the filter knows that as a distractor, or once it overlaps a distractor. That ends
+        near the predicted center, and once the target is lost: redetection then decides.
 
         Args:
             track: In this frame.
@@ -427,9 +427,10 @@ def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> 
 
 
 def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
-    """Whether a (4,) box is at the second peak of the last frame, and away from the last box."""
+    """Whether a tracked target's (4,) box is at the last second peak, away from the last box."""
     return (
-        last.second_peak is not None
+        last.status.state == "tracking"
+        and last.second_peak is not None
         and bool(are_same_place(box, last.second_peak))
         and bool(relative_center_distances(box, last.estimate.box) >= 1.0)
     )

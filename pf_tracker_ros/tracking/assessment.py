@@ -1,12 +1,16 @@
 """Assessment of a frame's estimate, and the confidence that it is the target.
 
-1. Each cue turns its observation of the box into log odds, target against anything else.
-2. The standard deviation s of the particles adds -1.75 log(s / 0.023): a narrow mode counts for the
-   target.
-3. The sum x of all log odds becomes a probability, 1 / (1 + exp(-x)).
-4. Over time, the confidence falls at once and rises by exponential smoothing.
+The confidence is the probability of the target: a logistic regression of
 
-Source: logistic regression; `benchmarks/uncertainty.py` fits the coefficients.
+1. each cue's log odds of the box, target against anything else (`Cue.log_odds`),
+2. the logarithm of the standard deviation of the particles: a narrow mode counts for the target,
+3. the similarity of the box to the exemplars of the target (`Exemplars`),
+4. the logarithm of the number of looks at other places since the target went out of sight: the best
+   of many is often wrong. They count until it has been seen for as long again.
+
+Over time, the confidence falls at once and rises by exponential smoothing.
+
+`benchmarks/uncertainty.py` fits the coefficients to any footage.
 """
 
 from __future__ import annotations
@@ -14,11 +18,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.boxes import Box, as_box, is_truncated
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
@@ -82,19 +87,41 @@ class Assessment:
         )
 
 
-# Standard deviation of the particles' centers, box sizes, at which it adds no log odds; its least
-# value; and the log odds' slope over its logarithm.
-_NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 1.75
+# Standard deviation of the particles' centers, box sizes, that adds no log odds; its least value;
+# slope of the log odds over its logarithm.
+_NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.8
+# Similarity to the exemplars that adds no log odds, and their slope over it.
+_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.6, 9.2
+# Slope of the log odds over the logarithm of the number of looks.
+_LOOKS_ODDS_SLOPE = 0.46
+# Seconds after which another look at the same place is a chance of its own to be wrong, the factor
+# of looks after a target has left the image, since it may be nowhere in it, and the largest number.
+_INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING, _MOST_LOOKS = 0.5, 3.0, 100.0
+
+
+class Sighting(NamedTuple):
+    """A box that may be the target.
+
+    Attributes:
+        frame: The frame.
+        box: (4,) in it, pixels.
+        seen: The cues' observation of the box.
+        match: Its match with the templates.
+        particle_std: Computes the standard deviation of the particles' centers, box sizes, if it is
+            needed; neutral where there are no particles.
+    """
+
+    frame: Frame
+    box: NDArray[np.float64]
+    seen: Templates
+    match: Match
+    particle_std: Callable[[], float] = lambda: _NEUTRAL_STD
 
 
 class Confidence:
-    """Probability that the box shows the target and not something similar.
+    """Probability that a box shows the target and not something similar.
 
-    The log odds of the cues compare the box with its surroundings and with the first template,
-    which contains nothing that was learned by mistake. All terms have the same weight per standard
-    deviation of their values, the one of the current template half of it. A response far below the
-    last learned one counts against the target. If no cue has log odds, the confidence is the
-    similarity to the templates.
+    If no cue has log odds, the confidence is the similarity to the templates.
 
     Args:
         fusion: The cues.
@@ -105,35 +132,31 @@ class Confidence:
         self._fusion = fusion
         self._rate = rate
 
-    def assess(
-        self,
-        state: FilterState,
-        seen: Templates,
-        match: Match,
-        particle_std: Callable[[], float] = lambda: _NEUTRAL_STD,
-    ) -> float:
+    def assess(self, state: FilterState, sighting: Sighting) -> float:
         """Confidence of a single frame, 0 to 1.
 
         Args:
             state: State before the frame.
-            seen: The cues' observation of the box.
-            match: Its match with the templates.
-            particle_std: Computes the standard deviation of the particles' centers, box sizes, if
-                it is needed; neutral where there are no particles.
+            sighting: A box in it.
         """
-        odds = self.log_odds(state, seen, particle_std)
+        odds = self.log_odds(state, sighting)
         # tanh stays within 0 to 1 where exp(-odds) would overflow.
-        return 0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else match.similarity
+        return (
+            0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else sighting.match.similarity
+        )
 
-    def log_odds(
-        self, state: FilterState, seen: Templates, particle_std: Callable[[], float]
-    ) -> dict[str, float]:
+    def log_odds(self, state: FilterState, sighting: Sighting) -> dict[str, float]:
         """Name of each term to its log odds; empty if no cue has any. Arguments as of `assess`."""
-        odds = self._fusion.log_odds(seen, state.templates, state.first_templates)
-        if odds:
-            std = max(particle_std(), _LEAST_STD)
-            odds["spread"] = -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD)
-        return odds
+        odds = self._fusion.log_odds(sighting.seen, state.templates)
+        if not odds:
+            return odds
+        std = max(sighting.particle_std(), _LEAST_STD)
+        similarity = state.exemplars.similarity(sighting.frame, sighting.box)
+        return odds | {
+            "spread": -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD),
+            "exemplars": _SIMILARITY_ODDS_SLOPE * (similarity - _NEUTRAL_SIMILARITY),
+            "looks": -_LOOKS_ODDS_SLOPE * math.log(_looks(state, sighting)),
+        }
 
     def update(self, before: float, now: float) -> float:
         """Confidence after a frame, 0 to 1.
@@ -145,3 +168,13 @@ class Confidence:
         if now <= before:
             return now
         return self._rate * now + (1.0 - self._rate) * before
+
+
+def _looks(state: FilterState, sighting: Sighting) -> float:
+    """Number of looks since the target went out of sight, at least 1."""
+    hidden_for, size = state.status.hidden_for, sighting.frame.size
+    if hidden_for == 0.0:
+        return 1.0
+    has_left = is_truncated(np.array(state.last_seen_box), size)
+    factor = _LOOKS_AFTER_LEAVING if has_left and not is_truncated(sighting.box, size) else 1.0
+    return min(factor * (1.0 + hidden_for / _INDEPENDENT_AFTER), _MOST_LOOKS)

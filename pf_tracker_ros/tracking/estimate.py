@@ -1,8 +1,7 @@
 """The estimate of a target after a frame, and the track states over time.
 
 1. A target is "tracking" while its confidence is at least `occluded_below`.
-2. Below, it is "occluded" until its confidence reaches `recovered_above`, a hysteresis. With
-   redetection it takes more, the longer the target is out of sight; see `found_above`.
+2. Below, it is "occluded" until its confidence reaches `recovered_above`, a hysteresis.
 3. Occluded for `lost_after`, it is "lost". A single frame that is similar enough restarts the time.
 4. A lost target that is seen again is on probation for two seconds. It is lost at once if its
    confidence falls in that time, and nothing is learned.
@@ -206,8 +205,7 @@ class TrackThresholds:
     recovered_above: float = declared(
         0.5,
         "An occluded or lost target is tracked again when the confidence reaches this, and also "
-        "'occluded_below'. With 'proposal.method' search and 'max_targets' 1 it has to exceed this "
-        "by more, the longer the target has been out of sight.",
+        "'occluded_below'.",
         minimum=0.0,
         maximum=1.0,
     )
@@ -254,7 +252,6 @@ class TrackStatus:
         similarity: float,
         interval: float,
         thresholds: TrackThresholds,
-        found_above: float = 0.0,
     ) -> TrackStatus:
         """The status one frame later.
 
@@ -264,7 +261,6 @@ class TrackStatus:
                 `time_since_seen`, even before the smoothed confidence has risen.
             interval: Seconds since the last frame.
             thresholds: Thresholds between the track states.
-            found_above: Confidence that a target out of sight has to reach as well.
         """
         needed = thresholds.occluded_below
         if self.state != "tracking":
@@ -277,7 +273,7 @@ class TrackStatus:
                 hidden_for=max(self.hidden_for - interval, 0.0),
                 reacquired_for=tracked,
             )
-        if self.state != "tracking" and confidence >= max(needed, found_above):
+        if self.state != "tracking" and confidence >= needed:
             return self.as_found(probation=_PROBATION if was_lost else 0.0)
         hidden_for = self.hidden_for + interval
         if similarity >= needed:

@@ -17,6 +17,7 @@ from pf_tracker_ros.cues.fusion import DistractorRatios, Templates
 from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
+from pf_tracker_ros.tracking.exemplars import Exemplars
 
 # Confidence from which on there is no doubt about an estimate, and below which there is most.
 _CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.6, 0.2
@@ -49,7 +50,7 @@ class FilterState:
         kalman_filter: Kalman filter of the proposal; None with another proposal.
         particles: Resampled particles, to be predicted into the next frame.
         templates: Templates of the target.
-        first_templates: Each cue's first template.
+        exemplars: What the target looked like when it was surely seen.
         distractor_ratios: Smoothed ratio of each cue.
         status: Track state and its timers.
         last_seen_box: Last box with the state "tracking", pixels.
@@ -73,7 +74,7 @@ class FilterState:
     kalman_filter: KalmanFilter | None
     particles: ParticleSet
     templates: Templates
-    first_templates: Templates
+    exemplars: Exemplars
     distractor_ratios: DistractorRatios
     status: TrackStatus
     last_seen_box: Box

@@ -29,9 +29,9 @@ _DEFAULT: dict[str, Any] = {
     "cues": ("color_contrast", "correlation_response"),
     "template.update_above": 0.0,
     "template.similarity_above": 0.33,
-    "track.occluded_below": 0.3,
-    "track.recovered_above": 0.52,
-    "track.confidence_rate": 0.1,
+    "track.occluded_below": 0.55,
+    "track.recovered_above": 0.65,
+    "track.confidence_rate": 0.2,
     "track.occlusion_policy": "keep_tracking",
 }
 _LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
@@ -42,6 +42,9 @@ _DEFAULT_FOR_SEVERAL: dict[str, Any] = {
     "proposal.window": 2.0,
     "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
     "foreground.sharpness": 60.0,
+    "track.occluded_below": 0.3,
+    "track.recovered_above": 0.5,
+    "track.confidence_rate": 0.1,
 }
 
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(

@@ -22,7 +22,7 @@ from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_di
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.assessment import Assessment, Confidence
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence, Sighting
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
@@ -30,17 +30,12 @@ from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 _OVERLAP = 0.5
 # Confidence above which a candidate is the target.
 _ACCEPT_ABOVE = 0.84
+DOUBTFUL_BELOW = 0.3
+"""Confidence below which a box is too unlike the target to be taken for it."""
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
-
-# Seconds after which another look at the same place is a chance of its own to be wrong.
-_INDEPENDENT_AFTER = 0.5
-# Factor of the number of looks after a target has left the image: it may be nowhere in it.
-_LOOKS_AFTER_LEAVING = 3.0
-# Share of the logarithm of the number of looks that counts against a finding.
-_LOOKS_WEIGHT = 0.5
 
 MODES = ("automatic", "ask")
 
@@ -92,25 +87,6 @@ def window_centers(
     return places * np.array([image_size[0] / across, image_size[1] / down])
 
 
-def found_above(
-    threshold: float, hidden_for: float, places: float, *, has_left: bool = False
-) -> float:
-    """Confidence from which on a target out of sight is found again, 0 to 1.
-
-    The best of many looks is often wrong: the log odds that are needed rise with the logarithm of
-    their number.
-
-    Args:
-        threshold: Confidence needed for a single look, 0 to 1.
-        hidden_for: Seconds out of sight.
-        places: Largest number of looks: boxes side by side in the area searched, at least 1.
-        has_left: Whether the target was last seen at the border of the image, and this box is not.
-    """
-    looks = min(1.0 + hidden_for / _INDEPENDENT_AFTER, places)
-    factor = (looks * (_LOOKS_AFTER_LEAVING if has_left else 1.0)) ** -_LOOKS_WEIGHT
-    return threshold / (threshold + (1.0 - threshold) * factor)
-
-
 class Candidate(NamedTuple):
     """The likeliest box of a window.
 
@@ -128,7 +104,6 @@ class Redetector:
 
     Attributes:
         asks: Whether a lost target has to be confirmed by somebody.
-        places: Boxes side by side in a window.
 
     Args:
         measurer: Lays the search grid of a window.
@@ -136,7 +111,6 @@ class Redetector:
         confidence: Confidence in a candidate.
         parameters: Number of windows.
         side: Side of a window, box sizes.
-        doubtful_below: Confidence below which a candidate is not searched again.
     """
 
     def __init__(
@@ -147,16 +121,13 @@ class Redetector:
         parameters: RedetectionParameters,
         *,
         side: float,
-        doubtful_below: float,
     ) -> None:
         self._measurer = measurer
         self._fusion = fusion
         self._confidence = confidence
         self._windows = parameters.windows
         self.asks = parameters.mode == "ask"
-        self.places = max(side * side, 1.0)
         self._side = side
-        self._doubtful_below = doubtful_below
 
     def find(
         self,
@@ -196,7 +167,7 @@ class Redetector:
         for center in centers:
             window_box = np.hstack([center - size / 2, size])
             candidate = self.search_around(state, frame, cue_weights, window_box, excluded)
-            if candidate.confidence >= self._doubtful_below:
+            if candidate.confidence >= DOUBTFUL_BELOW:
                 candidate = self.search_around(state, frame, cue_weights, candidate.box, excluded)
                 is_current = (np.abs(candidate.box[:2] - box[:2]) <= size / 2).all()
                 if not (tracked_confidence and is_current):
@@ -218,7 +189,7 @@ class Redetector:
         candidate = self.search_around(
             state, measurement.frame, measurement.cue_weights, np.array(state.second_peak)
         )
-        if not self._doubtful_below <= candidate.confidence < state.confidence:
+        if not DOUBTFUL_BELOW <= candidate.confidence < state.confidence:
             return None
         is_clear = relative_center_distances(candidate.box, state.estimate.box) >= 1.0
         is_second_peak = are_same_place(candidate.box, state.second_peak)
@@ -256,4 +227,5 @@ class Redetector:
         likeliest = search.boxes[best]
         seen = self._fusion.observe(region, likeliest)
         match = self._fusion.match(seen, state.templates)
-        return Candidate(likeliest, self._confidence.assess(state, seen, match))
+        sighting = Sighting(frame, likeliest, seen, match)
+        return Candidate(likeliest, self._confidence.assess(state, sighting))

@@ -30,6 +30,7 @@ from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
 from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackStatus
+from pf_tracker_ros.tracking.exemplars import Exemplars
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurer
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -196,9 +197,14 @@ class StateOperations:
         )
 
     def relearn(self, state: FilterState, frame: Frame) -> FilterState:
-        """The state with templates, first templates too, of its box in this frame."""
-        templates = self._measurer.templates(frame, np.array(state.estimate.box))
-        return replace(state, templates=templates, first_templates=templates, saved_templates=None)
+        """The state with templates and exemplars of its box in this frame."""
+        box = np.array(state.estimate.box)
+        return replace(
+            state,
+            templates=self._measurer.templates(frame, box),
+            exemplars=Exemplars.of(frame, box),
+            saved_templates=None,
+        )
 
 
 def _moved_states(

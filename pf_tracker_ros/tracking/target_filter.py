@@ -39,6 +39,7 @@ from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
 from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
+from pf_tracker_ros.tracking.exemplars import Exemplars
 from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
 from pf_tracker_ros.tracking.measurement import (
@@ -66,6 +67,7 @@ class _Learned(NamedTuple):
     templates: Templates
     kalman_filter: KalmanFilter | None
     saved_templates: SavedTemplates | None
+    exemplars: Exemplars
 
 
 class TargetFilter:
@@ -111,7 +113,6 @@ class TargetFilter:
                 self._confidence,
                 parameters.redetection,
                 side=proposal.window,
-                doubtful_below=parameters.track.occluded_below,
             )
         self._occlusion_policy = OCCLUSION_POLICIES[parameters.track.occlusion_policy]()
         self._initializer = FilterInitializer(parameters)
@@ -121,7 +122,6 @@ class TargetFilter:
             self._redetector,
             self._initializer,
             parameters.track,
-            weighs_looks=parameters.max_targets == 1,
         )
         self.operations = StateOperations(
             self._predictor,
@@ -173,7 +173,7 @@ class TargetFilter:
             kalman_filter=self._initializer.kalman_filter(motion),
             particles=particles,
             templates=templates,
-            first_templates=templates,
+            exemplars=Exemplars.of(frame, box),
             distractor_ratios=distractor_ratios,
             status=status,
             last_seen_box=first_box,
@@ -213,12 +213,7 @@ class TargetFilter:
             )
         self._fusion.precompute(
             [
-                (
-                    one.region,
-                    one.filter_state.templates,
-                    one.filter_state.first_templates,
-                    one.filter_state.doubt,
-                )
+                (one.region, one.filter_state.templates, one.filter_state.doubt)
                 for one in frame_predictions
             ]
         )
@@ -252,7 +247,7 @@ class TargetFilter:
             state, measurement, interval, generator, searches_everywhere=searches_everywhere
         )
         # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
-        learned = self._learn(state, frame_prediction.prediction, measurement, assessment)
+        learned = self._learn(state, frame_prediction.prediction, measurement, assessment, interval)
         # 6. Resample. Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
         particles = self._resampler.resample(
             assessment.particles, self.parameters.particles, generator
@@ -265,6 +260,7 @@ class TargetFilter:
         prediction: Prediction,
         measurement: Measurement,
         assessment: Assessment,
+        interval: float,
     ) -> _Learned:
         """Templates blended with the estimate and Kalman filter corrected by it, if it is trusted.
 
@@ -278,7 +274,7 @@ class TargetFilter:
             # The target is still there and matches no template: learn its new appearance at once.
             saved = SavedTemplates(templates, illumination.change)
             templates = self._measurer.templates(measurement.frame, measurement.box)
-            return _Learned(templates, kalman_filter, saved)
+            return _Learned(templates, kalman_filter, saved, state.exemplars)
         if assessment.learns:
             is_similar = match.similarity >= rules.required_similarity(state.followed_frames)
             if is_similar and math.exp(match.log_likelihood) > rules.update_above:
@@ -287,7 +283,12 @@ class TargetFilter:
                 kalman_filter = kalman_filter.correct(
                     measurement.particles.mean, measurement.particles.covariance
                 )
-        return _Learned(templates, kalman_filter, state.saved_templates)
+        exemplars, status = state.exemplars, assessment.status
+        if self._redetector and status.is_settled and status.hidden_for == 0.0:
+            exemplars = exemplars.update(
+                measurement.frame, assessment.box, interval, assessment.confidence
+            )
+        return _Learned(templates, kalman_filter, state.saved_templates, exemplars)
 
     def _next_state(
         self,
@@ -317,7 +318,7 @@ class TargetFilter:
             kalman_filter=kalman_filter,
             particles=particles,
             templates=learned.templates,
-            first_templates={**learned.templates, **state.first_templates},
+            exemplars=learned.exemplars,
             distractor_ratios=measurement.distractor_ratios,
             status=assessment.status,
             last_seen_box=estimate.box if is_seen else state.last_seen_box,
@@ -359,7 +360,6 @@ class TargetFilter:
             motion=motion,
             kalman_filter=kalman_filter,
             templates=of_selected(state.templates),
-            first_templates=of_selected(state.first_templates),
             distractor_ratios=of_selected(state.distractor_ratios),
             saved_templates=None,
         )

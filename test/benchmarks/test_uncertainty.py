@@ -135,23 +135,22 @@ def cross_validation(benchmark):
     return benchmark("confidence_cross_validation")
 
 
-def answered(cross_validation, generator, shares, wrong):
-    """Frames of a kind: right ones answer "a" by 1 more on average, and "b" by 10 more."""
-    is_right = generator.random(shares) > wrong
-    a, b = (scale * (generator.normal(size=shares) + is_right - 0.5) for scale in (1.0, 10.0))
+def run_of(cross_validation, count, seed, wrong=0.2):
+    """Frames of which right ones have 1 more of "a" on average, and 10 more of "b"."""
+    generator = np.random.default_rng(seed)
+    is_right = generator.random(count) > wrong
+    a, b = (scale * (generator.normal(size=count) + is_right - 0.5) for scale in (1.0, 10.0))
     odds = [{"cue.a": one, "cue.b": other} for one, other in zip(a, b, strict=True)]
     return cross_validation.LabeledOdds(odds, is_right)
 
 
-def test_questions_count_the_same_in_standard_deviations(cross_validation):
-    """Normal answers, 1 apart with a deviation of 1 each: log odds of x are x; they add up."""
-    generator = np.random.default_rng(0)
-    groups = [answered(cross_validation, generator, 40_000, wrong) for wrong in (0.5, 0.05)]
-    weights = cross_validation.fit(groups)
-    assert weights.factors["cue.a"] == pytest.approx(1.0, abs=0.05)
-    assert weights.factors["cue.b"] == pytest.approx(0.1, abs=0.005)
-    # How many are right of a kind of footage says nothing; 5 to 1 are supposed.
-    assert weights.constant == pytest.approx(math.log(5.0), abs=0.1)
+def test_the_fit_finds_the_log_odds_of_independent_terms(cross_validation):
+    """Normal terms, 1 apart with a deviation of 1 each: log odds of x are x; they add up."""
+    weights = cross_validation.fit([run_of(cross_validation, 40_000, 0)])
+    assert weights.factors["cue.a"] == pytest.approx(1.0, abs=0.1)
+    assert weights.factors["cue.b"] == pytest.approx(0.1, abs=0.01)
+    # As many as are right: 4 to 1.
+    assert weights.constant == pytest.approx(math.log(4.0), abs=0.1)
     assert weights.weigh({"cue.a": 2.0, "other": 3.0}) == {
         "cue.a": 2.0 * weights.factors["cue.a"],
         "other": 3.0,
@@ -159,19 +158,18 @@ def test_questions_count_the_same_in_standard_deviations(cross_validation):
     }
 
 
-def test_the_learned_response_has_half_the_weight(cross_validation):
-    generator = np.random.default_rng(0)
-    group = answered(cross_validation, generator, 4_000, 0.5)
-    learned = [
-        {"cue.a": one["cue.a"], "correlation_response.response": one["cue.b"]} for one in group.odds
-    ]
-    weights = cross_validation.fit([replace(group, odds=learned)])
-    ratio = weights.factors["cue.a"] / weights.factors["correlation_response.response"]
-    assert ratio == pytest.approx(20.0, rel=0.05)
+def test_a_run_weighs_as_the_square_root_of_its_frames(cross_validation):
+    """100 frames of which none is wrong weigh half as much as 400 of which all are."""
+    right, wrong = (
+        cross_validation.LabeledOdds([{"cue.a": 0.0}] * count, np.full(count, is_right))
+        for count, is_right in ((100, True), (400, False))
+    )
+    constant = cross_validation.fit([right, wrong]).constant
+    assert constant == pytest.approx(math.log(100**0.5 / 400**0.5), abs=1e-6)
 
 
 def test_recorded_odds_add_up_to_the_confidence(cross_validation, moving_square):
-    tracker, heard = cross_validation.recording_tracker("default", 0)
+    tracker = cross_validation.RecordingTracker("default", 0)
     plain = Tracker.from_preset("default", 0)
     same = cross_validation.fitted_tracker("default", cross_validation.Weights({}, 0.0), 0)
     doubting = cross_validation.fitted_tracker("default", cross_validation.Weights({}, -100.0), 0)
@@ -182,8 +180,8 @@ def test_recorded_odds_add_up_to_the_confidence(cross_validation, moving_square)
         first, without, again, never = (one.update(image) for one in trackers)
         assert first.box == without.box == again.box
         assert first.confidence == without.confidence == again.confidence
-        odds = sum(heard.odds[-1].values())
+        odds = sum(tracker.recorded.odds[-1].values())
         assert first.confidence <= 1.0 / (1.0 + math.exp(-odds)) + 1e-12
         assert never.confidence < 1e-9
-    assert len(heard.odds) == 5
-    assert "spread" in heard.odds[0]
+    assert len(tracker.recorded.odds) == 5
+    assert "spread" in tracker.recorded.odds[0]

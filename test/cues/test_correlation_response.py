@@ -311,22 +311,6 @@ def test_templates_do_not_share_a_response(template):
     assert CUE.response(region, BOX[None], template)[0] == own[0]
 
 
-def test_the_first_template_reads_its_own_kind_of_features():
-    """Colored ones, also when the present template was learned in a gray image."""
-    cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())
-    first = cue.learn(region_of(frame()), BOX)
-    gray = np.repeat(frame()[..., 1:2], 3, axis=2)
-    last = cue.learn(region_of(gray), BOX)
-    assert (first.colored, last.colored) == (True, False)
-    odds = []
-    for template, precomputes in ((first, False), (last, False), (last, True)):
-        region = region_of(gray)
-        if precomputes:
-            cue.precompute([PredictedTarget(region, template, first)] * 2)
-        odds.append(cue.log_odds(cue.observe(region, BOX), template, first)["first response"])
-    assert odds[0] == odds[1] == odds[2]
-
-
 def test_precomputing_for_several_targets_does_not_change_results(monkeypatch):
     """Also when one is gray and another does not estimate its size; in fewer, larger batches."""
     cue = CoarseCorrelationResponse(CoarseCorrelationResponseParameters())
@@ -342,8 +326,6 @@ def test_precomputing_for_several_targets_does_not_change_results(monkeypatch):
         )
     ]
     learned = [cue.learn(region_of(image, box), box) for image, box, _ in targets]
-    # One differs from its first template.
-    firsts = [learned[2], *learned[1:]]
     calls = []
     extract = GradientsAndColors.extract
 
@@ -358,19 +340,17 @@ def test_precomputing_for_several_targets_does_not_change_results(monkeypatch):
         regions = [
             Region(Frame(image), box[None], estimates_size=sized) for image, box, sized in targets
         ]
-        predicted_targets = [
-            PredictedTarget(*one) for one in zip(regions, learned, firsts, strict=True)
-        ]
+        predicted_targets = [PredictedTarget(*one) for one in zip(regions, learned, strict=True)]
         if precomputes:
             cue.precompute(predicted_targets)
         found = []
         for predicted, (_, box, _) in zip(predicted_targets, targets, strict=True):
-            region, template, first, _ = predicted
+            region, template, _ = predicted
             boxes, _ = boxes_around(box, 3)
             observation = cue.observe(region, box)
             found.append(cue.response(region, boxes, template).tolist())
             found.append(cue.match(observation, template))
-            found.append(cue.log_odds(observation, template, first))
+            found.append(cue.log_odds(observation, template))
         return found, [*calls]
 
     apart, together = results(False), results(True)

@@ -82,7 +82,7 @@ def test_candidates_are_proposed_and_only_their_absence_lowers_the_confidence(ma
     proposed = cue.propose(region, template)
     assert proposed.boxes[0] == pytest.approx([130, 100, 40, 40])
     at, away = (
-        cue.log_odds(cue.observe(region, box), template, template)["score"]
+        cue.log_odds(cue.observe(region, box), template)["score"]
         for box in (proposed.boxes[0], proposed.boxes[0] + [120, 0, 0, 0])
     )
     assert at == 0.0
@@ -101,7 +101,7 @@ def test_only_in_doubt_it_is_silent_otherwise(make_region):
     assert not cue.responds(region, template)
     assert not cue.response(region, BOX[None], template).any()
     assert cue.propose(region, template) is None
-    assert cue.log_odds(cue.observe(region, BOX), template, template) == {}
+    assert cue.log_odds(cue.observe(region, BOX), template) == {}
     cue, template, region = make_region(doubt=0.2, when="doubtful")
     assert cue.responds(region, template)
 
@@ -199,7 +199,7 @@ def test_without_a_usable_cell_the_cue_is_silent(model, picture, caplog):
         cue.precompute([PredictedTarget(region, spoiled, spoiled, 1.0)])
     assert not cue.responds(region, spoiled)
     assert [one.message[:26] for one in caplog.records] == ["the network a correlation "]
-    assert cue.log_odds(cue.observe(region, BOX), spoiled, spoiled) == {}
+    assert cue.log_odds(cue.observe(region, BOX), spoiled) == {}
 
 
 def test_a_jump_is_found_where_the_other_cues_are_in_doubt(model, picture):

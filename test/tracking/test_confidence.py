@@ -1,5 +1,6 @@
 """The confidence of a single frame, and over time."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.assessment import Confidence
+from pf_tracker_ros.tracking.assessment import Confidence, Sighting
 from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
 
@@ -53,9 +54,9 @@ def assess(target_filter, state, couple):
         _, region = target_filter._measurer.search_window(Frame(image), box)
         seen = target_filter._fusion.observe(region, box)
         match = target_filter._fusion.match(seen, of.templates)
-        if particle_std is None:
-            return target_filter._confidence.assess(of, seen, match)
-        return target_filter._confidence.assess(of, seen, match, lambda: particle_std)
+        spread = {} if particle_std is None else {"particle_std": lambda: particle_std}
+        sighting = Sighting(Frame(image), box, seen, match, **spread)
+        return target_filter._confidence.assess(of, sighting)
 
     return confidence_of
 
@@ -68,22 +69,21 @@ def test_the_confidence_is_that_of_the_box_and_not_of_the_best_place_around(asse
     assert max(beside) < 0.25
 
 
-def test_another_target_is_another(assess, couple):
-    assert assess(couple.second[1]) < 0.05
+def test_another_target_is_another(target_filter, assess, couple):
+    assert assess(couple.second[1]) < target_filter.parameters.track.occluded_below
 
 
 def test_a_box_without_any_response_is_not_the_target(assess, couple):
-    assert assess(couple.first[1], image=np.zeros_like(couple.images[1])) == pytest.approx(0.0)
+    assert assess(couple.first[1], image=np.zeros_like(couple.images[1])) < 1e-4
 
 
-def test_the_first_templates_reveal_what_was_learned_by_mistake(
-    target_filter, state, assess, couple
-):
+def test_the_exemplars_reveal_what_was_learned_by_mistake(target_filter, state, assess, couple):
     """The current templates are all those of the other target."""
     other = target_filter.start(couple.images[0], couple.second[0])
     misled = replace(state, templates=other.templates)
-    assert assess(couple.second[1], other) > 0.9
-    assert assess(couple.second[1], misled) < 0.5 * assess(couple.second[1], other)
+    doubt, trust = (1.0 - assess(couple.second[1], one) for one in (misled, other))
+    assert trust < 0.05
+    assert doubt > 3.0 * trust
 
 
 def test_a_wide_particle_cloud_lowers_the_confidence(assess, couple):
@@ -92,8 +92,30 @@ def test_a_wide_particle_cloud_lowers_the_confidence(assess, couple):
     assert wide < medium < narrow
 
 
+@pytest.mark.parametrize(
+    ("hidden_for", "last_seen", "looks"),
+    [(1.5, (30, 50, 30, 30), 4), (0.5, (0, 40, 20, 40), 6), (1e4, (30, 50, 30, 30), 100)],
+)
+def test_looks_count_against_the_target(target_filter, state, hidden_for, last_seen, looks):
+    """One look at first and one more each half second; three times as many after leaving."""
+    status = replace(state.status, hidden_for=hidden_for)
+    hidden = replace(state, status=status, last_seen_box=last_seen)
+    frame, box = Frame(np.full((120, 160), 90, np.uint8)), np.array([60.0, 50.0, 30.0, 30.0])
+    _, region = target_filter._measurer.search_window(frame, box)
+    sighting = Sighting(frame, box, target_filter._fusion.observe(region, box), Match(0.0, 1.0))
+    two_looks = replace(state, status=replace(state.status, hidden_for=0.5))
+    at_first, per_look, found = (
+        target_filter._confidence.log_odds(one, sighting)["looks"]
+        for one in (state, two_looks, hidden)
+    )
+    assert at_first == 0.0
+    assert found == pytest.approx(per_look * math.log2(looks))
+    assert found < per_look < -0.3
+
+
 def test_without_log_odds_the_confidence_is_the_similarity(make_target_filter, couple):
     target_filter = make_target_filter("zhang2015")
     state = target_filter.start(couple.images[0], couple.first[0])
-    match = Match(-1.0, 0.42)
-    assert target_filter._confidence.assess(state, state.templates, match) == 0.42
+    box = np.array(couple.first[0])
+    sighting = Sighting(Frame(couple.images[0]), box, state.templates, Match(-1.0, 0.42))
+    assert target_filter._confidence.assess(state, sighting) == 0.42

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.tracking.redetection import found_above, window_centers
+from pf_tracker_ros.tracking.redetection import window_centers
 
 
 @settings(max_examples=40)
@@ -56,22 +56,6 @@ def test_the_next_windows_continue_the_sequence():
     # Consecutive windows are far apart.
     steps = np.linalg.norm(np.diff(together, axis=0), axis=1)
     assert np.median(steps) > 150.0
-
-
-@given(st.floats(0.01, 0.99), st.floats(0.0, 3600.0), st.floats(0.0, 3600.0))
-def test_the_longer_out_of_sight_the_more_evidence_a_finding_needs(threshold, hidden, longer):
-    assert found_above(threshold, 0.0, 9.0) == pytest.approx(threshold)
-    one, other = (found_above(threshold, seconds, 9.0) for seconds in sorted((hidden, longer)))
-    assert threshold <= one + 1e-12 <= other + 2e-12 <= 1.0 + 2e-12
-    assert one < found_above(threshold, min(hidden, longer), 9.0, has_left=True)
-
-
-def test_the_evidence_that_a_finding_needs_by_hand():
-    """One look at first and one more each half second; three times as many after leaving."""
-    assert found_above(0.5, 1.5, 9.0) == pytest.approx(2 / 3)
-    assert found_above(0.5, 1.0, 9.0, has_left=True) == pytest.approx(3 / 4)
-    assert found_above(0.5, 100.0, 9.0) == pytest.approx(3 / 4)
-    assert [found_above(threshold, 10.0, 9.0) for threshold in (0.0, 1.0)] == [0.0, 1.0]
 
 
 def frames_of_a_target_that_comes_back():

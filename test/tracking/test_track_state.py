@@ -83,9 +83,10 @@ def test_with_a_threshold_of_zero_the_target_is_never_occluded():
 
 def test_finding_again_takes_more_than_going_on():
     hidden = TrackStatus("occluded", 0.5, hidden_for=0.5)
-    assert hidden.advance(0.6, 0.6, 0.25, THRESHOLDS, 0.7).state == "occluded"
-    assert hidden.advance(0.7, 0.7, 0.25, THRESHOLDS, 0.7).state == "tracking"
-    assert TrackStatus().advance(0.3, 0.3, 0.25, THRESHOLDS, 0.7).state == "tracking"
+    between = (THRESHOLDS.occluded_below + THRESHOLDS.recovered_above) / 2
+    assert hidden.advance(between, between, 0.25, THRESHOLDS).state == "occluded"
+    assert TrackStatus().advance(between, between, 0.25, THRESHOLDS).state == "tracking"
+    assert hidden.advance(0.9, 0.9, 0.25, THRESHOLDS).state == "tracking"
 
 
 def test_the_times_out_of_sight_and_since_the_target_was_found_again():

@@ -28,14 +28,9 @@ class Calibration:
         even_clutter: Standard deviation of the response map / its peak, at similarity 1/2.
         even_level: Level of the peak at similarity 1/2.
         exponent: Slope of the similarity with both.
-        odds_slope: Slope of the log odds with the logarithm of the present filter's
-            peak-to-sidelobe ratio at the box.
+        odds_slope: Slope of the log odds with the logarithm of the peak-to-sidelobe ratio at the
+            box.
         even_peak_to_sidelobe: That ratio at log odds 0.
-        first_odds_slope: As `odds_slope`, for the filter of the first frame.
-        even_first_peak_to_sidelobe: As `even_peak_to_sidelobe`, for the filter of the first frame.
-        level_odds_slope: Slope of the log odds with the logarithm of the level at the box, below
-            the least level.
-        least_level: Level that the target rarely falls below.
     """
 
     even_clutter: float
@@ -43,10 +38,6 @@ class Calibration:
     exponent: float
     odds_slope: float
     even_peak_to_sidelobe: float
-    first_odds_slope: float
-    even_first_peak_to_sidelobe: float
-    level_odds_slope: float
-    least_level: float
 
     def similarity(self, peak: float, deviation: float, reference: float) -> float:
         """Similarity of a response map to one of the target, 0 to 1.
@@ -59,23 +50,14 @@ class Calibration:
         peak_score = self._score(self.even_clutter * peak / deviation)
         return peak_score * self._score(peak / reference / self.even_level)
 
-    def log_odds(
-        self, peak_to_sidelobe_ratio: float, first_peak_to_sidelobe_ratio: float, level: float
-    ) -> dict[str, float]:
-        """Log odds of the responses at a box, see `Cue.log_odds`.
+    def log_odds(self, peak_to_sidelobe_ratio: float) -> dict[str, float]:
+        """Log odds of the response at a box, see `Cue.log_odds`.
 
         Args:
-            peak_to_sidelobe_ratio: Ratio at the box for the present filter, > 0.
-            first_peak_to_sidelobe_ratio: Ratio near the box for the filter of the first frame, > 0.
-            level: Level at the box, > 0.
+            peak_to_sidelobe_ratio: Ratio at the box, > 0.
         """
         ratio = peak_to_sidelobe_ratio / self.even_peak_to_sidelobe
-        first_ratio = first_peak_to_sidelobe_ratio / self.even_first_peak_to_sidelobe
-        return {
-            "response": self.odds_slope * math.log(ratio),
-            "first response": self.first_odds_slope * math.log(first_ratio),
-            "level": self.level_odds_slope * min(math.log(level / self.least_level), 0.0),
-        }
+        return {"response": self.odds_slope * math.log(ratio)}
 
     def _score(self, ratio: float) -> float:
         """Logistic function of the ratio's logarithm: 0 to 1, 1/2 at a ratio of 1."""

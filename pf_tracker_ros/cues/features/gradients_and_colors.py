@@ -76,12 +76,8 @@ class GradientsAndColors:
         even_clutter=0.135,
         even_level=0.4,
         exponent=6.5,
-        odds_slope=1.0,
+        odds_slope=1.15,
         even_peak_to_sidelobe=8.0,
-        first_odds_slope=2.0,
-        even_first_peak_to_sidelobe=4.3,
-        level_odds_slope=50.0,
-        least_level=0.25,
     )
 
     def __init__(self) -> None:

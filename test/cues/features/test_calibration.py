@@ -21,10 +21,6 @@ CALIBRATION = Calibration(
     exponent=2.0,
     odds_slope=1.5,
     even_peak_to_sidelobe=6.0,
-    first_odds_slope=3.0,
-    even_first_peak_to_sidelobe=4.0,
-    level_odds_slope=20.0,
-    least_level=0.2,
 )
 
 
@@ -36,16 +32,8 @@ def test_at_the_even_values_each_factor_of_the_similarity_is_a_half():
 
 
 def test_log_odds_are_0_at_the_even_values_and_linear_in_logarithms():
-    assert CALIBRATION.log_odds(6.0, 4.0, 0.2) == {
-        "response": 0.0,
-        "first response": 0.0,
-        "level": 0.0,
-    }
-    odds = CALIBRATION.log_odds(6.0 * math.e, 4.0 / math.e, 0.2 / math.e)
-    expected = {"response": 1.5, "first response": -3.0, "level": -20.0}
-    assert odds == pytest.approx(expected)
-    # Above the least level the log odds are constant.
-    assert CALIBRATION.log_odds(6.0, 4.0, 0.9)["level"] == 0.0
+    assert CALIBRATION.log_odds(6.0) == {"response": 0.0}
+    assert CALIBRATION.log_odds(6.0 / math.e) == pytest.approx({"response": -1.5})
 
 
 def test_the_cue_uses_the_calibration_of_its_features(monkeypatch):
@@ -58,11 +46,11 @@ def test_the_cue_uses_the_calibration_of_its_features(monkeypatch):
         cue = CorrelationResponse(CorrelationResponseParameters())
         region = Region(Frame(image), box[None])
         template, observation = cue.learn(region, box), DeferredObservation(region, box)
-        return cue.match(observation, template).similarity, cue.log_odds(
-            observation, template, template
-        )
+        return cue.match(observation, template).similarity, cue.log_odds(observation, template)
 
-    (similarity, odds), (another, doubled) = results(), results(odds_slope=2.0, even_level=2.0)
+    (similarity, odds), (another, doubled) = (
+        results(),
+        results(odds_slope=2.0 * GradientsAndColors.calibration.odds_slope, even_level=2.0),
+    )
     assert doubled["response"] == pytest.approx(2.0 * odds["response"])
-    assert doubled["first response"] == odds["first response"]
     assert 0.0 < another < similarity <= 1.0

@@ -1,0 +1,64 @@
+"""Exemplars: what the target looked like when it was surely seen."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.exemplars import Exemplars, describe
+
+BOX = np.array([10.0, 10.0, 60.0, 60.0])
+# Edges of one direction each, so that the descriptors of two directions have nothing in common.
+DIRECTIONS = [0.0, 40.0, 80.0, 120.0, 160.0]
+
+
+def frame(degrees):
+    """Waves across one direction."""
+    y, x = np.mgrid[:80, :80]
+    turn = np.radians(degrees)
+    waves = np.sin((x * np.cos(turn) + y * np.sin(turn)) / 3.0)
+    return Frame(np.uint8(np.rint(127.0 + 100.0 * waves)))
+
+
+def with_views(*degrees, confidence=0.9, interval=0.6):
+    """Exemplars of these views, the first one at first."""
+    exemplars = Exemplars.of(frame(degrees[0]), BOX)
+    for one in degrees[1:]:
+        exemplars = exemplars.update(frame(one), BOX, interval, confidence)
+    return exemplars
+
+
+def test_a_descriptor_has_unit_length_and_only_its_colors_without_a_gradient():
+    assert np.linalg.norm(describe(frame(0), BOX)) == pytest.approx(1.0)
+    flat = Frame(np.full((80, 80), 90, np.uint8))
+    assert np.square(describe(flat, BOX)).sum() == pytest.approx(0.3)
+    white = Frame(np.full((80, 80), 250, np.uint8))
+    assert Exemplars.of(flat, BOX).similarity(white, BOX) == 0.0
+
+
+def test_the_similarity_is_the_mean_of_the_three_most_similar_exemplars():
+    one = Exemplars.of(frame(0), BOX)
+    assert one.similarity(frame(0), BOX) == pytest.approx(1.0)
+    other = one.similarity(frame(80), BOX)
+    assert other < 0.7
+    # Two views of this direction and one of the other; then a third one of this direction.
+    assert with_views(0, 0, 80).similarity(frame(0), BOX) == pytest.approx((2 + other) / 3)
+    assert with_views(0, 0, 80, 0).similarity(frame(0), BOX) == pytest.approx(1.0)
+
+
+def test_exemplars_are_added_each_half_second_while_the_target_is_surely_seen():
+    exemplars, counts = Exemplars.of(frame(0), BOX), []
+    for _ in range(10):
+        exemplars = exemplars.update(frame(0), BOX, 0.2, 0.9)
+        counts.append(len(exemplars.descriptors))
+    assert counts == [1, 1, 2, 2, 2, 3, 3, 3, 4, 4]
+    assert len(with_views(0, 80, confidence=0.7).descriptors) == 1
+
+
+def test_different_views_stay_and_repeated_ones_make_room():
+    """One view a hundred times does not overwrite five others."""
+    exemplars = with_views(*DIRECTIONS, *[90.0] * 100)
+    assert len(exemplars.descriptors) == 8
+    for degrees in DIRECTIONS:
+        coefficients = exemplars.descriptors @ describe(frame(degrees), BOX)
+        assert coefficients.max() == pytest.approx(1.0, abs=1e-5)
+    assert exemplars.similarity(frame(90.0), BOX) == pytest.approx(1.0)
