@@ -64,7 +64,7 @@ class Estimate:
         state: "tracking" while the measurements support the box; "occluded" while they do not;
             "lost" when that has lasted too long.
         confidence: 0 (nothing at the box is like the target) to 1 (exactly the template), smoothed
-            by `track.confidence_rate` and then calibrated by `track.confidence_calibration`.
+            over time and then calibrated by `track.confidence_calibration`.
         box_covariance: (4, 4) covariance of center x, center y, width and height, px^2: of the
             weighted particles; after a search, of the errors to expect given that the box is on
             the target (`box_covariance.py`). Errors of neighboring frames correlate.

@@ -31,7 +31,6 @@ _DEFAULT: dict[str, Any] = {
     "template.similarity_above": 0.33,
     "track.occluded_below": 0.55,
     "track.recovered_above": 0.65,
-    "track.confidence_rate": 0.2,
     "track.occlusion_policy": "keep_tracking",
 }
 _LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
@@ -44,7 +43,6 @@ _DEFAULT_FOR_SEVERAL: dict[str, Any] = {
     "foreground.sharpness": 60.0,
     "track.occluded_below": 0.3,
     "track.recovered_above": 0.5,
-    "track.confidence_rate": 0.1,
 }
 
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(

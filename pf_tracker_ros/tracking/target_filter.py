@@ -61,6 +61,10 @@ from pf_tracker_ros.tracking.track_assessor import TrackAssessor
 _LONGEST_FLASH = 2.0
 
 
+RISING_SHARE = 0.2
+"""Share of each frame in the confidence while it rises, with a search: several have to agree."""
+
+
 class _Learned(NamedTuple):
     """Result of the learning step, with fields as of `FilterState`."""
 
@@ -94,7 +98,8 @@ class TargetFilter:
             {name: (CUES[name](values), values.weight) for name, values in selected.items()}
         )
         check_proposal(parameters, self._fusion)
-        self._confidence = Confidence(self._fusion, parameters.track.confidence_rate)
+        searches = parameters.proposal.method == "search"
+        self._confidence = Confidence(self._fusion, RISING_SHARE if searches else 1.0)
         self._calibration = ConfidenceCalibration.of(parameters.track.confidence_calibration)
         self._predictor = Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)

@@ -14,14 +14,6 @@ from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 class TrackParameters(TrackThresholds):
     """Track states, occlusion and re-identification."""
 
-    confidence_rate: float = declared(
-        1.0,
-        "Share of each frame in the confidence while it rises; it falls at once. With a smaller "
-        "share, recovery takes more frames. An occluded target that redetection finds elsewhere "
-        "has the confidence of that frame alone.",
-        minimum=0.01,
-        maximum=1.0,
-    )
     confidence_calibration: tuple[float, ...] = declared(
         (1.0, 0.0),
         "Scale and offset of the log odds of the reported confidence, as `tune --confidence` fits "

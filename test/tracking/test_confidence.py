@@ -9,7 +9,6 @@ import pytest
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Confidence, Sighting
-from pf_tracker_ros.tracking.track_parameters import TrackParameters
 
 
 def smoothed(rate, before, confidences):
@@ -26,9 +25,11 @@ def test_the_confidence_falls_at_once_and_rises_by_a_share_of_each_frame():
     assert after == pytest.approx([0.2, 0.4, 0.55, 0.5, 0.6])
 
 
-def test_by_default_the_confidence_is_that_of_the_frame():
-    similarities = [0.1, 0.3, 0.7, 0.2]
-    assert smoothed(TrackParameters().confidence_rate, 0.3, similarities) == similarities
+@pytest.mark.parametrize(("preset", "share"), [("li2007", 1.0), ("default", 0.2)])
+def test_only_with_a_search_the_confidence_rises_slowly(make_target_filter, preset, share):
+    confidence = make_target_filter(preset)._confidence
+    assert confidence.update(0.5, 1.0) == pytest.approx(0.5 + 0.5 * share)
+    assert confidence.update(0.5, 0.25) == 0.25
 
 
 def test_the_confidence_never_rises_above_that_of_the_frames():

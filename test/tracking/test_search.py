@@ -6,7 +6,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
-from pf_tracker_ros.tracking import redetection
+from pf_tracker_ros.tracking import redetection, target_filter
 from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, mode_mean
 
@@ -39,8 +39,7 @@ def test_a_search_tracks_a_jump_that_the_transition_prior_misses():
     """A jump of 45 px, 1.25 box sizes, in one frame; the motion noise is 0.12 box sizes."""
     found = {}
     for method in ("transition", "search"):
-        parameters = {"proposal.method": method, "track.confidence_rate": 1.0}
-        tracker = Tracker.from_preset("default", parameters=parameters)
+        tracker = Tracker.from_preset("default", parameters={"proposal.method": method})
         tracker.start(frame(120, 100), (120, 100, 36, 36))
         for _ in range(3):
             tracker.update(frame(120, 100))
@@ -55,8 +54,8 @@ def test_a_target_that_has_reappeared_is_not_searched_elsewhere(monkeypatch):
     """Not even while the smoothed confidence is still below the threshold."""
     searches = []
     monkeypatch.setattr(Redetector, "find", lambda *arguments: searches.append(1))
-    parameters = {"track.confidence_rate": 0.05}
-    tracker = Tracker.from_preset("default", parameters=parameters)
+    monkeypatch.setattr(target_filter, "RISING_SHARE", 0.05)
+    tracker = Tracker.from_preset("default")
     tracker.start(frame(120, 100), (120, 100, 36, 36))
     for visible in [True] * 10 + [False] * 5:
         tracker.update(frame(120, 100, visible=visible))
@@ -67,8 +66,9 @@ def test_a_target_that_has_reappeared_is_not_searched_elsewhere(monkeypatch):
     assert states[-1] == "tracking"
 
 
-def test_an_occluder_is_not_learned_and_the_target_is_found_nearby():
-    tracker = Tracker.from_preset("default", parameters={"track.confidence_rate": 1.0})
+def test_an_occluder_is_not_learned_and_the_target_is_found_nearby(monkeypatch):
+    monkeypatch.setattr(target_filter, "RISING_SHARE", 1.0)
+    tracker = Tracker.from_preset("default")
     tracker.start(frame(120, 100), (120, 100, 36, 36))
     for _ in range(10):
         seen = tracker.update(frame(120, 100))

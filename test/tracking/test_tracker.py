@@ -17,6 +17,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.exposure import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
+from pf_tracker_ros.tracking import target_filter
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
 
@@ -272,11 +273,11 @@ def test_the_covariance_of_a_lost_target_is_bounded(preset):
     assert overlap(found.box, box) > 0.5
 
 
-def test_templates_freeze_while_hidden():
+def test_templates_freeze_while_hidden(monkeypatch):
     """After many frames of background, the target still matches."""
     frames = walk(20)
-    parameters = {"track.lost_after": 1000.0, "track.confidence_rate": 1.0}
-    tracker = Tracker.from_preset("default", parameters=parameters)
+    monkeypatch.setattr(target_filter, "RISING_SHARE", 1.0)
+    tracker = Tracker.from_preset("default", parameters={"track.lost_after": 1000.0})
     before = run(tracker, frames)[-1].confidence
     for _ in range(50):
         tracker.update(BACKGROUND, dt=0.001)
