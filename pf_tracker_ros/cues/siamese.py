@@ -75,7 +75,7 @@ class SiameseParameters(CueParameters):
     when: str = declared(
         "always",
         "When the network runs. always: in every frame; doubtful: while the confidence is below "
-        "0.6, for less CPU time.",
+        "0.85, for less CPU time.",
         choices=("always", "doubtful"),
     )
 

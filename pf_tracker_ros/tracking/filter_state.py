@@ -20,7 +20,7 @@ from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 from pf_tracker_ros.tracking.exemplars import Exemplars
 
 # Confidence from which on there is no doubt about an estimate, and below which there is most.
-_CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.6, 0.2
+_CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.85, 0.45
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,7 +51,7 @@ def make_region(model, picture):
         cue = Siamese(SiameseParameters(model=str(model), **parameters))
         template = cue.learn(Region(Frame(picture((120, 100))), BOX[None]), BOX)
         region = Region(Frame(picture((130, 100))), BOX[None], center_box=BOX)
-        cue.precompute([PredictedTarget(region, template, template, doubt)])
+        cue.precompute([PredictedTarget(region, template, doubt)])
         return cue, template, region
 
     return make
@@ -196,7 +196,7 @@ def test_without_a_usable_cell_the_cue_is_silent(model, picture, caplog):
     spoiled = replace(template, network=replace(template.network, features=features))
     region = Region(Frame(picture((130, 100))), BOX[None], center_box=BOX)
     for _ in range(2):
-        cue.precompute([PredictedTarget(region, spoiled, spoiled, 1.0)])
+        cue.precompute([PredictedTarget(region, spoiled, 1.0)])
     assert not cue.responds(region, spoiled)
     assert [one.message[:26] for one in caplog.records] == ["the network a correlation "]
     assert cue.log_odds(cue.observe(region, BOX), spoiled) == {}
