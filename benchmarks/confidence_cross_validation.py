@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros import Estimate, Tracker
-from pf_tracker_ros.tracking.assessment import Confidence, Sighting
+from pf_tracker_ros.tracking.assessment import AssessedBox, Confidence
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.track_assessor import TrackAssessor
 
@@ -43,10 +43,10 @@ class RecordedConfidence:
         self._confidence = confidence
         self.odds: list[Odds] = []
 
-    def assess(self, state: FilterState, sighting: Sighting) -> float:
+    def assess(self, state: FilterState, assessed: AssessedBox) -> float:
         """See `Confidence.assess`."""
-        self.odds[-1] = self._confidence.log_odds(state, sighting)
-        return self._confidence.assess(state, sighting)
+        self.odds[-1] = self._confidence.log_odds(state, assessed)
+        return self._confidence.assess(state, assessed)
 
     def update(self, before: float, now: float) -> float:
         """See `Confidence.update`."""
@@ -89,8 +89,8 @@ def fitted_tracker(preset: str, weights: Weights, seed: int) -> Tracker:
     """A tracker whose confidence has other weights."""
 
     class Fitted(Confidence):
-        def log_odds(self, state: FilterState, sighting: Sighting) -> dict[str, float]:
-            return weights.weigh(super().log_odds(state, sighting))
+        def log_odds(self, state: FilterState, assessed: AssessedBox) -> dict[str, float]:
+            return weights.weigh(super().log_odds(state, assessed))
 
     with patch("pf_tracker_ros.tracking.target_filter.Confidence", Fitted):
         return Tracker.from_preset(preset, seed)

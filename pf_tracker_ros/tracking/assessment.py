@@ -99,7 +99,7 @@ _LOOKS_ODDS_SLOPE = 0.46
 _INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING, _MOST_LOOKS = 0.5, 3.0, 100.0
 
 
-class Sighting(NamedTuple):
+class AssessedBox(NamedTuple):
     """A box that may be the target.
 
     Attributes:
@@ -132,30 +132,30 @@ class Confidence:
         self._fusion = fusion
         self._rate = rate
 
-    def assess(self, state: FilterState, sighting: Sighting) -> float:
+    def assess(self, state: FilterState, assessed: AssessedBox) -> float:
         """Confidence of a single frame, 0 to 1.
 
         Args:
             state: State before the frame.
-            sighting: A box in it.
+            assessed: A box in it.
         """
-        odds = self.log_odds(state, sighting)
+        odds = self.log_odds(state, assessed)
         # tanh stays within 0 to 1 where exp(-odds) would overflow.
         return (
-            0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else sighting.match.similarity
+            0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else assessed.match.similarity
         )
 
-    def log_odds(self, state: FilterState, sighting: Sighting) -> dict[str, float]:
+    def log_odds(self, state: FilterState, assessed: AssessedBox) -> dict[str, float]:
         """Name of each term to its log odds; empty if no cue has any. Arguments as of `assess`."""
-        odds = self._fusion.log_odds(sighting.seen, state.templates)
+        odds = self._fusion.log_odds(assessed.seen, state.templates)
         if not odds:
             return odds
-        std = max(sighting.particle_std(), _LEAST_STD)
-        similarity = state.exemplars.similarity(sighting.frame, sighting.box)
+        std = max(assessed.particle_std(), _LEAST_STD)
+        similarity = state.exemplars.similarity(assessed.frame, assessed.box)
         return odds | {
             "spread": -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD),
             "exemplars": _SIMILARITY_ODDS_SLOPE * (similarity - _NEUTRAL_SIMILARITY),
-            "looks": -_LOOKS_ODDS_SLOPE * math.log(_looks(state, sighting)),
+            "looks": -_LOOKS_ODDS_SLOPE * math.log(_looks(state, assessed)),
         }
 
     def update(self, before: float, now: float) -> float:
@@ -170,11 +170,11 @@ class Confidence:
         return self._rate * now + (1.0 - self._rate) * before
 
 
-def _looks(state: FilterState, sighting: Sighting) -> float:
+def _looks(state: FilterState, assessed: AssessedBox) -> float:
     """Number of looks since the target went out of sight, at least 1."""
-    hidden_for, size = state.status.hidden_for, sighting.frame.size
+    hidden_for, size = state.status.hidden_for, assessed.frame.size
     if hidden_for == 0.0:
         return 1.0
     has_left = is_truncated(np.array(state.last_seen_box), size)
-    factor = _LOOKS_AFTER_LEAVING if has_left and not is_truncated(sighting.box, size) else 1.0
+    factor = _LOOKS_AFTER_LEAVING if has_left and not is_truncated(assessed.box, size) else 1.0
     return min(factor * (1.0 + hidden_for / _INDEPENDENT_AFTER), _MOST_LOOKS)

@@ -35,7 +35,7 @@ from pf_tracker_ros.cues.fusion import (
 )
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters, SearchableMotion
 from pf_tracker_ros.frames import Frame, Region
-from pf_tracker_ros.tracking.assessment import Assessment, Sighting
+from pf_tracker_ros.tracking.assessment import AssessedBox, Assessment
 from pf_tracker_ros.tracking.box_covariance import (
     NO_PEAK,
     box_covariance,
@@ -138,9 +138,9 @@ class Measurement(NamedTuple):
     recognition: float = 0.0
 
     @property
-    def sighting(self) -> Sighting:
+    def assessed(self) -> AssessedBox:
         """The estimate as a box that may be the target."""
-        return Sighting(self.frame, self.box, self.seen, self.match, lambda: self.particle_std)
+        return AssessedBox(self.frame, self.box, self.seen, self.match, lambda: self.particle_std)
 
     @property
     def particle_std(self) -> float:

@@ -22,7 +22,7 @@ from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_di
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.assessment import Assessment, Confidence, Sighting
+from pf_tracker_ros.tracking.assessment import AssessedBox, Assessment, Confidence
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
@@ -227,5 +227,5 @@ class Redetector:
         likeliest = search.boxes[best]
         seen = self._fusion.observe(region, likeliest)
         match = self._fusion.match(seen, state.templates)
-        sighting = Sighting(frame, likeliest, seen, match)
-        return Candidate(likeliest, self._confidence.assess(state, sighting))
+        assessed = AssessedBox(frame, likeliest, seen, match)
+        return Candidate(likeliest, self._confidence.assess(state, assessed))

@@ -121,7 +121,7 @@ class TrackAssessor:
 
         A target that matches its current templates is not lost, even if the exemplars differ.
         """
-        confidence = similarity = self._confidence.assess(state, measurement.sighting)
+        confidence = similarity = self._confidence.assess(state, measurement.assessed)
         recognized = max(measurement.match.similarity, measurement.recognition)
         if self._redetector and recognized >= _RECOGNIZED_ABOVE:
             similarity = 1.0

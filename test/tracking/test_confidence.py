@@ -8,7 +8,7 @@ import pytest
 
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.assessment import Confidence, Sighting
+from pf_tracker_ros.tracking.assessment import AssessedBox, Confidence
 
 
 def smoothed(rate, before, confidences):
@@ -56,8 +56,8 @@ def assess(target_filter, state, couple):
         seen = target_filter._fusion.observe(region, box)
         match = target_filter._fusion.match(seen, of.templates)
         spread = {} if particle_std is None else {"particle_std": lambda: particle_std}
-        sighting = Sighting(Frame(image), box, seen, match, **spread)
-        return target_filter._confidence.assess(of, sighting)
+        assessed = AssessedBox(Frame(image), box, seen, match, **spread)
+        return target_filter._confidence.assess(of, assessed)
 
     return confidence_of
 
@@ -103,10 +103,10 @@ def test_looks_count_against_the_target(target_filter, state, hidden_for, last_s
     hidden = replace(state, status=status, last_seen_box=last_seen)
     frame, box = Frame(np.full((120, 160), 90, np.uint8)), np.array([60.0, 50.0, 30.0, 30.0])
     _, region = target_filter._measurer.search_window(frame, box)
-    sighting = Sighting(frame, box, target_filter._fusion.observe(region, box), Match(0.0, 1.0))
+    assessed = AssessedBox(frame, box, target_filter._fusion.observe(region, box), Match(0.0, 1.0))
     two_looks = replace(state, status=replace(state.status, hidden_for=0.5))
     at_first, per_look, found = (
-        target_filter._confidence.log_odds(one, sighting)["looks"]
+        target_filter._confidence.log_odds(one, assessed)["looks"]
         for one in (state, two_looks, hidden)
     )
     assert at_first == 0.0
@@ -118,5 +118,5 @@ def test_without_log_odds_the_confidence_is_the_similarity(make_target_filter, c
     target_filter = make_target_filter("zhang2015")
     state = target_filter.start(couple.images[0], couple.first[0])
     box = np.array(couple.first[0])
-    sighting = Sighting(Frame(couple.images[0]), box, state.templates, Match(-1.0, 0.42))
-    assert target_filter._confidence.assess(state, sighting) == 0.42
+    assessed = AssessedBox(Frame(couple.images[0]), box, state.templates, Match(-1.0, 0.42))
+    assert target_filter._confidence.assess(state, assessed) == 0.42

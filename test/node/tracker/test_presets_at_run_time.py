@@ -131,7 +131,7 @@ def test_every_tunable_of_the_library_can_change_while_tracking(
             refused.add(name)
         assert client.tunables() == before
     # Parameters that depend on each other can only change together.
-    assert refused <= {"motion.model", "proposal.method", "cues"}
+    assert refused <= {"motion.model", "proposal.method", "cues", "appearance.kind"}
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
 
