@@ -57,7 +57,7 @@ _NEAR = 1.5
 _OCCLUDER_WEIGHT, _FREE_COVERAGE = 30.0, 0.2
 # Share of the way to its detection that a box moves. It moves all of it below this intersection
 # over union, unless the confidence of the track is above the last value.
-_GAIN, _FAR_BELOW, _CONFIDENT_ABOVE = 0.5, 0.5, 0.6
+_GAIN, _FAR_BELOW, _CONFIDENT_ABOVE = 0.5, 0.5, 0.9
 # Standard deviation of a center measured in the image, in the sides of the box.
 _IMAGE_STD = np.array([0.3, 0.2])
 # Seconds without a detection after which a track on the same object as its occluder is a duplicate.
@@ -66,7 +66,7 @@ _DUPLICATE_AFTER = 0.2
 _DEGREES_OF_FREEDOM = 3.0
 # Confidence from which on the estimate of an undetected target counts fully for its Kalman filter;
 # the least that it counts.
-_FULL_CONFIDENCE, _MIN_COUNT = 0.5, 0.05
+_FULL_CONFIDENCE, _MIN_COUNT = 0.85, 0.05
 # Frames between two size estimates of an undetected target: sizes change slowly.
 _SIZE_EVERY = 2
 # Seconds between two template updates by detections.

@@ -41,8 +41,6 @@ _DEFAULT_FOR_SEVERAL: dict[str, Any] = {
     "proposal.window": 2.0,
     "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
     "foreground.sharpness": 60.0,
-    "track.occluded_below": 0.3,
-    "track.recovered_above": 0.5,
 }
 
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
