@@ -63,8 +63,9 @@ class Estimate:
         box: (x, y, width, height) in pixels, (x, y) the top-left corner counted from 0.
         state: "tracking" while the measurements support the box; "occluded" while they do not;
             "lost" when that has lasted too long.
-        confidence: 0 (nothing at the box is like the target) to 1 (exactly the template), smoothed
-            over time and then calibrated by `track.confidence_calibration`.
+        confidence: With a search, as of "default", the probability that the box is on the target,
+            0 to 1; it falls at once and rises over several frames. Else the similarity to the
+            templates. Calibrated by `track.confidence_calibration`.
         box_covariance: (4, 4) covariance of center x, center y, width and height, px^2: of the
             weighted particles; after a search, of the errors to expect given that the box is on
             the target (`box_covariance.py`). Errors of neighboring frames correlate.
@@ -211,7 +212,8 @@ class TrackThresholds:
     )
     lost_after: float = declared(
         2.0,
-        "The target counts as lost after it has been occluded for this time.",
+        "The target counts as lost after it has been occluded for this time. With "
+        "'proposal.method' search, a frame that matches the current templates restarts it.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,
