@@ -7,6 +7,7 @@ extrapolated.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from pf_tracker_ros.localization.rigid_pose import RigidPose
@@ -44,18 +45,22 @@ class TransformTree(Store):
 
     def take(self, stamp: int, frame_id: str, message: Any) -> None:
         """Store a message of /tf; arguments as of `Store.take`, but only `message` counts."""
-        for one in message.transforms:
-            parent, child, pose = _parts(one)
+        valid, refused = _checked(message.transforms)
+        for one, parent, child, pose in valid:
             known = self._moving.get(child)
             if known is None or known[0] != parent:
                 known = self._moving[child] = parent, StampedBuffer(_KEPT, _MAX_POSES)
             known[1].add(one.stamp, pose)
+        if refused:
+            raise ValueError(refused)
 
     def take_static(self, stamp: int, frame_id: str, message: Any) -> None:
         """Store a message of /tf_static; arguments as of `take`."""
-        for one in message.transforms:
-            parent, child, pose = _parts(one)
+        valid, refused = _checked(message.transforms)
+        for _, parent, child, pose in valid:
             self._static[child] = parent, pose
+        if refused:
+            raise ValueError(refused)
 
     def lookup(self, parent: str, child: str, stamp: int) -> RigidPose:
         """The pose of the frame `child` in `parent`.
@@ -122,6 +127,17 @@ class TransformTree(Store):
 
     def _missing(self, reason: str) -> ValueError:
         return (ValueError if self._feed.is_silent else NotYetError)(reason)
+
+
+def _checked(transforms: Iterable[Any]) -> tuple[list[tuple[Any, str, str, RigidPose]], str]:
+    """The valid transforms with their parts, and what is wrong with the others, or ""."""
+    valid, refused = [], []
+    for one in transforms:
+        try:
+            valid.append((one, *_parts(one)))
+        except ValueError as error:
+            refused.append(str(error))
+    return valid, "; ".join(refused)
 
 
 def _parts(transform: Any) -> tuple[str, str, RigidPose]:

@@ -119,6 +119,8 @@ def relearned(
         state = target_filter.initialize(
             seen.frame, box, before.generator_state, before.estimate.state
         )
+        status = replace(state.status, hidden_for=before.status.hidden_for)
+        state = replace(state, status=status, exemplars=before.exemplars)
         new = replace(track, filter_state=state, time_since_template_update=0.0)
         tracks.append(new.reset_descriptor(seen.frame, box, appearance) if appearance else new)
     ended = () if appearance else track_set.ended_tracks

@@ -94,9 +94,9 @@ _NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.8
 _NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.6, 9.2
 # Slope of the log odds over the logarithm of the number of looks.
 _LOOKS_ODDS_SLOPE = 0.46
-# Seconds after which another look at the same place is a chance of its own to be wrong, the factor
-# of looks after a target has left the image, since it may be nowhere in it, and the largest number.
-_INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING, _MOST_LOOKS = 0.5, 3.0, 100.0
+# Seconds after which another look at the same place is a chance of its own to be wrong, and the
+# factor of looks after a target has left the image, since it may be nowhere in it.
+_INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING = 0.5, 3.0
 
 
 class AssessedBox(NamedTuple):
@@ -177,4 +177,4 @@ def _looks(state: FilterState, assessed: AssessedBox) -> float:
         return 1.0
     has_left = is_truncated(np.array(state.last_seen_box), size)
     factor = _LOOKS_AFTER_LEAVING if has_left and not is_truncated(assessed.box, size) else 1.0
-    return min(factor * (1.0 + hidden_for / _INDEPENDENT_AFTER), _MOST_LOOKS)
+    return factor * (1.0 + hidden_for / _INDEPENDENT_AFTER)

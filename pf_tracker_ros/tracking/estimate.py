@@ -191,6 +191,8 @@ DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
 
 # Seconds on probation after a target was lost.
 _PROBATION = 2.0
+# Seconds out of sight after which more count no more.
+_LONGEST_HIDDEN = 50.0
 
 
 @dataclass(frozen=True)
@@ -228,8 +230,8 @@ class TrackStatus:
         state: As in `Estimate.state`.
         time_since_seen: Seconds since the target was last seen, 0 while tracking.
         probation: Seconds left on probation after the target was lost; templates are frozen.
-        hidden_for: Seconds for which it has not been tracked, whatever was similar in them; those
-            for which it has been since are subtracted.
+        hidden_for: Seconds for which it has not been tracked, at most 50, whatever was similar in
+            them; those for which it has been since are subtracted.
         reacquired_for: See `Estimate.reacquired_for`.
     """
 
@@ -277,7 +279,7 @@ class TrackStatus:
             )
         if self.state != "tracking" and confidence >= needed:
             return self.as_found(probation=_PROBATION if was_lost else 0.0)
-        hidden_for = self.hidden_for + interval
+        hidden_for = min(self.hidden_for + interval, _LONGEST_HIDDEN)
         if similarity >= needed:
             return TrackStatus("occluded", interval, _PROBATION if was_lost else 0.0, hidden_for)
         time_since_seen = interval + self.time_since_seen

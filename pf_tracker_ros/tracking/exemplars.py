@@ -1,7 +1,8 @@
 """Exemplars: what the target looked like in frames in which it was surely seen.
 
 A cue's template adapts in every frame, also to an occluder or a similar object. Exemplars are added
-rarely and never change, so a single occlusion cannot overwrite them:
+rarely and never change, so a single occlusion cannot overwrite them. Only a detection that is
+learned starts them anew (`StateOperations.relearn`):
 
 1. Describe the box by its histograms of oriented gradients, in 6 x 6 cells (`cues.hog`), and by its
    color stripes (`appearances.color_stripes`).

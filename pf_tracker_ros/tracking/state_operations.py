@@ -139,7 +139,11 @@ class StateOperations:
         boxes = motion.boxes(particles.states)
         box = motion.boxes(particles.mean[None])[0]
         time_since_seen = state.status.time_since_seen + interval
-        status = TrackStatus("occluded", min(time_since_seen, self._lost_after))
+        status = TrackStatus(
+            "occluded",
+            min(time_since_seen, self._lost_after),
+            hidden_for=state.status.hidden_for,
+        )
         confidence = self._decayed_confidence(state, interval)
         assessment = Assessment(box, confidence, status, particles, boxes)
         covariance = particle_covariance(particles, boxes)

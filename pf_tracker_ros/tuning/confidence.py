@@ -14,6 +14,7 @@ et al. 2015, "Obtaining well calibrated probabilities using Bayesian binning".
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -100,8 +101,11 @@ class CalibrationResult:
 
     @property
     def is_better(self) -> bool:
-        """Whether the Brier score falls by more than chance on sequences left out."""
-        return self.comparison.is_significant
+        """Whether the Brier score falls by more than chance on sequences left out.
+
+        Without both right and wrong frames there is nothing to fit a scale to.
+        """
+        return math.isfinite(roc_area(self.before)) and self.comparison.is_significant
 
 
 def calibrate(sequences: Sequence[LabeledConfidences], folds: int) -> CalibrationResult:

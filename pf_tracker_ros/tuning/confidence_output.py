@@ -85,7 +85,8 @@ class CalibrationFiles:
         told = (
             f"The area under the ROC curve stays {area:.3f}."
             if np.isfinite(area)
-            else "There is no area under the ROC curve, as all frames are equally right or wrong."
+            else "All frames are right, or all are wrong, so that nothing can be fitted; check the "
+            "ground truth."
         )
         if result.is_better:
             return f"The calibrated confidence is better: {figures}. {told}"

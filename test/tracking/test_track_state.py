@@ -97,3 +97,9 @@ def test_the_times_out_of_sight_and_since_the_target_was_found_again():
         times.append((status.hidden_for, status.reacquired_for))
     assert times == [(0.0, None), (0.25, None), (0.5, None), (0.5, 0.0), (0.25, 0.25)]
     assert status.advance(0.0, 0.0, 0.25, THRESHOLDS).reacquired_for is None
+
+
+def test_after_a_long_time_out_of_sight_more_counts_no_more():
+    """A pause of an hour is no hour of debt."""
+    hidden = TrackStatus().advance(0.0, 0.0, 3600.0, THRESHOLDS)
+    assert hidden.hidden_for == 50.0

@@ -71,6 +71,7 @@ def test_frames_that_are_all_right_or_wrong_have_a_fit(is_right):
         for name in "ab"
     ]
     result = confidence.calibrate(flat, folds=2)
+    assert not result.is_better
     assert abs(result.calibration.apply(0.6) - is_right) < 0.05
     assert np.isnan(confidence.roc_area(flat))
 

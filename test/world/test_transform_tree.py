@@ -132,3 +132,16 @@ def test_an_invalid_transform_is_refused(tree):
         tree.take(0, "", invalid)
     with pytest.raises(NotYetError):
         tree.lookup("odom", "base", 3 * SECOND)
+
+
+@pytest.mark.parametrize("take", ["take", "take_static"])
+def test_an_invalid_transform_leaves_the_others_of_its_message(take):
+    made, both = (
+        TransformTree(Feed()),
+        message(0, "base", "wheel", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
+    )
+    both.transforms[0].rotation.w = np.nan
+    both.transforms += message(0, "base", "camera", *CAMERA).transforms
+    with pytest.raises(ValueError, match="wheel"):
+        getattr(made, take)(0, "", both)
+    np.testing.assert_allclose(made.lookup("base", "camera", 0).translation, CAMERA[0])
