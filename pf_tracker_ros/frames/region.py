@@ -70,7 +70,7 @@ def read_window(
     # From here on, pixels are those of the reduced view.
     center, side = center / reduction, side / reduction
     (left, right), (top, bottom) = (
-        _inside(middle - side / 2, middle + side / 2, -(-length // reduction))
+        pixel_range(middle - side / 2, middle + side / 2, -(-length // reduction))
         for middle, length in zip(center, frame.size, strict=True)
     )
     crop = frame.view(PixelRect(top, bottom, left, right), reduction)
@@ -87,7 +87,7 @@ def read_window(
     )
 
 
-def _inside(start: float, end: float, length: int) -> tuple[int, int]:
+def pixel_range(start: float, end: float, length: int) -> tuple[int, int]:
     """Pixel range [first, last) that covers start to end and one more, at least 1, in a length."""
     first = min(max(math.floor(start) - 1, 0), length - 1)
     return first, max(min(math.ceil(end) + 1, length), first + 1)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.frame import PixelRect
+from pf_tracker_ros.frames.region import pixel_range
 from pf_tracker_ros.networks.description import CropDescription, ModelDescription
 from pf_tracker_ros.networks.engines import Tensor
 
@@ -54,7 +55,7 @@ def read_crop(
     # From here on, pixels are those of the reduced view.
     corner, size = crop.corner / reduction, crop.size / reduction
     (left, right), (top, bottom) = (
-        _inside(start, start + length, -(-limit // reduction))
+        pixel_range(start, start + length, -(-limit // reduction))
         for start, length, limit in zip(corner, size, frame.size, strict=True)
     )
     step = size / pixels
@@ -67,12 +68,6 @@ def read_crop(
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=border,
     )
-
-
-def _inside(start: float, end: float, length: int) -> tuple[int, int]:
-    """Pixel range [first, last) that covers start to end and one more, at least 1, in a length."""
-    first = min(max(math.floor(start) - 1, 0), length - 1)
-    return first, max(min(math.ceil(end) + 1, length), first + 1)
 
 
 def normalized(pixels: NDArray[np.uint8], description: ModelDescription) -> Tensor:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from pf_tracker_ros.evaluation.output_files import OutputFile
 from pf_tracker_ros.evaluation.reports.page import fill
 from pf_tracker_ros.evaluation.reports.svg_plots import reliability_plot
 from pf_tracker_ros.plurals import counted
@@ -18,30 +17,20 @@ from pf_tracker_ros.tuning.confidence import (
     roc_area,
 )
 from pf_tracker_ros.tuning.confidence_run import PARAMETER, ConfidenceRequest, ConfidenceRun
-from pf_tracker_ros.tuning.output import given_text, parameter_text
+from pf_tracker_ros.tuning.output import ParametersAndPage, given_text, parameter_text
 
 
-class CalibrationFiles:
-    """The files of a run. The constructor checks that they can be written.
+class CalibrationFiles(ParametersAndPage):
+    """The files of a calibration; see `ParametersAndPage`.
 
     Args:
-        path: The parameter file; the page is beside it.
+        path: The parameter file.
         request: What is calibrated.
-
-    Attributes:
-        path: Path of the parameter file.
-        page: Path of the page.
-
-    Raises:
-        EvaluationError: A file cannot be written.
     """
 
     def __init__(self, path: Path, request: ConfidenceRequest) -> None:
-        self.path = path
-        self.page = path.with_suffix(".html")
+        super().__init__(path)
         self._request = request
-        self._parameter_file = OutputFile(path)
-        self._page_file = OutputFile(self.page)
 
     def write_result(self, result: CalibrationResult) -> list[str]:
         """Write both files; the parameter file has the calibration only if it is better.
@@ -54,12 +43,7 @@ class CalibrationFiles:
         used, candidate = (fitted, {}) if result.is_better else ({}, fitted)
         verdict = self.verdict(result)
         text = parameter_text(request.preset, {**request.given, **used}, verdict, candidate)
-        page = self._page(result).encode("utf-8", "replace")
-        errors = [
-            self._parameter_file.write(lambda path: path.write_text(text, encoding="utf-8")),
-            self._page_file.write(lambda path: path.write_bytes(page)),
-        ]
-        return [error for error in errors if error is not None]
+        return self.write_both(text, self._page(result))
 
     def write_interrupted(self, run: ConfidenceRun) -> str:
         """What an interrupted run keeps."""

@@ -20,12 +20,11 @@ from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest, TuningResult
 _LINE_LENGTH = 100
 
 
-class TuningFiles:
-    """The files of a run. The constructor checks that they can be written.
+class ParametersAndPage:
+    """A parameter file and the page beside it. The constructor checks that they can be written.
 
     Args:
-        path: The parameter file; the page is beside it.
-        request: What is tuned.
+        path: The parameter file.
 
     Attributes:
         path: Path of the parameter file.
@@ -35,12 +34,37 @@ class TuningFiles:
         EvaluationError: A file cannot be written.
     """
 
-    def __init__(self, path: Path, request: TuningRequest) -> None:
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.page = path.with_suffix(".html")
-        self._request = request
         self._parameter_file = OutputFile(path)
         self._page_file = OutputFile(self.page)
+
+    def write_parameters(self, text: str) -> str | None:
+        """Write the parameter file; an error message or None."""
+        return self._parameter_file.write(lambda path: path.write_text(text, encoding="utf-8"))
+
+    def write_both(self, text: str, page: str) -> list[str]:
+        """Write the parameter file and the page; error messages."""
+        content = page.encode("utf-8", "replace")
+        errors = [
+            self.write_parameters(text),
+            self._page_file.write(lambda path: path.write_bytes(content)),
+        ]
+        return [error for error in errors if error is not None]
+
+
+class TuningFiles(ParametersAndPage):
+    """The files of a search; see `ParametersAndPage`.
+
+    Args:
+        path: The parameter file.
+        request: What is tuned.
+    """
+
+    def __init__(self, path: Path, request: TuningRequest) -> None:
+        super().__init__(path)
+        self._request = request
 
     def write_result(self, result: TuningResult) -> list[str]:
         """Write both files; the parameter file has the preset's values unless others are better.
@@ -60,12 +84,8 @@ class TuningFiles:
             is_used=is_used,
             comparison=result.comparison,
             seen=result.seen,
-        ).encode("utf-8", "replace")
-        errors = [
-            self._write_parameters(values, self.verdict(result), candidate),
-            self._page_file.write(lambda path: path.write_bytes(page)),
-        ]
-        return [error for error in errors if error is not None]
+        )
+        return self.write_both(self._parameters(values, self.verdict(result), candidate), page)
 
     def write_interrupted(self, tuning: Tuning) -> str:
         """Write the best values of an interrupted run.
@@ -78,7 +98,7 @@ class TuningFiles:
             f"Interrupted after {trials} of {counted(self._request.trials, 'trial')}: the best "
             "values so far, not tested on sequences left out."
         )
-        error = self._write_parameters(tuning.best, told, {})
+        error = self.write_parameters(self._parameters(tuning.best, told, {}))
         return error or f"{self.path} has the best values so far"
 
     def summary(self, result: TuningResult) -> list[str]:
@@ -124,12 +144,10 @@ class TuningFiles:
         """The values that differ from the preset."""
         return {name: each for name, each in values.items() if each != self._request.own[name]}
 
-    def _write_parameters(
-        self, values: TunedValues, told: str, candidate: Mapping[str, float]
-    ) -> str | None:
+    def _parameters(self, values: TunedValues, told: str, candidate: Mapping[str, float]) -> str:
+        """Text of the parameter file."""
         parameters = {**self._request.fixed, **self._changes(values)}
-        text = parameter_text(self._request.preset, parameters, told, candidate)
-        return self._parameter_file.write(lambda path: path.write_text(text, encoding="utf-8"))
+        return parameter_text(self._request.preset, parameters, told, candidate)
 
     def _facts(self, result: TuningResult) -> dict[str, str]:
         request = self._request

@@ -2,7 +2,7 @@
 
 The responses of a correlation filter are not probabilities. A `Calibration`, fitted to footage with
 ground truth, converts them to a similarity (logistic in the logarithm of two ratios) and to log
-odds (logistic regression on the logarithms of three ratios).
+odds (linear in the logarithm of one).
 """
 
 from __future__ import annotations
