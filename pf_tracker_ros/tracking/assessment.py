@@ -5,7 +5,10 @@ The confidence is the probability of the target: a logistic regression of
 1. each cue's log odds of the box, target against anything else (`Cue.log_odds`),
 2. the logarithm of the standard deviation of the particles: a narrow mode counts for the target,
 3. the similarity of the box to the exemplars of the target (`Exemplars`),
-4. the logarithm of the number of looks at other places since the target went out of sight: the best
+4. the logarithm of its share of the evidence beside a rival, the likeliest box that does not overlap
+   it: 1 / (1 + exp(a (r - s))) for similarities s and r to the exemplars. Where both fit, either of
+   them may be the target,
+5. the logarithm of the number of looks at other places since the target went out of sight: the best
    of many is often wrong. They count until it has been seen for as long again.
 
 Over time, the confidence falls at once and rises by exponential smoothing.
@@ -89,11 +92,13 @@ class Assessment:
 
 # Standard deviation of the particles' centers, box sizes, that adds no log odds; its least value;
 # slope of the log odds over its logarithm.
-_NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.8
+_NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.68
 # Similarity to the exemplars that adds no log odds, and their slope over it.
-_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.6, 9.2
+_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.6, 6.4
+# The a of a rival, and the slope of the log odds over the logarithm of the share beside it.
+_RIVAL_SLOPE, _SHARE_ODDS_SLOPE = 20.0, 1.3
 # Slope of the log odds over the logarithm of the number of looks.
-_LOOKS_ODDS_SLOPE = 0.46
+_LOOKS_ODDS_SLOPE = 0.6
 # Seconds after which another look at the same place is a chance of its own to be wrong, and the
 # factor of looks after a target has left the image, since it may be nowhere in it.
 _INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING = 0.5, 3.0
@@ -109,6 +114,7 @@ class AssessedBox(NamedTuple):
         match: Its match with the templates.
         particle_std: Computes the standard deviation of the particles' centers, box sizes, if it is
             needed; neutral where there are no particles.
+        rival: (4,) likeliest box that does not overlap it, pixels; None if there is none.
     """
 
     frame: Frame
@@ -116,6 +122,7 @@ class AssessedBox(NamedTuple):
     seen: Templates
     match: Match
     particle_std: Callable[[], float] = lambda: _NEUTRAL_STD
+    rival: NDArray[np.float64] | None = None
 
 
 class Confidence:
@@ -152,9 +159,16 @@ class Confidence:
             return odds
         std = max(assessed.particle_std(), _LEAST_STD)
         similarity = state.exemplars.similarity(assessed.frame, assessed.box)
+        rival = (
+            -math.inf
+            if assessed.rival is None
+            else state.exemplars.similarity(assessed.frame, assessed.rival)
+        )
+        share = 1.0 / (1.0 + math.exp(_RIVAL_SLOPE * (rival - similarity)))
         return odds | {
             "spread": -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD),
             "exemplars": _SIMILARITY_ODDS_SLOPE * (similarity - _NEUTRAL_SIMILARITY),
+            "rival": _SHARE_ODDS_SLOPE * math.log(share),
             "looks": -_LOOKS_ODDS_SLOPE * math.log(_looks(state, assessed)),
         }
 

@@ -140,7 +140,14 @@ class Measurement(NamedTuple):
     @property
     def assessed(self) -> AssessedBox:
         """The estimate as a box that may be the target."""
-        return AssessedBox(self.frame, self.box, self.seen, self.match, lambda: self.particle_std)
+        return AssessedBox(
+            self.frame,
+            self.box,
+            self.seen,
+            self.match,
+            lambda: self.particle_std,
+            self.second_peak,
+        )
 
     @property
     def particle_std(self) -> float:

@@ -227,5 +227,6 @@ class Redetector:
         likeliest = search.boxes[best]
         seen = self._fusion.observe(region, likeliest)
         match = self._fusion.match(seen, state.templates)
-        assessed = AssessedBox(frame, likeliest, seen, match)
+        rival = search.second_peak(likeliest, likelihood)
+        assessed = AssessedBox(frame, likeliest, seen, match, rival=rival)
         return Candidate(likeliest, self._confidence.assess(state, assessed))

@@ -93,6 +93,24 @@ def test_a_wide_particle_cloud_lowers_the_confidence(assess, couple):
     assert wide < medium < narrow
 
 
+def test_a_rival_counts_by_its_similarity_to_the_target(target_filter, state, couple):
+    """One that fits as well halves the share of the evidence; background takes none of it."""
+    image, box = couple.images[0], np.array(couple.first[0])
+    copied, place = image.copy(), box + [0, -45, 0, 0]
+    x, y, width, height = (int(side) for side in box)
+    copied[y - 45 : y - 45 + height, x : x + width] = image[y : y + height, x : x + width]
+
+    def odds(image, rival):
+        _, region = target_filter._measurer.search_window(Frame(image), box)
+        seen = target_filter._fusion.observe(region, box)
+        assessed = AssessedBox(Frame(image), box, seen, Match(0.0, 1.0), rival=rival)
+        return target_filter._confidence.log_odds(state, assessed)["rival"]
+
+    assert odds(image, None) == 0.0
+    assert odds(copied, place) == pytest.approx(1.3 * math.log(0.5), abs=0.05)
+    assert odds(image, place) > -0.05
+
+
 @pytest.mark.parametrize(
     ("hidden_for", "last_seen", "looks"),
     [(1.5, (30, 50, 30, 30), 4), (0.5, (0, 40, 20, 40), 6)],

@@ -76,8 +76,8 @@ class GradientsAndColors:
         even_clutter=0.135,
         even_level=0.4,
         exponent=6.5,
-        odds_slope=1.15,
-        even_peak_to_sidelobe=8.0,
+        odds_slope=1.38,
+        even_peak_to_sidelobe=5.0,
     )
 
     def __init__(self) -> None:
