@@ -29,8 +29,8 @@ _DEFAULT: dict[str, Any] = {
     "cues": ("color_contrast", "correlation_response"),
     "template.update_above": 0.0,
     "template.similarity_above": 0.33,
-    "track.occluded_below": 0.55,
-    "track.recovered_above": 0.65,
+    "track.occluded_below": 0.57,
+    "track.recovered_above": 0.67,
     "track.occlusion_policy": "keep_tracking",
 }
 _LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
