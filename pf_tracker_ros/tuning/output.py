@@ -15,7 +15,8 @@ from pf_tracker_ros.parameter_files import yaml_text
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tuning.comparison import Comparison
 from pf_tracker_ros.tuning.evaluations import TunedValues
-from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest, TuningResult
+from pf_tracker_ros.tuning.search import TuningRequest
+from pf_tracker_ros.tuning.tuning import Tuning, TuningResult
 
 _LINE_LENGTH = 100
 
