@@ -11,7 +11,7 @@ import numpy as np
 
 from pf_tracker_ros.evaluation.output_files import OutputFile
 from pf_tracker_ros.evaluation.reports.page import fill
-from pf_tracker_ros.parameter_files import yaml_text
+from pf_tracker_ros.parameter_files import section_lines, yaml_text
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tuning.comparison import Comparison
 from pf_tracker_ros.tuning.evaluations import TunedValues
@@ -179,8 +179,7 @@ def parameter_text(
     if candidate:
         lines.append("# The best values found, which are not used:")
         lines += [f"#   {name}: {yaml_text(value)}" for name, value in candidate.items()]
-    lines += ["/**:", "  ros__parameters:", f"    preset: {yaml_text(preset)}"]
-    lines += [f"    {name}: {yaml_text(value)}" for name, value in parameters.items()]
+    lines += section_lines("/**", {"preset": preset, **parameters})
     return "\n".join(lines) + "\n"
 
 
