@@ -17,30 +17,30 @@ from pf_tracker_ros.opencv import require_opencv
 from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.signals import hold_signals
 
-# Nodes without a recording to play.
-_TRACKER_EXAMPLES = """\
+_EXAMPLES = {
+    "tracker": """\
 examples:
   tracker --ros-args -r image:=/camera/image_raw -p preset:=li2007
   tracker --ros-args --params-file my_tracker.yaml -p target_box:="[293.0, 97.0, 115.0, 82.0]"
 
 Every setting is a ROS parameter: see `ros2 param list /pf_tracker` and `ros2 param describe`.
-"""
-_LOCALIZER_EXAMPLES = """\
+""",
+    "localizer": """\
 examples:
   localizer --ros-args -r camera_info:=/camera/camera_info -p camera.height:=1.2
   localizer --ros-args -r camera_info:=/camera/camera_info -r depth:=/camera/depth/image_raw \\
       -r odom:=/odom -p fixed_frame:=odom
 
 Every setting is a ROS parameter: see `ros2 param list /localizer` and `ros2 param describe`.
-"""
-_REPLAY_EXAMPLES = """\
+""",
+    "replay": """\
 examples:
   replay drive.mcap
   replay drive.mp4 --ros-args -r image:=/camera/image_raw -p rate:=0.5 -p loop:=true
 
 Other settings are ROS parameters: see `ros2 param list /replay` and `ros2 param describe`.
-"""
-_CONSOLE_EXAMPLES = """\
+""",
+    "console": """\
 examples:
   console
   console drive.mcap
@@ -49,75 +49,45 @@ examples:
 
 Then open the printed address. Other settings are ROS parameters: see `ros2 param list /console`
 and `ros2 param describe`.
-"""
+""",
+}
 _SOURCES = {"tracker": "", "localizer": "", "replay": " [SOURCE]", "console": " [SOURCE ...]"}
 
 
 def tracker() -> None:
     """Run the tracker node."""
-    hold_signals()
-    parser = _Parser(
-        "tracker",
-        "Track targets in the images of a topic (ROS node pf_tracker).",
-        _TRACKER_EXAMPLES,
-    )
-    parser.read(sys.argv[1:])
-    _import_or_exit("tracker", "pf_tracker_ros.node")
-    from pf_tracker_ros.node.tracker.tracker_node import main
-
-    main()
+    _Parser("tracker", "Track targets in the images of a topic (ROS node pf_tracker).").read()
+    _node("tracker.tracker_node").main()
 
 
 def localizer() -> None:
     """Run the localizer node."""
-    hold_signals()
-    parser = _Parser(
-        "localizer",
-        "Tell where the tracker's targets are, in meters (ROS node localizer).",
-        _LOCALIZER_EXAMPLES,
-    )
-    parser.read(sys.argv[1:])
-    _import_or_exit("localizer", "pf_tracker_ros.node")
-    from pf_tracker_ros.node.localizer.localizer_node import main
-
-    main()
+    _Parser(
+        "localizer", "Tell where the tracker's targets are, in meters (ROS node localizer)."
+    ).read()
+    _node("localizer.localizer_node").main()
 
 
 def replay() -> int:
     """Run the replay publisher, and return its exit code."""
-    hold_signals()
-    parser = _Parser(
-        "replay",
-        "Publish a recording like a camera (ROS node replay).",
-        _REPLAY_EXAMPLES,
-    )
+    parser = _Parser("replay", "Publish a recording like a camera (ROS node replay).")
     source = next(iter(parser.read_sources("", nargs="?")), None)
-    _import_or_exit("replay", "pf_tracker_ros.node")
-    from pf_tracker_ros.node.replay.replay_node import main
-
-    return main(source=source)
+    return int(_node("replay.replay_node").main(source=source))
 
 
 def console() -> int:
     """Run the console, and return its exit code."""
-    hold_signals()
     parser = _Parser(
-        "console",
-        "Serve a web page that shows and controls the tracker (ROS node console).",
-        _CONSOLE_EXAMPLES,
+        "console", "Serve a web page that shows and controls the tracker (ROS node console)."
     )
     sources = parser.read_sources("recordings to play from the page, the first one first: ")
-    _import_or_exit("console", "pf_tracker_ros.node")
     if find_spec("aiohttp") is None:
-        print(
+        parser.exit(
+            2,
             "console: error: the Python package aiohttp is missing; install this package's extra "
-            "'console' with pip, or python3-aiohttp with apt",
-            file=sys.stderr,
+            "'console' with pip, or python3-aiohttp with apt\n",
         )
-        sys.exit(2)
-    from pf_tracker_ros.node.console.console_node import main
-
-    return main(sources=sources)
+    return int(_node("console.console_node").main(sources=sources))
 
 
 def evaluate() -> int:
@@ -150,6 +120,11 @@ def _run(command: str, module: str) -> int:
         return 130
 
 
+def _node(module: str) -> ModuleType:
+    """Import the module of a node, or end the program with the name of the missing package."""
+    return _import_or_exit(module.partition(".")[0], f"pf_tracker_ros.node.{module}")
+
+
 def _import_or_exit(command: str, module: str) -> ModuleType:
     """Import a command's module, or end the program with the name of the missing package."""
     try:
@@ -161,20 +136,24 @@ def _import_or_exit(command: str, module: str) -> ModuleType:
 
 
 class _Parser(Parser):
-    """Parser of the arguments outside --ros-args; errors show the ROS form of a parameter."""
+    """Parser of the arguments outside --ros-args; errors show the ROS form of a parameter.
 
-    def __init__(self, prog: str, description: str, examples: str) -> None:
+    Its construction begins to hold signals.
+    """
+
+    def __init__(self, prog: str, description: str) -> None:
+        hold_signals()
         super().__init__(
             prog,
             usage=f"{prog} [-h]{_SOURCES[prog]} [--ros-args ...]",
             description=description,
-            epilog=examples,
+            epilog=_EXAMPLES[prog],
             allow_abbrev=False,
         )
 
-    def read(self, command_line: Sequence[str]) -> argparse.Namespace:
-        """Parse a command line without program name; ROS arguments are ignored."""
-        own, _ = split_ros_arguments(command_line)
+    def read(self) -> argparse.Namespace:
+        """Parse this process' command line; ROS arguments are ignored."""
+        own, _ = split_ros_arguments(sys.argv[1:])
         options, unknown = self.parse_known_args(own)
         if unknown:
             self.error(
@@ -191,7 +170,7 @@ class _Parser(Parser):
             help=f"{purpose}rosbag2 folder, .mcap file, video, folder of images or sequence "
             "folder; same as the parameter source",
         )
-        given = self.read(sys.argv[1:]).source
+        given = self.read().source
         sources = [given] if isinstance(given, str) else list(given or ())
         for source in sources:
             try:

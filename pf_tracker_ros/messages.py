@@ -218,6 +218,25 @@ def markers_message(new: MessageFactory, header: Any, boxes: Sequence[BoxMarker]
     return new(MARKERS_TYPE, markers=markers)
 
 
+def hypothesis_message(
+    new: MessageFactory, label: str, score: float, pose: Any, covariance: NDArray[np.float64]
+) -> Any:
+    """A class and a pose as vision_msgs/ObjectHypothesisWithPose.
+
+    Args:
+        new: See the module.
+        label: Class of the object.
+        score: 0 to 1.
+        pose: Its geometry_msgs/Pose.
+        covariance: (6, 6) covariance of the pose.
+    """
+    return new(
+        "vision_msgs/msg/ObjectHypothesisWithPose",
+        hypothesis=new("vision_msgs/msg/ObjectHypothesis", class_id=label, score=score),
+        pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()),
+    )
+
+
 def status_message(new: MessageFactory, header: Any, statuses: Sequence[Status]) -> Any:
     """Statuses as diagnostic_msgs/DiagnosticArray; numbers read back to the same value."""
     messages = []

@@ -109,13 +109,24 @@ def read_node_section(path: Path | str, node: str) -> tuple[dict[str, Any], list
 
 def yaml_text(value: Any) -> str:
     """A value as YAML that ROS reads back with the same type."""
-    if isinstance(value, tuple):
+    if isinstance(value, tuple | list):
         return "[" + ", ".join(yaml_text(element) for element in value) + "]"
     if isinstance(value, float):
         text = repr(value)
         # Without a decimal point, YAML readers disagree on whether 1e-05 is a number.
         return text.replace("e", ".0e") if "e" in text and "." not in text else text
     return json.dumps(value)
+
+
+def section_lines(node: str, values: Mapping[str, Any]) -> list[str]:
+    """The lines of a ROS parameter file with the parameters of a node.
+
+    Args:
+        node: Pattern of its name, such as `/**`.
+        values: Full name to value.
+    """
+    given = (f"    {name}: {yaml_text(value)}" for name, value in values.items())
+    return [f"{node}:", "  ros__parameters:", *given]
 
 
 def parameter_names_for(document: Any, node_name: str) -> Iterator[str]:

@@ -13,7 +13,9 @@ OnProgress = Callable[[str, int], None]
 
 
 @contextmanager
-def progress_bar(total: int | None, unit: str = "frames", name: str = "") -> Iterator[OnProgress]:
+def progress_bar(
+    total: int | None, unit: str = "frames", name: str = "", *, shown: bool = True
+) -> Iterator[OnProgress]:
     """Show progress on standard error if it is a terminal. Needs Rich.
 
     The bar disappears at the end of the block.
@@ -22,6 +24,7 @@ def progress_bar(total: int | None, unit: str = "frames", name: str = "") -> Ite
         total: Number of units to do, None if unknown.
         unit: Name of the units.
         name: Name of the first item.
+        shown: Whether to show it at all.
 
     Yields:
         Function that reports progress.
@@ -52,7 +55,7 @@ def progress_bar(total: int | None, unit: str = "frames", name: str = "") -> Ite
         console=console,
         auto_refresh=False,
         transient=True,
-        disable=not console.is_terminal,
+        disable=not (shown and console.is_terminal),
     ) as progress:
         task = progress.add_task(name, total=total, rate=0.0)
         began = drawn = time.monotonic()

@@ -24,6 +24,7 @@ from pf_tracker_ros.messages import (
     MessageFactory,
     Status,
     box_message,
+    hypothesis_message,
     image_message,
     markers_message,
     particles_message,
@@ -182,15 +183,8 @@ def _detection(new: MessageFactory, header: Any, target: TrackedTarget) -> Any:
     covariance = np.zeros((6, 6))
     covariance[:2, :2] = estimate.covariance
     pose = new("geometry_msgs/msg/Pose", position=new("geometry_msgs/msg/Point", **center))
-    result = new(
-        "vision_msgs/msg/ObjectHypothesisWithPose",
-        hypothesis=new(
-            "vision_msgs/msg/ObjectHypothesis",
-            class_id=target.label or _UNLABELED,
-            score=float(estimate.confidence),
-        ),
-        pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()),
-    )
+    label, score = target.label or _UNLABELED, float(estimate.confidence)
+    result = hypothesis_message(new, label, score, pose, covariance)
     fields = {"header": header, "bbox": bbox, "results": [result], "id": str(target.id)}
     return new("vision_msgs/msg/Detection2D", **fields)
 

@@ -17,7 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.messages import DETECTIONS_3D_TYPE, MARKERS_TYPE, MessageFactory
+from pf_tracker_ros.messages import (
+    DETECTIONS_3D_TYPE,
+    MARKERS_TYPE,
+    MessageFactory,
+    hypothesis_message,
+)
 from pf_tracker_ros.overlay import target_color
 from pf_tracker_ros.world import FilteredPosition
 
@@ -116,18 +121,8 @@ def detections_3d_message(new: MessageFactory, header: Any, targets: Sequence[Wo
     for target in targets:
         width, height = target.size
         pose = _pose(new, target, height / 2)
-        hypothesis = new(
-            "vision_msgs/msg/ObjectHypothesis",
-            class_id=target.label or TARGET_FRAME,
-            score=target.confidence,
-        )
-        covariance = _pose_covariance(target)
-        with_covariance = new(
-            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.ravel()
-        )
-        result = new(
-            "vision_msgs/msg/ObjectHypothesisWithPose", hypothesis=hypothesis, pose=with_covariance
-        )
+        label, covariance = target.label or TARGET_FRAME, _pose_covariance(target)
+        result = hypothesis_message(new, label, target.confidence, pose, covariance)
         box = new(
             "vision_msgs/msg/BoundingBox3D",
             center=pose,

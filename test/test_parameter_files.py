@@ -3,7 +3,7 @@
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file
+from pf_tracker_ros.parameter_files import TrackerSettings, read_parameter_file, section_lines
 from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
@@ -113,3 +113,12 @@ def test_a_missing_file_or_a_folder_is_refused(tmp_path):
         read_parameter_file(tmp_path / "none.yaml")
     with pytest.raises(ParameterError, match="is a folder"):
         read_parameter_file(tmp_path)
+
+
+def test_written_values_are_read_back_with_their_types(tmp_path):
+    values = {"preset": "li2007", "motion.position_noise": 1e-05, "cues": ["color", "texture"]}
+    path = tmp_path / "written.yaml"
+    path.write_text("\n".join(section_lines("/left/pf_tracker", values)))
+    settings = read_parameter_file(path)
+    assert settings.preset == "li2007"
+    assert settings.parameters == {"motion.position_noise": 1e-05, "cues": ("color", "texture")}

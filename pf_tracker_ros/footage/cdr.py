@@ -4,6 +4,11 @@
 2. In a message that begins with a std_msgs/Header, the stamp follows: int32 seconds, uint32
    nanoseconds.
 3. Each number begins at a multiple of its size, counted from the end of the encapsulation.
+
+A message type is described by the names and types of its fields, in order. A type is one or more
+format characters of `struct` for numbers, `stamp`, `text`, `octets`, or a sequence of numbers
+(`*d`) or of what is described elsewhere (`*POINT`). A field named `-` is skipped, and a dot in a
+name nests messages.
 """
 
 from __future__ import annotations
@@ -17,16 +22,22 @@ from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import join_stamp
 
 # Plain CDR of version 1 and 2 (OMG DDS-XTYPES 1.3, table 60): big endian, little endian.
-_STAMP_LAYOUTS = {
-    b"\x00\x00": ">iI",
-    b"\x00\x01": "<iI",
-    b"\x00\x06": ">iI",
-    b"\x00\x07": "<iI",
-}
+_BYTE_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<", b"\x00\x06": ">", b"\x00\x07": "<"}
 # In version 2 the alignment is at most four bytes.
 _VERSION_2 = (b"\x00\x06", b"\x00\x07")
 _ZSTANDARD_MAGIC = b"\x28\xb5\x2f\xfd"
 _ENCAPSULATION_SIZE = 4
+
+_HEADER = "stamp stamp, frame_id text"
+_DESCRIPTIONS = {
+    "POINT": "x f, y f, - f",
+    # Its pose of seven numbers, with their covariance.
+    "HYPOTHESIS": f"hypothesis.class_id text, hypothesis.score d, - {'d' * (7 + 36)}",
+    "DETECTION": "- stamp, - text, results *HYPOTHESIS, bbox.center.position.x d, "
+    "bbox.center.position.y d, bbox.center.theta d, bbox.size_x d, bbox.size_y d, - text",
+    "TRANSFORM": f"{_HEADER}, child_frame_id text, translation.x d, translation.y d, "
+    "translation.z d, rotation.x d, rotation.y d, rotation.z d, rotation.w d",
+}
 
 
 def header_stamp(message: bytes) -> int:
@@ -41,26 +52,7 @@ def header_stamp(message: bytes) -> int:
     Raises:
         FootageError: This is not such a message.
     """
-    layout = _stamp_layout(message, struct.calcsize("iI"))
-    seconds, nanoseconds = struct.unpack_from(layout, message, _ENCAPSULATION_SIZE)
-    return join_stamp(seconds, nanoseconds)
-
-
-def _stamp_layout(message: bytes, least: int) -> str:
-    """Layout of a stamp in the byte order of a message with at least so many bytes of fields."""
-    if message[:4] == _ZSTANDARD_MAGIC:
-        raise FootageError(
-            "the messages are compressed one by one, as only metadata.yaml says; give the rosbag2 "
-            "folder instead of the file"
-        )
-    layout = _STAMP_LAYOUTS.get(bytes(message[:2]))
-    if layout is None or len(message) < _ENCAPSULATION_SIZE + least:
-        raise FootageError(
-            f"a message of {counted(len(message), 'byte')} beginning with "
-            f"{message[:4].hex() or 'nothing'} is not CDR; accepted is plain CDR of either byte "
-            "order"
-        )
-    return layout
+    return int(_Reader(message, least=struct.calcsize("iI")).field("stamp"))
 
 
 def deserialize_image(message: bytes) -> Any:
@@ -73,128 +65,55 @@ def deserialize_image(message: bytes) -> Any:
     Raises:
         FootageError: This is not such a message, or it is truncated.
     """
-    fields = _Fields(message)
-    return SimpleNamespace(
-        stamp=fields.stamp,
-        frame_id=fields.text(),
-        height=fields.number("I"),
-        width=fields.number("I"),
-        encoding=fields.text(),
-        is_bigendian=fields.number("B"),
-        step=fields.number("I"),
-        data=fields.octets(),
-    )
+    fields = "height I, width I, encoding text, is_bigendian B, step I, data octets"
+    return _Reader(message).fields(f"{_HEADER}, {fields}")
 
 
 def deserialize_compressed_image(message: bytes) -> Any:
-    """A serialized sensor_msgs/CompressedImage; see `deserialize_image`.
-
-    Raises:
-        FootageError: This is not such a message, or it is truncated.
-    """
-    fields = _Fields(message)
-    return SimpleNamespace(
-        stamp=fields.stamp, frame_id=fields.text(), format=fields.text(), data=fields.octets()
-    )
+    """A serialized sensor_msgs/CompressedImage; see `deserialize_image`."""
+    return _Reader(message).fields(f"{_HEADER}, format text, data octets")
 
 
 def deserialize_polygon(message: bytes) -> list[tuple[float, float]]:
-    """The points (x, y) of a serialized geometry_msgs/PolygonStamped.
-
-    Raises:
-        FootageError: This is not such a message, or it is truncated.
-    """
-    fields = _Fields(message)
-    fields.text()
-    points = []
-    for _ in range(fields.number("I")):
-        x, y, _ = fields.number("f"), fields.number("f"), fields.number("f")
-        points.append((x, y))
-    return points
+    """The points (x, y) of a serialized geometry_msgs/PolygonStamped; see `deserialize_image`."""
+    polygon = _Reader(message).fields(f"{_HEADER}, points *POINT")
+    return [(point.x, point.y) for point in polygon.points]
 
 
-def deserialize_detections(message: bytes) -> SimpleNamespace:
-    """Boxes and hypotheses of a serialized vision_msgs/Detection2DArray.
+def deserialize_detections(message: bytes) -> Any:
+    """Boxes and hypotheses of a serialized vision_msgs/Detection2DArray; see `deserialize_image`.
 
     Returns:
         `stamp` in nanoseconds, and `detections` with the fields `bbox` and `results`.
-
-    Raises:
-        FootageError: This is not such a message, or it is truncated.
     """
-    fields = _Fields(message)
-    fields.text()
-    detections = [_detection(fields) for _ in range(fields.number("I"))]
-    fields.check_end()
-    return SimpleNamespace(stamp=fields.stamp, detections=detections)
+    return _Reader(message).all_fields(f"{_HEADER}, detections *DETECTION")
 
 
 def deserialize_camera_info(message: bytes) -> Any:
-    """A serialized sensor_msgs/CameraInfo; see `deserialize_image`.
-
-    Raises:
-        FootageError: This is not such a message, or it is truncated.
-    """
-    fields = _Fields(message)
-    frame_id = fields.text()
-    height, width = fields.numbers("II")
-    model = fields.text()
-    d = fields.numbers("d" * fields.number("I"))
-    k, _, p = fields.numbers("d" * 9), fields.numbers("d" * 9), fields.numbers("d" * 12)
-    binning_x, binning_y, *region = fields.numbers("IIIIII")
-    # Whether the region is rectified.
-    fields.number("B")
-    fields.check_end()
-    names = ("x_offset", "y_offset", "height", "width")
-    return SimpleNamespace(
-        stamp=fields.stamp,
-        frame_id=frame_id,
-        height=height,
-        width=width,
-        distortion_model=model,
-        d=d,
-        k=k,
-        p=p,
-        binning_x=binning_x,
-        binning_y=binning_y,
-        roi=SimpleNamespace(**dict(zip(names, region, strict=True))),
+    """A serialized sensor_msgs/CameraInfo; see `deserialize_image`."""
+    return _Reader(message).all_fields(
+        f"{_HEADER}, height I, width I, distortion_model text, d *d, k {'d' * 9}, - {'d' * 9}, "
+        f"p {'d' * 12}, binning_x I, binning_y I, roi.x_offset I, roi.y_offset I, roi.height I, "
+        "roi.width I, - B"
     )
 
 
 def deserialize_odometry(message: bytes) -> Any:
-    """The pose of a serialized nav_msgs/Odometry; see `deserialize_image`.
-
-    Raises:
-        FootageError: This is not such a message, or it is truncated.
-    """
-    fields = _Fields(message)
-    frame_id = fields.text()
-    # Name of the child frame.
-    fields.text()
-    pose = SimpleNamespace(position=_vector(fields, "xyz"), orientation=_vector(fields, "xyzw"))
+    """The pose of a serialized nav_msgs/Odometry; see `deserialize_image`."""
+    position = "".join(f"pose.pose.position.{axis} d, " for axis in "xyz")
+    orientation = "".join(f"pose.pose.orientation.{axis} d, " for axis in "xyzw")
     # Covariance, and the twist of six numbers with its own.
-    fields.numbers("d" * (36 + 6 + 36))
-    fields.check_end()
-    return SimpleNamespace(stamp=fields.stamp, frame_id=frame_id, pose=SimpleNamespace(pose=pose))
+    left = f"- {'d' * (36 + 6 + 36)}"
+    return _Reader(message).all_fields(f"{_HEADER}, - text, {position}{orientation}{left}")
 
 
 def deserialize_imu(message: bytes) -> Any:
-    """The acceleration of a serialized sensor_msgs/Imu; see `deserialize_image`.
-
-    Raises:
-        FootageError: This is not such a message, or it is truncated.
-    """
-    fields = _Fields(message)
-    frame_id = fields.text()
+    """The acceleration of a serialized sensor_msgs/Imu; see `deserialize_image`."""
+    acceleration = "".join(f"linear_acceleration.{axis} d, " for axis in "xyz")
     # Orientation and angular velocity, each with its covariance.
-    fields.numbers("d" * (4 + 9 + 3 + 9))
-    acceleration, covariance = _vector(fields, "xyz"), fields.numbers("d" * 9)
-    fields.check_end()
-    return SimpleNamespace(
-        stamp=fields.stamp,
-        frame_id=frame_id,
-        linear_acceleration=acceleration,
-        linear_acceleration_covariance=covariance,
+    skipped = f"- {'d' * (4 + 9 + 3 + 9)}"
+    return _Reader(message).all_fields(
+        f"{_HEADER}, {skipped}, {acceleration}linear_acceleration_covariance {'d' * 9}"
     )
 
 
@@ -204,112 +123,104 @@ def deserialize_transforms(message: bytes) -> Any:
     Returns:
         An object with `transforms`, each with `stamp`, `frame_id`, `child_frame_id`, `translation`
         and `rotation`, and with the stamp of the first of them, 0 without.
-
-    Raises:
-        FootageError: This is not such a message, or it is truncated.
     """
-    fields = _Fields(message, has_header=False)
-    transforms = [_transform(fields) for _ in range(fields.number("I"))]
-    fields.check_end()
-    stamp = transforms[0].stamp if transforms else 0
-    return SimpleNamespace(stamp=stamp, frame_id="", transforms=transforms)
+    found = _Reader(message).all_fields("transforms *TRANSFORM")
+    found.stamp, found.frame_id = found.transforms[0].stamp if found.transforms else 0, ""
+    return found
 
 
-def _transform(fields: _Fields) -> SimpleNamespace:
-    return SimpleNamespace(
-        stamp=join_stamp(*fields.numbers("iI")),
-        frame_id=fields.text(),
-        child_frame_id=fields.text(),
-        translation=_vector(fields, "xyz"),
-        rotation=_vector(fields, "xyzw"),
-    )
-
-
-def _vector(fields: _Fields, names: str) -> SimpleNamespace:
-    return SimpleNamespace(**dict(zip(names, fields.numbers("d" * len(names)), strict=True)))
-
-
-def _detection(fields: _Fields) -> SimpleNamespace:
-    # Header.
-    fields.numbers("iI")
-    fields.text()
-    results = [_hypothesis(fields) for _ in range(fields.number("I"))]
-    x, y, theta, size_x, size_y = fields.numbers("ddddd")
-    center = SimpleNamespace(position=SimpleNamespace(x=x, y=y), theta=theta)
-    # Id.
-    fields.text()
-    bbox = SimpleNamespace(center=center, size_x=size_x, size_y=size_y)
-    return SimpleNamespace(results=results, bbox=bbox)
-
-
-def _hypothesis(fields: _Fields) -> SimpleNamespace:
-    hypothesis = SimpleNamespace(class_id=fields.text(), score=fields.number("d"))
-    # Pose of seven numbers, and its covariance.
-    fields.numbers("d" * (7 + 36))
-    return SimpleNamespace(hypothesis=hypothesis)
-
-
-class _Fields:
+class _Reader:
     """Reads the fields of a message in order.
-
-    Attributes:
-        stamp: Of the header, nanoseconds; 0 without.
 
     Args:
         message: The message in CDR, encapsulation included.
-        has_header: Whether it begins with a std_msgs/Header.
+        least: Bytes of fields that it has to have.
     """
 
-    def __init__(self, message: bytes, *, has_header: bool = True) -> None:
-        self._order = _stamp_layout(message, 0)[0]
+    def __init__(self, message: bytes, least: int = 0) -> None:
+        if message[:4] == _ZSTANDARD_MAGIC:
+            raise FootageError(
+                "the messages are compressed one by one, as only metadata.yaml says; give the "
+                "rosbag2 folder instead of the file"
+            )
+        order = _BYTE_ORDERS.get(bytes(message[:2]))
+        if order is None or len(message) < _ENCAPSULATION_SIZE + least:
+            raise FootageError(
+                f"a message of {counted(len(message), 'byte')} beginning with "
+                f"{message[:4].hex() or 'nothing'} is not CDR; accepted is plain CDR of either "
+                "byte order"
+            )
+        self._order = order
         self._max_alignment = 4 if bytes(message[:2]) in _VERSION_2 else 8
         self._message = message
-        self.stamp, self._offset = 0, _ENCAPSULATION_SIZE
-        if has_header:
-            self.stamp = header_stamp(message)
-            self._offset += struct.calcsize("iI")
+        self._offset = _ENCAPSULATION_SIZE
 
-    def number(self, kind: str) -> Any:
-        """The next field, a number with a format character of `struct`."""
-        layout = self._order + kind
-        size = struct.calcsize(layout)
-        padding = (_ENCAPSULATION_SIZE - self._offset) % min(size, self._max_alignment)
-        begin = self._offset + padding
-        if begin + size > len(self._message):
-            raise self._truncated()
-        self._offset = begin + size
-        return struct.unpack_from(layout, self._message, begin)[0]
+    def fields(self, description: str) -> SimpleNamespace:
+        """The next fields, as described."""
+        found = SimpleNamespace()
+        for each in description.split(", "):
+            name, kind = each.split(" ")
+            value = self.field(kind)
+            if name == "-":
+                continue
+            *parents, last = name.split(".")
+            owner = found
+            for parent in parents:
+                owner = owner.__dict__.setdefault(parent, SimpleNamespace())
+            setattr(owner, last, value)
+        return found
 
-    def numbers(self, kinds: str) -> list[Any]:
-        """The next fields, numbers with format characters of `struct`."""
-        return [self.number(kind) for kind in kinds]
-
-    def check_end(self) -> None:
-        """Check that only padding is left.
+    def all_fields(self, description: str) -> SimpleNamespace:
+        """All fields of the message, as described.
 
         Raises:
-            FootageError: The message is longer than its type.
+            FootageError: The message is longer than its type, by more than padding.
         """
+        found = self.fields(description)
         left = len(self._message) - self._offset
         if left >= _ENCAPSULATION_SIZE:
             raise FootageError(
                 f"a message of {len(self._message)} bytes is {left} bytes longer than its topic's "
                 "type; it is of another type or version"
             )
+        return found
 
-    def octets(self) -> memoryview:
-        """The next field, a sequence of octets."""
-        length = self.number("I")
-        if self._offset + length > len(self._message):
-            raise self._truncated()
-        begin, self._offset = self._offset, self._offset + length
+    def field(self, kind: str) -> Any:
+        """The next field, of a type as in the module's description."""
+        if kind.startswith("*"):
+            count = self._number("I")
+            element = _DESCRIPTIONS.get(kind[1:])
+            read = self.fields if element else self.field
+            return [read(element or kind[1:]) for _ in range(count)]
+        if kind == "stamp":
+            return join_stamp(self._number("i"), self._number("I"))
+        if kind in ("octets", "text"):
+            octets = self._octets()
+            return octets if kind == "octets" else _text(octets)
+        numbers = [self._number(one) for one in kind]
+        return numbers if len(kind) > 1 else numbers[0]
+
+    def _number(self, kind: str) -> Any:
+        layout = self._order + kind
+        size = struct.calcsize(layout)
+        padding = (_ENCAPSULATION_SIZE - self._offset) % min(size, self._max_alignment)
+        begin = self._advance(padding + size) + padding
+        return struct.unpack_from(layout, self._message, begin)[0]
+
+    def _octets(self) -> memoryview:
+        begin = self._advance(self._number("I"))
         return memoryview(self._message)[begin : self._offset]
 
-    def text(self) -> str:
-        """The next field, a string; invalid UTF-8 is replaced."""
-        return bytes(self.octets()).rstrip(b"\0").decode("utf-8", "replace")
+    def _advance(self, size: int) -> int:
+        """Move by so many bytes; returns where they begin."""
+        begin, self._offset = self._offset, self._offset + size
+        if self._offset > len(self._message):
+            raise FootageError(
+                f"a message of {len(self._message)} bytes is truncated, or not of its topic's type"
+            )
+        return begin
 
-    def _truncated(self) -> FootageError:
-        return FootageError(
-            f"a message of {len(self._message)} bytes is truncated, or not of its topic's type"
-        )
+
+def _text(octets: memoryview) -> str:
+    """A string; invalid UTF-8 is replaced."""
+    return bytes(octets).rstrip(b"\0").decode("utf-8", "replace")

@@ -9,14 +9,19 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.parameter_group import ParameterGroup, ParameterValues, ResetCondition
+from pf_tracker_ros.node.parameter_group import (
+    ParameterGroup,
+    ParameterValues,
+    Request,
+    ResetCondition,
+)
 from pf_tracker_ros.node.ros_parameters import descriptor_of, ros_parameter, ros_type
 from pf_tracker_ros.parameters import Declaration
 
@@ -34,22 +39,6 @@ class NoSuchParameter(ParameterNotDeclaredException):
     def __init__(self, reason: str) -> None:
         # Not rclpy's constructor, whose message has names only.
         Exception.__init__(self, reason)
-
-
-class _Request(NamedTuple):
-    """A checked request.
-
-    Attributes:
-        values: Full name to value of all parameters after it.
-        changes: Full name to value of the requested parameters and those reset with them.
-        invalid: Full name to reason of refused values.
-        unknown: Full name to reason of unknown parameters.
-    """
-
-    values: dict[str, Any]
-    changes: dict[str, Any]
-    invalid: dict[str, str]
-    unknown: dict[str, str]
 
 
 class ParameterBinding:
@@ -81,7 +70,7 @@ class ParameterBinding:
         self._overrides: dict[str, Parameter] = dict(node._parameter_overrides)
         self._superseded: set[str] = set()
         self._locked = False
-        self._request: _Request | None = None
+        self._request: Request | None = None
         self._check: Callable[[ParameterValues], None] = lambda values: None
         self._apply: Callable[[ParameterValues], None] = lambda changes: None
         self._ready: Callable[[], bool] = lambda: True
@@ -123,13 +112,13 @@ class ParameterBinding:
             declared=tuple(self._declarations),
         )
         given = {name: one for name, one in self._overrides.items() if name not in superseded}
-        reading = group.read(given, {}, self.values)
-        for reason in reading.invalid.values():
+        request = Request(self.values)
+        group.read(given, {}, request)
+        for reason in request.invalid.values():
             self._report(reason)
-        self.refused |= reading.invalid
+        self.refused |= request.invalid
         self._superseded |= group.declarations.keys() & superseded
         self._groups.append(group)
-        self.values |= reading.values
         self._declarations |= group.declarations
         # Declared by type and set afterwards, because rclpy reads an empty list as bytes.
         self._node.declare_parameters(
@@ -208,21 +197,13 @@ class ParameterBinding:
         bound = [ros_parameter(self._declarations[name], value) for name, value in values.items()]
         return foreign + bound
 
-    def _read(self, parameters: Sequence[Parameter]) -> _Request:
-        request = _Request({}, {}, {}, {})
+    def _read(self, parameters: Sequence[Parameter]) -> Request:
+        request = Request()
         given = {parameter.name: parameter for parameter in parameters}
         for group in self._groups:
             is_reset = group.is_reset(self.values, request.changes)
             unchanged = group.kept if is_reset else group.declarations
-            before = {name: self.values[name] for name in unchanged}
-            reading = group.read(given, before, request.values)
-            request.values.update(reading.values)
-            request.invalid.update(reading.invalid)
-            request.changes.update(
-                (name, value)
-                for name, value in reading.values.items()
-                if name in reading.given or name not in before
-            )
+            group.read(given, {name: self.values[name] for name in unchanged}, request)
         for name in given:
             declaration = self._declarations.get(name)
             if declaration and declaration.read_only and self._locked:
@@ -257,7 +238,7 @@ class ParameterBinding:
         self._apply(request.changes)
         self._lock()
 
-    def _request_of(self, parameters: Iterable[Parameter]) -> _Request | None:
+    def _request_of(self, parameters: Iterable[Parameter]) -> Request | None:
         """The request of these parameters, None without any of this binding."""
         is_bound = any(parameter.name in self._declarations for parameter in parameters)
         return self._request if is_bound else None

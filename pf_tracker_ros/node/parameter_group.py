@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 from rclpy.parameter import Parameter
 
@@ -18,18 +18,21 @@ ResetCondition = Callable[[Any, Any], bool]
 """Returns from the present and the new value of a parameter whether it resets others."""
 
 
-class Reading(NamedTuple):
-    """Checked values of a group.
+@dataclass
+class Request:
+    """Values to set, checked group by group.
 
     Attributes:
-        values: Full name to value; the default in place of an invalid value.
-        given: Full names of the valid given values.
-        invalid: Full name to reason of invalid values.
+        values: Full name to value of all parameters after it; for invalid ones as if not given.
+        changes: Full name to value of the given parameters and those reset with them.
+        invalid: Full name to reason of refused values.
+        unknown: Full name to reason of unknown parameters.
     """
 
-    values: dict[str, Any]
-    given: set[str]
-    invalid: dict[str, str]
+    values: dict[str, Any] = field(default_factory=dict)
+    changes: dict[str, Any] = field(default_factory=dict)
+    invalid: dict[str, str] = field(default_factory=dict)
+    unknown: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -71,24 +74,23 @@ class ParameterGroup:
         )
 
     def read(
-        self, given: Mapping[str, Parameter], before: ParameterValues, others: ParameterValues
-    ) -> Reading:
-        """Check given values, and complete them.
+        self, given: Mapping[str, Parameter], before: ParameterValues, request: Request
+    ) -> None:
+        """Check given values, complete them, and add them to a request.
 
         Args:
             given: Full name to ROS parameter; other names are ignored.
             before: Full name to value of the parameters that keep it unless given.
-            others: Full name to value of earlier groups.
+            request: Has the values of earlier groups.
         """
-        defaults = {**self.defaults(others), **before}
-        reading = Reading({}, set(), {})
+        defaults = {**self.defaults(request.values), **before}
         for name, declaration in self.declarations.items():
-            reading.values[name] = defaults.get(name, declaration.default)
-            if name not in given:
-                continue
-            try:
-                reading.values[name] = checked_value(declaration, given[name])
-                reading.given.add(name)
-            except ParameterError as error:
-                reading.invalid[name] = str(error)
-        return reading
+            value, is_changed = defaults.get(name, declaration.default), name not in before
+            if name in given:
+                try:
+                    value, is_changed = checked_value(declaration, given[name]), True
+                except ParameterError as error:
+                    request.invalid[name] = str(error)
+            request.values[name] = value
+            if is_changed:
+                request.changes[name] = value

@@ -41,6 +41,7 @@ def subscribe(
     profile: QoSProfile,
     report: ErrorCallback,
     on_mismatch: Callable[[Any], None] | None = None,
+    on_lost: Callable[[Any], None] | None = None,
     raw: bool = False,
     group: CallbackGroup | None = None,
 ) -> Subscription:
@@ -54,10 +55,13 @@ def subscribe(
         profile: The requested profile.
         report: Called with a sentence if the overrides are invalid.
         on_mismatch: Called with rclpy's event for a publisher of an incompatible profile.
+        on_lost: Called with rclpy's event for messages lost in transport.
         raw: Whether the callback receives serialized messages.
         group: Callback group that decides when the executor takes a message, None for always.
     """
-    events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch, use_default_callbacks=False)
+    events = SubscriptionEventCallbacks(
+        incompatible_qos=on_mismatch, message_lost=on_lost, use_default_callbacks=False
+    )
     create = partial(
         node.create_subscription,
         message_type,

@@ -41,14 +41,17 @@ from pf_tracker_ros.tracking.presets import ActivePreset
 
 # Name of the localizer's node in parameter files.
 _LOCALIZER = "localizer"
-WITHOUT_EFFECT = {"autostart", "depth_transport"}
-"""Parameters of the localizer that have no effect on recordings."""
+# Parameters of the localizer that have no effect on recordings.
+_WITHOUT_EFFECT = {"autostart", "depth_transport"}
 
 SIDECAR = Path()
 """Value of an option without its file or folder: the default place beside the recording or results.
 
 Compare it with `is`: it equals the current folder.
 """
+
+DrawTargets = Callable[[Recording, int], tuple[Target, ...]]
+"""Prompts for at most so many targets in a recording."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,18 +151,16 @@ def check_applies(options: argparse.Namespace, recording: Recording) -> None:
 def make_plan(
     recording: Recording,
     options: argparse.Namespace,
-    draw: Callable[[int], tuple[Target, ...]] | None = None,
-    *,
-    is_archived: bool = False,
+    draw: DrawTargets | None = None,
 ) -> Plan:
     """Make the plan from the options of `track`.
 
     Args:
         recording: To track in.
-        options: Of the command line.
-        draw: Prompts for at most this many targets, which replace all others. Called last, when
-            all else is checked.
-        is_archived: Whether the recording belongs to an archive; changes the advice in errors.
+        options: Of the command line; with an archive, the recording is one of it, which changes the
+            advice in errors.
+        draw: Prompts for the targets, which replace all others. Called last, when all else is
+            checked.
 
     Raises:
         RecordingError: There is no target, or a target or the detections are invalid.
@@ -169,18 +170,16 @@ def make_plan(
     positions = _positions(recording, options)
     if options.keyframes is not None:
         return replace(_keyframe_plan(recording, options), positions=positions)
-    with_detector = uses_detector(options)
+    with_detector, is_archived = uses_detector(options), options.archive is not None
     targets: tuple[Target, ...] = ()
     if draw is None:
         targets = choose_targets(
             recording, options.box or (), with_detector=with_detector, is_archived=is_archived
         )
-    detection_source = (
-        _detection_source(recording, options, is_archived=is_archived) if with_detector else None
-    )
+    detection_source = _detection_source(recording, options) if with_detector else None
     try:
         if draw is not None:
-            targets = draw(_parameters(options)["max_targets"])
+            targets = draw(recording, _parameters(options)["max_targets"])
         parameters = _parameters(options, targets)
         return Plan(
             recording,
@@ -243,9 +242,9 @@ def _take_localizer_parameters(options: argparse.Namespace) -> bool:
     Returns:
         Whether the parameter file is for the localizer alone.
     """
-    names = declarations(LocalizerParameters).keys() - WITHOUT_EFFECT
+    names = declarations(LocalizerParameters).keys() - _WITHOUT_EFFECT
     own = [one for one in options.parameter if one.partition("=")[0].strip() in names]
-    options.localizer, options.localizer_parameters = None, {}
+    options.localizer = None
     if not options.world:
         if own or options.world_topic:
             given = f"--parameter {own[0]}" if own else "--world-topic"
@@ -257,7 +256,6 @@ def _take_localizer_parameters(options: argparse.Namespace) -> bool:
     if options.params_file is not None:
         values, nodes = read_node_section(options.params_file, _LOCALIZER)
     values |= parse_parameters(own, declared_in=LocalizerParameters)
-    options.localizer_parameters = values
     options.localizer = build(LocalizerParameters, values)
     return bool(nodes) and all(node.rpartition("/")[2] == _LOCALIZER for node in nodes)
 
@@ -288,9 +286,7 @@ def _parameters(options: argparse.Namespace, targets: Sequence[Target] = ()) -> 
     return values
 
 
-def _detection_source(
-    recording: Recording, options: argparse.Namespace, *, is_archived: bool
-) -> DetectionSource:
+def _detection_source(recording: Recording, options: argparse.Namespace) -> DetectionSource:
     if options.detections_topic:
         return DetectionTopic(recording.path, options.detections_topic)
     if options.detector:
@@ -299,7 +295,7 @@ def _detection_source(
         return DetectionFile(options.detections)
     path = detections_file(recording.path)
     if not lexists(path):
-        otherwise = "" if is_archived else ", or give --detections FILE"
+        otherwise = "" if options.archive is not None else ", or give --detections FILE"
         raise RecordingError(
             f"no detections for {recording.path}; write {path.name} beside it{otherwise}",
             WRONG_DETECTIONS,

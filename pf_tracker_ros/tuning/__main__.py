@@ -99,7 +99,8 @@ def _kind_of_run(options: argparse.Namespace) -> tuple[Callable[..., Any], Calla
     from pf_tracker_ros.tuning.confidence_output import CalibrationFiles
     from pf_tracker_ros.tuning.confidence_run import PARAMETER, ConfidenceRequest, ConfidenceRun
     from pf_tracker_ros.tuning.output import TuningFiles
-    from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest
+    from pf_tracker_ros.tuning.search import TuningRequest
+    from pf_tracker_ros.tuning.tuning import Tuning
 
     given, values = checked_parameters(options)
     given = {name: values[name] for name in given}

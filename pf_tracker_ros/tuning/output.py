@@ -11,11 +11,12 @@ import numpy as np
 
 from pf_tracker_ros.evaluation.output_files import OutputFile
 from pf_tracker_ros.evaluation.reports.page import fill
-from pf_tracker_ros.parameter_files import yaml_text
+from pf_tracker_ros.parameter_files import section_lines, yaml_text
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tuning.comparison import Comparison
 from pf_tracker_ros.tuning.evaluations import TunedValues
-from pf_tracker_ros.tuning.tuning import Tuning, TuningRequest, TuningResult
+from pf_tracker_ros.tuning.search import TuningRequest
+from pf_tracker_ros.tuning.tuning import Tuning, TuningResult
 
 _LINE_LENGTH = 100
 
@@ -178,8 +179,7 @@ def parameter_text(
     if candidate:
         lines.append("# The best values found, which are not used:")
         lines += [f"#   {name}: {yaml_text(value)}" for name, value in candidate.items()]
-    lines += ["/**:", "  ros__parameters:", f"    preset: {yaml_text(preset)}"]
-    lines += [f"    {name}: {yaml_text(value)}" for name, value in parameters.items()]
+    lines += section_lines("/**", {"preset": preset, **parameters})
     return "\n".join(lines) + "\n"
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from optuna.samplers import TPESampler
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, Trial, TrialState
 
+from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tuning.comparison import seed_error
 from pf_tracker_ros.tuning.evaluations import Evaluations, TunedValues
 from pf_tracker_ros.tuning.journal import fail_unfinished_trials
@@ -34,22 +36,54 @@ _ERROR = "error"
 
 
 @dataclass(frozen=True)
-class SearchRequest:
-    """What all searches of a run share.
+class TuningRequest:
+    """What to tune.
 
     Attributes:
+        preset: Name of the preset.
+        given: Full name to value of the parameters that differ from it: the start of those that are
+            tuned, the value of others.
         space: Name to range of the tuned parameters.
-        preset: Their values in the preset.
-        start: Their values to start from.
-        trials: Number of trials.
+        trials: Number of trials of each search.
+        seeds: Number of seeds of each evaluation in a search.
+        folds: Number of groups of sequences that are left out in turn.
         seed: Seed of the search.
     """
 
+    preset: str
+    given: Mapping[str, Any]
     space: Mapping[str, SearchRange]
-    preset: TunedValues
-    start: TunedValues
     trials: int
+    seeds: int
+    folds: int
     seed: int
+
+    @cached_property
+    def own(self) -> TunedValues:
+        """Values of the tuned parameters in the preset."""
+        values = preset_parameters(self.preset)
+        return {name: values[name] for name in self.space}
+
+    @property
+    def start(self) -> TunedValues:
+        """Values of the tuned parameters to start from."""
+        return {name: self.given.get(name, own) for name, own in self.own.items()}
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What has to be the same in a run that continues another."""
+        return {
+            "preset": self.preset,
+            "parameters": dict(self.given),
+            "ranges": {name: asdict(each) for name, each in self.space.items()},
+            "seeds": self.seeds,
+            "seed": self.seed,
+        }
+
+    @property
+    def fixed(self) -> dict[str, Any]:
+        """Full name to value of the given parameters that are not tuned."""
+        return {name: value for name, value in self.given.items() if name not in self.space}
 
 
 class ValueSearch:
@@ -62,7 +96,7 @@ class ValueSearch:
     Args:
         storage: Of the study.
         name: Of the study, unique in the storage.
-        request: Shared by all searches.
+        request: What to tune.
         members: Indices of the sequences of this search.
         evaluations: The evaluations.
     """
@@ -71,7 +105,7 @@ class ValueSearch:
         self,
         storage: BaseStorage,
         name: str,
-        request: SearchRequest,
+        request: TuningRequest,
         members: Sequence[int],
         evaluations: Evaluations,
     ) -> None:
@@ -100,7 +134,7 @@ class ValueSearch:
         """Values of the best trial so far; those of the preset before the first."""
         complete = [trial for trial in self._trials() if trial.state == TrialState.COMPLETE]
         if not complete:
-            return self._request.preset
+            return self._request.own
         # Of equal ones the first.
         return self._rounded(max(complete, key=lambda trial: trial.value or 0.0).params)
 
@@ -117,7 +151,7 @@ class ValueSearch:
         """
         best = self.best
         values = dict(best)
-        for name, own in self._request.preset.items():
+        for name, own in self._request.own.items():
             if values[name] == own:
                 continue
             candidate = {**values, name: own}
@@ -146,13 +180,13 @@ class ValueSearch:
         """Values of the first trials; None for the sampler's."""
         request = self._request
         if count == 0:
-            return request.preset
-        if count == 1 and request.start != request.preset:
+            return request.own
+        if count == 1 and request.start != request.own:
             return request.start
         if count >= _FIRST_TRIALS:
             return None
         generator = np.random.default_rng(seed)
-        values = dict(request.preset)
+        values = dict(request.own)
         drawn = generator.random(len(values)) < _DRAWN_SHARE
         drawn[generator.integers(len(values))] = True
         for name in np.array(list(values))[drawn]:
@@ -183,7 +217,7 @@ class ValueSearch:
         request = self._request
         return {
             name: value
-            if value in (request.preset[name], request.start[name])
+            if value in (request.own[name], request.start[name])
             else request.space[name].rounded(value)
             for name, value in parameters.items()
         }
@@ -193,7 +227,7 @@ class ValueSearch:
 
     def gains(self, values: TunedValues, sequences: Sequence[int]) -> NDArray[np.float64]:
         """(sequences,) mean gain over the preset; NaN for a failed evaluation."""
-        own = self._evaluations.table(self._request.preset, sequences)
+        own = self._evaluations.table(self._request.own, sequences)
         return (self._evaluations.table(values, sequences) - own).mean(axis=1)
 
     def stages(self) -> Iterator[tuple[int, ...]]:

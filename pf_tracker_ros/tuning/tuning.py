@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,11 +17,9 @@ from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.recordings.archives.executors import Executor
-from pf_tracker_ros.tracking.presets import preset_parameters
 from pf_tracker_ros.tuning.comparison import Comparison
 from pf_tracker_ros.tuning.evaluations import Evaluations, TunedValues
-from pf_tracker_ros.tuning.search import SearchRequest, ValueSearch
-from pf_tracker_ros.tuning.search_space import SearchRange
+from pf_tracker_ros.tuning.search import TuningRequest, ValueSearch
 
 # Seeds of the comparison, other than those of the search.
 _COMPARED_SEEDS = 5
@@ -31,55 +29,9 @@ RUN = "run"
 _REQUEST, _FINISHED = "request", "result"
 
 
-@dataclass(frozen=True)
-class TuningRequest:
-    """What to tune.
-
-    Attributes:
-        preset: Name of the preset.
-        given: Full name to value of the parameters that differ from it: the start of those that are
-            tuned, the value of others.
-        space: Name to range of the tuned parameters.
-        trials: Number of trials of each search.
-        seeds: Number of seeds of each evaluation in a search.
-        folds: Number of groups of sequences that are left out in turn.
-        seed: Seed of the search.
-    """
-
-    preset: str
-    given: Mapping[str, Any]
-    space: Mapping[str, SearchRange]
-    trials: int
-    seeds: int
-    folds: int
-    seed: int
-
-    @property
-    def own(self) -> TunedValues:
-        """TunedValues of the tuned parameters in the preset."""
-        values = preset_parameters(self.preset)
-        return {name: values[name] for name in self.space}
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """What has to be the same in a run that continues another."""
-        return {
-            "preset": self.preset,
-            "parameters": dict(self.given),
-            "ranges": {name: asdict(each) for name, each in self.space.items()},
-            "seeds": self.seeds,
-            "seed": self.seed,
-        }
-
-    @property
-    def fixed(self) -> dict[str, Any]:
-        """Full name to value of the given parameters that are not tuned."""
-        return {name: value for name, value in self.given.items() if name not in self.space}
-
-
 @dataclass(frozen=True, eq=False)
 class TuningResult:
-    """TunedValues found on all sequences, and their gain.
+    """Values found on all sequences, and their gain.
 
     Attributes:
         values: Name to value of the tuned parameters.
@@ -102,7 +54,7 @@ class Tuning:
         executor: Runs the evaluations; None for this process.
 
     Attributes:
-        best: TunedValues of the best trial on all sequences so far.
+        best: Values of the best trial on all sequences so far.
         trials: Number of finished trials on all sequences.
         errors: Reasons for failed evaluations.
 
@@ -182,13 +134,10 @@ class Tuning:
 
     def _search(self, members: Sequence[int], evaluations: Evaluations) -> ValueSearch:
         """The search on some of the sequences; its study is named by the others."""
-        request = self._request
-        start = {name: request.given.get(name, own) for name, own in request.own.items()}
-        searched = SearchRequest(request.space, request.own, start, request.trials, request.seed)
         names = [each.name for each in self._sequences]
         without = [name for index, name in enumerate(names) if index not in members]
         name = f"without {', '.join(without)}" if without else "all"
-        return ValueSearch(self._storage, name, searched, members, evaluations)
+        return ValueSearch(self._storage, name, self._request, members, evaluations)
 
     def _run_searches(
         self, searches: Sequence[ValueSearch], evaluations: Evaluations, on_progress: OnProgress

@@ -17,6 +17,8 @@ from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.memory import required_memory
 from pf_tracker_ros.recordings.archives.results import ResultsFolder
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, run_tasks
+from pf_tracker_ros.recordings.command_line import parser
+from pf_tracker_ros.recordings.plan import apply_parameter_file
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 needs_ray = pytest.mark.skipif(
@@ -129,6 +131,12 @@ def test_without_ray_it_says_what_to_install(archive, track, monkeypatch, tmp_pa
     assert "ray is not installed: pip install ray, or '.[ray]' in the sources" in errors
 
 
+def options_of(*arguments):
+    options = parser().parse_args(["--archive", "a", "--output", "b", *QUICK, *arguments])
+    apply_parameter_file(options)
+    return options
+
+
 class LossyExecutor:
     """Runs tasks in this process, and reports for some that their worker has ended.
 
@@ -154,7 +162,7 @@ def tasks(own_archive, tmp_path):
     """Three tasks in a locked folder."""
     recordings = {f"drive_{n}": own_archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
     with ResultsFolder(tmp_path / "out").locked() as results:
-        yield make_tasks(recordings, results, QUICK)
+        yield make_tasks(recordings, results, options_of())
 
 
 def test_lost_tasks_are_repeated_as_long_as_others_complete(tasks):
@@ -202,7 +210,7 @@ def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, ow
     )
     plain = required_memory(task)
     assert 200e6 < plain < 300e6
-    full = dataclasses.replace(task, arguments=("--video", "--report"))
+    full = dataclasses.replace(task, options=options_of("--video", "--report"))
     assert required_memory(full) > 1.5 * plain
     # Large images are assumed where the size is unknown.
     assert required_memory(tasks[1]) > 1.5 * plain

@@ -10,6 +10,7 @@ import pytest
 from pf_tracker_ros.recordings.archives.memory import required_memory
 from pf_tracker_ros.recordings.archives.results import results_at
 from pf_tracker_ros.recordings.archives.tasks import make_tasks
+from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
@@ -69,7 +70,8 @@ def test_detections_require_more_memory(write_sequence, walkers, tmp_path):
 
     def needed(text, *arguments):
         source.with_name("pair.target.yaml").write_text(text)
-        return required_memory(make_tasks({"pair": source}, results, arguments)[0])
+        options = parser().parse_args(["--archive", "a", "--output", "b", *arguments])
+        return required_memory(make_tasks({"pair": source}, results, options)[0])
 
     one = "{target_box: [1, 2, 30, 40], image_size: [240, 160]}"
     alone = needed(one)

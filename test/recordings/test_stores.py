@@ -24,6 +24,8 @@ from pf_tracker_ros.recordings.archives.tasks import (
     run_tasks,
     write_manifest,
 )
+from pf_tracker_ros.recordings.command_line import parser
+from pf_tracker_ros.recordings.plan import apply_parameter_file
 
 fsspec = pytest.importorskip("fsspec")
 QUICK = ("--preset=li2007", "--parameter=particles=20")
@@ -60,10 +62,16 @@ def scratch(monkeypatch, tmp_path):
     return folder
 
 
+def options_of(*arguments):
+    options = parser().parse_args(["--archive", "a", "--output", "b", *arguments])
+    apply_parameter_file(options)
+    return options
+
+
 def run(archive="memory://fleet", url="memory://boxes", arguments=QUICK):
     """Track what is not up to date; name to entry of all, and the names that were tracked."""
     with ResultsStore(url).locked() as results:
-        tasks = make_tasks(find_recordings(archive), results, arguments)
+        tasks = make_tasks(find_recordings(archive), results, options_of(*arguments))
         done = done_entries(tasks, results)
         pending = [task for task in tasks if task.name not in done]
         found = {task.name: entry for task, entry in run_tasks(pending, SameProcess())}

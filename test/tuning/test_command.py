@@ -86,8 +86,9 @@ def test_an_interrupted_extension_keeps_the_finished_result(folder, capsys, monk
 def test_the_verdict_without_a_change_tells_of_the_searches_without_a_group(tmp_path, tuned, told):
     from pf_tracker_ros.tuning.comparison import Comparison
     from pf_tracker_ros.tuning.output import TuningFiles
+    from pf_tracker_ros.tuning.search import TuningRequest
     from pf_tracker_ros.tuning.search_space import search_space
-    from pf_tracker_ros.tuning.tuning import TuningRequest, TuningResult
+    from pf_tracker_ros.tuning.tuning import TuningResult
 
     space = search_space("li2007", {}, [])
     request = TuningRequest("li2007", {}, space, trials=1, seeds=1, folds=2, seed=0)

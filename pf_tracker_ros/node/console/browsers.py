@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
+from typing import Any
+
+from aiohttp import web
 
 from pf_tracker_ros.node.console.frame_synchronizer import DisplayFrame
 from pf_tracker_ros.node.console.image_encoding import (
@@ -25,20 +28,50 @@ _STILL_AFTER = 0.5
 # With frames closer than this, in seconds, a local browser that draws at once would compete with
 # the tracker for the CPU during the next frame.
 _DELAYED_BELOW = 0.05
+# Seconds to send a message; a sleeping browser would block the others longer.
+_SEND_TIMEOUT = 4.0
 
 
-class Browser(Protocol):
-    """A browser with the page."""
+class Browser:
+    """A browser with the page, by its web socket; messages to a closing one are lost.
+
+    A connection that accepts no data for a while is aborted; a browser that wakes up reconnects.
+
+    Args:
+        response: The web socket.
+        transport: Its transport.
+    """
+
+    def __init__(
+        self, response: web.WebSocketResponse, transport: asyncio.Transport | None
+    ) -> None:
+        self._response = response
+        self._transport = transport
 
     @property
     def is_local(self) -> bool:
-        """Whether it runs on this machine."""
+        """Whether the browser runs on this machine: both ends have the same address."""
+        if not self._transport:
+            return False
+        browser, own = (self._transport.get_extra_info(end) for end in ("peername", "sockname"))
+        return bool(browser and own and browser[0] == own[0])
 
     async def send_json(self, message: Json) -> None:
-        """Send a message; it is lost if the browser has gone."""
+        """Send a message."""
+        await self._send(self._response.send_str(json.dumps(message, allow_nan=False)))
 
     async def send_bytes(self, message: bytes) -> None:
         """Send a frame."""
+        await self._send(self._response.send_bytes(message))
+
+    async def _send(self, sending: Coroutine[Any, Any, None]) -> None:
+        try:
+            await asyncio.wait_for(sending, _SEND_TIMEOUT)
+        except asyncio.TimeoutError:
+            if self._transport:
+                self._transport.abort()
+        except (ConnectionError, RuntimeError):
+            return
 
 
 class _Viewer:

@@ -7,7 +7,6 @@ from the declarations in this package.
 from __future__ import annotations
 
 import contextlib
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,7 +17,7 @@ from rclpy.parameter import parameter_value_to_python
 from pf_tracker_ros.node.console.json_conversions import Json
 from pf_tracker_ros.node.console.requests import is_number
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameter_files import COMMON_PARAMETER_PREFIXES
+from pf_tracker_ros.parameter_files import COMMON_PARAMETER_PREFIXES, section_lines
 from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -126,12 +125,12 @@ def parameter_file(node: str, known: Sequence[Json]) -> str:
         node: Fully qualified name of the tracker's node.
         known: The parameters, as from `parameters_to_json`.
     """
-    lines = [f"{json.dumps(node)}:", "  ros__parameters:"]
+    values = {}
     for one in known:
         differs = one["default"] is not None and one["value"] != one["default"]
         if one["name"] == "preset" or (differs and not one["read_only"]):
-            lines.append(f"    {one['name']}: {json.dumps(one['value'])}")
-    return "\n".join(lines) + "\n"
+            values[one["name"]] = one["value"]
+    return "\n".join(section_lines(node, values)) + "\n"
 
 
 def _preset_values(current: Mapping[str, Any]) -> dict[str, Any]:

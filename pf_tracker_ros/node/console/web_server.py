@@ -12,14 +12,14 @@ import logging
 import socket
 import threading
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from aiohttp import WSMsgType, web
 
 from pf_tracker_ros.node.console.bridge import ConsoleBridge
-from pf_tracker_ros.node.console.json_conversions import Json
+from pf_tracker_ros.node.console.browsers import Browser
 from pf_tracker_ros.node.console.requests import RequestError
 from pf_tracker_ros.pages.access import Access
 from pf_tracker_ros.pages.serving import Site
@@ -30,53 +30,9 @@ _PARAMETER_FILE = "tracker.yaml"
 _MAX_REQUEST = 65_536
 # Seconds between pings; a browser without a reply within half of this has gone.
 _HEARTBEAT = 20.0
-# Seconds to send a message; a sleeping browser would block the others longer.
-_SEND_TIMEOUT = 4.0
 _START_TIMEOUT = 10.0
 _CANCEL_INTERVAL = 0.1
 _LOG = logging.getLogger(__name__)
-
-
-class BrowserConnection:
-    """A browser's web socket; messages to a closing one are lost.
-
-    A connection that accepts no data for a while is aborted; a browser that wakes up reconnects.
-
-    Args:
-        response: The web socket.
-        transport: Its transport.
-    """
-
-    def __init__(
-        self, response: web.WebSocketResponse, transport: asyncio.Transport | None
-    ) -> None:
-        self._response = response
-        self._transport = transport
-
-    @property
-    def is_local(self) -> bool:
-        """Whether the browser runs on this machine: both ends have the same address."""
-        if not self._transport:
-            return False
-        browser, own = (self._transport.get_extra_info(end) for end in ("peername", "sockname"))
-        return bool(browser and own and browser[0] == own[0])
-
-    async def send_json(self, message: Json) -> None:
-        """Send a message."""
-        await self._send(self._response.send_str(json.dumps(message, allow_nan=False)))
-
-    async def send_bytes(self, message: bytes) -> None:
-        """Send a frame."""
-        await self._send(self._response.send_bytes(message))
-
-    async def _send(self, sending: Coroutine[Any, Any, None]) -> None:
-        try:
-            await asyncio.wait_for(sending, _SEND_TIMEOUT)
-        except asyncio.TimeoutError:
-            if self._transport:
-                self._transport.abort()
-        except (ConnectionError, RuntimeError):
-            return
 
 
 class WebServer:
@@ -199,7 +155,7 @@ class WebServer:
             # The browser has gone already.
             return response
         assert self._bridge is not None
-        browser = BrowserConnection(response, request.transport)
+        browser = Browser(response, request.transport)
         self._sockets.add(response)
         streaming = asyncio.ensure_future(self._stream(browser, response))
         requests: set[asyncio.Task[None]] = set()
@@ -222,7 +178,7 @@ class WebServer:
             task.cancel()
             self._loop.call_later(_CANCEL_INTERVAL, self._cancel, task)
 
-    async def _stream(self, browser: BrowserConnection, response: web.WebSocketResponse) -> None:
+    async def _stream(self, browser: Browser, response: web.WebSocketResponse) -> None:
         """Stream to a browser; after an error it has to reconnect."""
         assert self._bridge is not None
         try:

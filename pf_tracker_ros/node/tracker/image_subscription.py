@@ -67,6 +67,7 @@ class ImageSubscription:
         node: The subscribing node.
         receive: Called with each message, an Image or a CompressedImage.
         report: Called with a sentence if a QoS override is invalid.
+        on_lost: Called with the number of images that were lost in transport; None if unused.
         topic: Name of the topic; by default `image` or that of the transport.
         group: Callback group that may defer images until `take_pending`; None for no deferral.
     """
@@ -77,12 +78,15 @@ class ImageSubscription:
         receive: Callable[[Any], None],
         report: Callable[[str], None],
         topic: str = "",
+        *,
+        on_lost: Callable[[int], None] | None = None,
         group: CallbackGroup | None = None,
     ) -> None:
         self.reliability = "reliable"
         self._node = node
         self._receive = receive
         self._report = report
+        self._on_lost = on_lost
         self._given_topic = topic
         self._group = group
         self._transport = "raw"
@@ -212,6 +216,7 @@ class ImageSubscription:
         receive: Callable[[Any], None],
         on_mismatch: Callable[[Any], None] | None = None,
     ) -> None:
+        on_lost = self._on_lost
         self._subscription = subscribe(
             self._node,
             _TYPES[self._transport],
@@ -220,6 +225,7 @@ class ImageSubscription:
             profile=profile,
             report=self._report,
             on_mismatch=on_mismatch,
+            on_lost=on_lost and (lambda event: on_lost(event.total_count_change)),
             group=self._group,
         )
         is_lossy = self._subscription.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT

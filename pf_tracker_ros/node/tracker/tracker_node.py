@@ -118,9 +118,11 @@ class TrackerNode(ManagedNode):
             self._real_time = RealTimePriority(self._reporter.report)
             self._real_time.request_priority(self._values["realtime_priority"])
         self._update_preset()
-        self._image_subscription = ImageSubscription(self, self._on_image, self._reporter.report)
         self._diagnostics = Diagnostics(
             self, self._health, lambda: self._values["image_timeout"], self._reporter.report
+        )
+        self._image_subscription = ImageSubscription(
+            self, self._on_image, self._reporter.report, on_lost=self._diagnostics.count_lost
         )
         self._errors_in_health = 0
         self._graph = GraphMonitor(

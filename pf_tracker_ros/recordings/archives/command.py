@@ -24,7 +24,6 @@ from urllib.parse import quote
 from pf_tracker_ros.evaluation.reports.content import state_columns
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE, fill
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
@@ -40,7 +39,6 @@ from pf_tracker_ros.recordings.archives.sources import (
 )
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import (
-    DETECTIONS,
     ArchiveEntry,
     ArchiveTask,
     done_entries,
@@ -49,7 +47,7 @@ from pf_tracker_ros.recordings.archives.tasks import (
     write_manifest,
 )
 from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
-from pf_tracker_ros.recordings.plan import SIDECAR, WITHOUT_EFFECT, make_plan, open_from_options
+from pf_tracker_ros.recordings.plan import SIDECAR, make_plan, open_from_options
 from pf_tracker_ros.recordings.sidecar_files import DETECTIONS_SUFFIX
 
 # A dry run tracks about this many recordings, and this many frames of each.
@@ -77,8 +75,8 @@ def run_archive(options: argparse.Namespace) -> int:
             raise RecordingError(f"{name} applies to a single recording; leave it out")
     if options.detections is not None and options.detections is not SIDECAR:
         raise RecordingError(
-            f"{DETECTIONS} FILE applies to a single recording; allowed with --archive: {DETECTIONS}"
-            f" alone, which reads drive{DETECTIONS_SUFFIX} beside drive.mcap"
+            "--detections FILE applies to a single recording; allowed with --archive: --detections "
+            f"alone, which reads drive{DETECTIONS_SUFFIX} beside drive.mcap"
         )
     if options.report is not None and options.report is not SIDECAR:
         raise RecordingError(
@@ -90,11 +88,11 @@ def run_archive(options: argparse.Namespace) -> int:
     check_no_overlap(recordings, options.archive, options.output)
     with make_executor(options.ray, options.jobs, required_memory) as executor:
         if options.dry_run:
-            _print_plan(make_tasks(recordings, results, _arguments(options)), executor, options)
+            _print_plan(make_tasks(recordings, results, options), executor, options)
             _print_excluded(options, recordings)
             return DONE
         with results.locked() as locked:
-            tasks = make_tasks(recordings, locked, _arguments(options))
+            tasks = make_tasks(recordings, locked, options)
             exit_code = _run(tasks, locked, executor, options)
     _print_excluded(options, recordings)
     return exit_code
@@ -136,39 +134,6 @@ def _run(
 def _base_name(path_or_url: PathOrUrl) -> str:
     """The last part of a path or URL."""
     return PurePosixPath(str(path_or_url)).name
-
-
-def _arguments(options: argparse.Namespace) -> list[str]:
-    """The arguments of `track` that all recordings share."""
-    arguments = [f"--preset={options.preset}", f"--seed={options.seed}"]
-    arguments += [f"--parameter={each}" for each in options.parameter]
-    arguments += [f"--frame-rate={options.frame_rate or DEFAULT_FRAME_RATE}"]
-    if options.bag_topic:
-        arguments.append(f"--bag-topic={options.bag_topic}")
-    for flag in ("as_recorded", "allow_partial"):
-        arguments += [f"--{flag.replace('_', '-')}"] if getattr(options, flag) else []
-    if options.detections:
-        arguments.append(DETECTIONS)
-    if options.detections_topic:
-        arguments.append(f"--detections-topic={options.detections_topic}")
-    if options.detector:
-        arguments += [
-            f"--detector={options.detector}",
-            f"--detector-rate={options.detector_rate}",
-        ]
-    arguments += [f"--{flag}" for flag in ("video", "parquet", "bag") if getattr(options, flag)]
-    if options.world:
-        arguments.append("--world")
-        arguments += [f"--world-topic={sensor}={topic}" for sensor, topic in options.world_topic]
-        localizer = options.localizer_parameters.items()
-        arguments += [
-            f"--parameter={name}={str(value).lower() if isinstance(value, bool) else value}"
-            for name, value in localizer
-            if name not in WITHOUT_EFFECT
-        ]
-    if options.format:
-        arguments.append(f"--format={','.join(options.format)}")
-    return arguments + (["--report"] if options.report is not None else [])
 
 
 def _write_report(
@@ -349,7 +314,7 @@ class _TimeEstimate:
         """Track the first frames of a recording; return its number of frames, None if unknown."""
         options = self._options
         recording = open_from_options(path, options)
-        with closing(make_plan(recording, options, is_archived=True)) as plan:
+        with closing(make_plan(recording, options)) as plan:
             if frames:
                 started_at = time.monotonic()
                 with closing(plan.track()) as tracked:

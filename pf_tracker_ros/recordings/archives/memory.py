@@ -8,6 +8,7 @@ from pf_tracker_ros.footage.stamp_order import WINDOW
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import ArchiveTask
 from pf_tracker_ros.recordings.errors import RecordingError
+from pf_tracker_ros.recordings.plan import uses_detector
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets
 
@@ -31,11 +32,12 @@ def required_memory(task: ArchiveTask) -> int:
     targets = _targets(task)
     width, height = (targets[0].image_size if targets else None) or _DEFAULT_IMAGE_SIZE
     needed = _WORKER + _PIXEL * width * height
-    if any(each.startswith("--detect") for each in task.arguments):
+    has_report = task.options.report is not None
+    if uses_detector(task.options):
         needed += _DETECTIONS
-    if {"--video", "--bag", "--report"} & set(task.arguments):
+    if task.options.video or task.options.bag or has_report:
         needed += _OUTPUTS + _OUTPUT_PIXEL * width * height
-    return needed + (_REPORT if "--report" in task.arguments else 0)
+    return needed + (_REPORT if has_report else 0)
 
 
 def _targets(task: ArchiveTask) -> tuple[Target, ...]:

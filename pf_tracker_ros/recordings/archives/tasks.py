@@ -1,6 +1,6 @@
 """Tracks many recordings in parallel, and skips those whose results are up to date.
 
-1. Each task has a key, a hash of the inputs, the version and the arguments.
+1. Each task has a key, a hash of the inputs, the version and the options.
 2. A worker tracks its recording into a staging folder, writes the key to `done.json`, and moves
    the results into place.
 3. The next run skips the tasks whose `done.json` has their key.
@@ -10,40 +10,49 @@ So a killed worker or driver costs only the recordings in progress.
 
 from __future__ import annotations
 
-import contextlib
-import csv
+import argparse
 import hashlib
-import io
 import json
 import platform
-from collections import Counter, defaultdict
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from copy import copy
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from pf_tracker_ros import __version__
 from pf_tracker_ros.atomic_files import flush_to_disk
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
+from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.opencv import quiet_opencv
+from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings.archives.executors import Executor
 from pf_tracker_ros.recordings.archives.results import DONE_FILE, Results
-from pf_tracker_ros.recordings.archives.sources import PathOrUrl, fingerprint, local_copy
+from pf_tracker_ros.recordings.archives.sources import (
+    PathOrUrl,
+    errors_name_source,
+    fingerprint,
+    local_copy,
+)
 from pf_tracker_ros.recordings.errors import (
     DONE,
     FAILED,
-    INTERRUPTED,
-    TERMINATED,
+    REFUSED,
     UNREADABLE_SOURCE,
     RecordingError,
     unwritable,
 )
+from pf_tracker_ros.recordings.files import BOXES
+from pf_tracker_ros.recordings.plan import SIDECAR
+from pf_tracker_ros.recordings.run import Stop, check_packages, run_recording
 
-_STATES = ("tracking", "occluded", "lost", "idle", "skipped")
 MANIFEST = "archive.json"
-DETECTIONS = "--detections"
-"""Argument that reads the detections beside each recording."""
-_ERROR_PREFIX = "track: error: "
+# Options without an effect on the results of a recording. The parameters of a file are merged into
+# the others.
+_WITHOUT_EFFECT = {
+    *("source", "output", "archive", "jobs", "ray", "dry_run", "params_file", "from_file")
+}
 # After so many rounds in which every worker ended unexpectedly, the recordings are the cause, such
 # as by their memory.
 _MAX_FAILED_ROUNDS = 4
@@ -57,15 +66,15 @@ class ArchiveTask:
         name: Of its folder, relative to the results.
         source: The recording: an absolute path, or a URL.
         results: Storage of its files.
-        arguments: Of `track`, without source and output.
+        options: Of the command line of the archive.
         version: Of this package; a worker must have the same.
-        key: Hash of the inputs, the version and the arguments.
+        key: Hash of the inputs, the version and the options.
     """
 
     name: str
     source: PathOrUrl
     results: Results
-    arguments: tuple[str, ...]
+    options: argparse.Namespace = field(compare=False)
     version: str
     key: str
 
@@ -96,17 +105,17 @@ class ArchiveEntry:
 
 
 def make_tasks(
-    recordings: Mapping[str, PathOrUrl], results: Results, arguments: Sequence[str]
+    recordings: Mapping[str, PathOrUrl], results: Results, options: argparse.Namespace
 ) -> list[ArchiveTask]:
     """Make a task for each recording.
 
     Args:
         recordings: As `find_recordings` returns them.
         results: Storage of the results.
-        arguments: Of `track`, without source and output.
+        options: Of the command line.
     """
     return [
-        ArchiveTask(name, source, results, tuple(arguments), __version__, _key(source, arguments))
+        ArchiveTask(name, source, results, options, __version__, _key(source, options))
         for name, source in recordings.items()
     ]
 
@@ -177,6 +186,8 @@ def do_task(task: ArchiveTask) -> ArchiveEntry | WorkerEnded:
         return _failed(task, UNREADABLE_SOURCE, str(error))
     except RecordingError as error:
         return _failed(task, error.exit_code, str(error))
+    except (EvaluationError, ParameterError) as error:
+        return _failed(task, REFUSED, str(error))
 
 
 def write_manifest(results: Results, entries: Sequence[ArchiveEntry]) -> None:
@@ -190,58 +201,57 @@ def write_manifest(results: Results, entries: Sequence[ArchiveEntry]) -> None:
 
 
 def _track(task: ArchiveTask, source: Path, folder: Path) -> ArchiveEntry | WorkerEnded:
-    from pf_tracker_ros.recordings.__main__ import main
-
-    messages = io.StringIO()
-    arguments = [str(source), "--output", str(folder), *task.arguments]
-    with contextlib.redirect_stderr(messages), contextlib.redirect_stdout(io.StringIO()):
-        exit_code = main(arguments, source_name=str(task.source))
-    if exit_code in (INTERRUPTED, TERMINATED):
-        return WorkerEnded("its worker was stopped")
-    is_partial = exit_code == UNREADABLE_SOURCE and (folder / "boxes.csv").exists()
-    if exit_code != DONE and not is_partial:
-        return _failed(task, exit_code, _error(messages.getvalue()))
+    options, name, stop = copy(task.options), str(task.source), Stop()
+    options.output = folder
+    if options.report is not None:
+        options.report = folder
+    if options.detections is not None:
+        # A copy in another process is not the same object.
+        options.detections = SIDECAR
+    check_packages(options)
     try:
-        entry = _entry(task, folder, exit_code, messages.getvalue())
+        with stop.handled(), quiet_opencv(), errors_name_source(name, source):
+            summary = run_recording(options, source, name, stop)
+    except KeyboardInterrupt:
+        return WorkerEnded("its worker was stopped")
+    if stop.exit_code:
+        return WorkerEnded("its worker was stopped")
+    exit_code, error = summary.exit_code, _in_one_line("; ".join(summary.errors))
+    is_partial = exit_code == UNREADABLE_SOURCE and (folder / BOXES).exists()
+    if exit_code != DONE and not is_partial:
+        return _failed(task, exit_code, error)
+    entry = ArchiveEntry(
+        task.name,
+        name,
+        task.key,
+        exit_code,
+        error,
+        summary.frames,
+        dict(summary.states),
+        [_in_one_line(each) for each in summary.warnings],
+    )
+    try:
         (folder / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
         # A folder with an incomplete file could not be replaced.
         flush_to_disk(folder / DONE_FILE)
-    except OSError as error:
-        raise unwritable(folder, error) from error
+    except OSError as failure:
+        raise unwritable(folder, failure) from failure
     task.results.put(folder, task.name)
     return entry
 
 
-def _key(source: PathOrUrl, arguments: Sequence[str]) -> str:
-    """Hash of the inputs (by the names, sizes and times of the files), version and arguments."""
-    inputs = fingerprint(source, with_detections=DETECTIONS in arguments)
-    text = json.dumps([__version__, list(arguments), inputs])
+def _key(source: PathOrUrl, options: argparse.Namespace) -> str:
+    """Hash of the inputs (by the names, sizes and times of the files), version and options."""
+    inputs = fingerprint(source, with_detections=options.detections is not None)
+    given = {name: one for name, one in vars(options).items() if name not in _WITHOUT_EFFECT}
+    text = json.dumps([__version__, given, inputs], default=str)
     return hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
 
 
-def _entry(task: ArchiveTask, folder: Path, exit_code: int, messages: str) -> ArchiveEntry:
-    by_frame: dict[str, set[str]] = defaultdict(set)
-    with (folder / "boxes.csv").open(newline="", encoding="utf-8") as file:
-        for row in csv.DictReader(file):
-            by_frame[row["frame"]].add(row["state"])
-    # The state of a frame is that of its best target.
-    states = Counter(min(found, key=_STATES.index) for found in by_frame.values())
-    error = "" if exit_code == DONE else _error(messages)
-    counts = (states.total(), dict(states))
-    source = str(task.source)
-    return ArchiveEntry(task.name, source, task.key, exit_code, error, *counts, _warnings(messages))
-
-
 def _failed(task: ArchiveTask, exit_code: int, error: str) -> ArchiveEntry:
-    return ArchiveEntry(task.name, str(task.source), task.key, exit_code, error, 0, {})
+    text = _in_one_line(error)
+    return ArchiveEntry(task.name, str(task.source), task.key, exit_code, text, 0, {})
 
 
-def _warnings(messages: str) -> list[str]:
-    prefix = "track: "
-    lines = [line for line in messages.splitlines() if line.startswith(prefix)]
-    return [line.removeprefix(prefix) for line in lines if not line.startswith(_ERROR_PREFIX)]
-
-
-def _error(messages: str) -> str:
-    lines = messages.strip().splitlines()
-    return lines[-1].removeprefix(_ERROR_PREFIX) if lines else "it failed without a message"
+def _in_one_line(text: str) -> str:
+    return " ".join(text.split())

@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
-from pf_tracker_ros.node.console import web_server
+from pf_tracker_ros.node.console import browsers, web_server
 from pf_tracker_ros.node.console.console_node import NICENESS
 from pf_tracker_ros.pages.access import HEADERS
 
@@ -179,7 +179,7 @@ def test_an_invalid_parameter_is_reported(start_console, capfd):
 
 
 def test_a_connection_that_accepts_no_data_is_aborted(monkeypatch):
-    monkeypatch.setattr(web_server, "_SEND_TIMEOUT", 0.05)
+    monkeypatch.setattr(browsers, "_SEND_TIMEOUT", 0.05)
     aborted = []
 
     class Asleep:
@@ -193,7 +193,7 @@ def test_a_connection_that_accepts_no_data_is_aborted(monkeypatch):
             aborted.append(True)
 
     async def send():
-        browser = web_server.BrowserConnection(Asleep(), Transport())
+        browser = browsers.Browser(Asleep(), Transport())
         await asyncio.gather(browser.send_json({}), browser.send_bytes(b""))
 
     # In a thread: the browser tests keep an event loop in this one.
@@ -208,7 +208,7 @@ def test_a_browser_with_the_address_of_the_console_is_local(address, is_local):
         found = asyncio.get_running_loop().create_future()
 
         def take(_, writer):
-            found.set_result(web_server.BrowserConnection(None, writer.transport).is_local)
+            found.set_result(browsers.Browser(None, writer.transport).is_local)
             writer.close()
 
         async with await asyncio.start_server(take, "127.0.0.1", 0) as server:
@@ -223,7 +223,7 @@ def test_a_browser_with_the_address_of_the_console_is_local(address, is_local):
 
 
 def test_a_browser_without_a_transport_is_not_local():
-    assert not web_server.BrowserConnection(None, None).is_local
+    assert not browsers.Browser(None, None).is_local
 
 
 def test_a_stream_ends_even_if_its_first_cancellation_is_swallowed():
