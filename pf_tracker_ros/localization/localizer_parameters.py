@@ -98,7 +98,7 @@ class LocalizerParameters:
         maximum=10.0,
     )
     min_confidence: float = declared(
-        0.5,
+        0.7,
         "Confidence of the tracker below which a box is no measurement, and the selected target "
         "has no pose.",
         minimum=0.0,

@@ -49,6 +49,12 @@ class LocatedFrame:
         return [one.world for one in self.targets if one.world]
 
     @property
+    def covered_shares(self) -> dict[int, float]:
+        """Id of a target to `LocatedTarget.covered_share`, where that is known."""
+        shares = {one.reported.id: one.covered_share for one in self.targets}
+        return {id: share for id, share in shares.items() if share is not None}
+
+    @property
     def level(self) -> int:
         """Level of diagnostic_msgs/DiagnosticStatus."""
         return WARN if self.problems or (self.silence and self.frame.selected) else OK
@@ -123,8 +129,8 @@ def located_values(target: LocatedTarget) -> StatusValues:
         values["bearing_covariance_yy"] = yy
     if place:
         values |= {"method": place.method, "range": place.range}
-        if place.occlusion is not None:
-            values["occluded_depth"] = place.occlusion
+    if target.covered_share is not None:
+        values["covered_share"] = target.covered_share
     if target.normalized_innovation is not None:
         values["normalized_innovation"] = target.normalized_innovation
     if target.rejected_for is not None:

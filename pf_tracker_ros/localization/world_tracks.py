@@ -69,6 +69,8 @@ class LocatedTarget:
         normalized_innovation: Squared, of the measurement; None without.
         rejected_for: Seconds for which measurements are outside of the gate; None if the last one
             was not.
+        covered_share: Share, 0 to 1, of the box that something in front of the target covers; None
+            where that is unknown.
         problem: Why this frame has no measurement that was used; empty if it has.
         doubt: Why it may be something else than before; empty if there is no reason.
     """
@@ -79,6 +81,7 @@ class LocatedTarget:
     world: WorldTarget | None
     normalized_innovation: float | None
     rejected_for: float | None
+    covered_share: float | None
     problem: str
     doubt: str
 
@@ -129,11 +132,13 @@ class WorldTracks:
     def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
         stamp, localizer = scene.frame.stamp, scene.localizer
         track, min_confidence = self._tracks[target.id], scene.parameters.min_confidence
-        place, problem = None, distrust(target, min_confidence)
+        place, covered_share, problem = None, None, distrust(target, min_confidence)
         if target.state == "lost":
             track.filter.reset()
-        if not problem:
-            try:
+        try:
+            if problem:
+                covered_share = track.covered_share(target, scene)
+            else:
                 place = localizer.locate(
                     target.box,
                     target.box_covariance,
@@ -143,20 +148,22 @@ class WorldTracks:
                     methods=scene.methods,
                 )
                 if place:
+                    covered_share = place.occlusion
                     problem = track.measure(target, place, scene)
                 else:
                     hint = _contradiction(scene.sensed.pose)
                     problem = f"the box of target {target.id} gives no range{hint}"
-            except _UNUSABLE as error:
-                problem = f"target {target.id} cannot be located: {error}"
+        except _UNUSABLE as error:
+            problem = problem or f"target {target.id} cannot be located: {error}"
         doubt = track.trust.update(stamp, target, min_confidence)
         return LocatedTarget(
             reported=target,
             bearing=_bearing(place, localizer, target),
             place=place,
-            world=track.world(stamp, target),
+            world=track.world(stamp, target, is_trusted=not distrust(target, min_confidence)),
             normalized_innovation=track.filter.normalized_innovation if place else None,
             rejected_for=track.rejected_for(stamp),
+            covered_share=covered_share,
             problem=problem,
             doubt=doubt,
         )
@@ -278,6 +285,13 @@ class _Track:
         variance = float(along @ predicted.covariance[:2, :2] @ along)
         return distance, math.sqrt(max(variance, 0.0))
 
+    def covered_share(self, target: ReportedTarget, scene: _Scene) -> float | None:
+        """What covers the box of a target where it is predicted; None without depth."""
+        depth, predicted = scene.sensed.depth, self.predicted_range(scene)
+        if depth is None or predicted is None:
+            return None
+        return scene.localizer.covered_share(target.box, depth, predicted)
+
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
@@ -301,11 +315,11 @@ class _Track:
         since = self.filter.rejected_since
         return None if since is None else (stamp - since) / NANOSECONDS
 
-    def world(self, stamp: int, target: ReportedTarget) -> WorldTarget | None:
-        """The target at a stamp; None without a recent measurement, unless it is occluded."""
+    def world(self, stamp: int, target: ReportedTarget, *, is_trusted: bool) -> WorldTarget | None:
+        """The target at a stamp; None where a trusted box gives no recent measurement."""
         filtered = self.filter.predict(stamp)
         is_recent = stamp - self._measured_at <= _PREDICTED_FOR * NANOSECONDS
-        if filtered is None or not (is_recent or target.state == "occluded"):
+        if filtered is None or (is_trusted and not is_recent):
             return None
         self._turn(filtered)
         return WorldTarget(

@@ -33,6 +33,7 @@ from pf_tracker_ros.recordings.sidecar_files import detections_file, target_file
 from pf_tracker_ros.recordings.target import Target, choose_targets
 from pf_tracker_ros.recordings.tracking import (
     TrackedFrame,
+    Tracking,
     track_recording,
     tracker_parameters,
 )
@@ -94,7 +95,7 @@ class Plan:
         """Track, and locate; see `track_recording` and `track_between_keyframes`."""
         return self.positions.locate(self._track()) if self.positions else self._track()
 
-    def _track(self) -> Generator[TrackedFrame, None, None]:
+    def _track(self) -> Tracking:
         if self.keyframes:
             return track_between_keyframes(
                 self.recording, self.keyframes, parameters=self.parameters, seed=self.seed

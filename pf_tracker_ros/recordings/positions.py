@@ -46,7 +46,7 @@ from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFra
 from pf_tracker_ros.localization.transform_tree import TransformTree
 from pf_tracker_ros.messages import IMAGE_TYPE
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import TrackedFrame, Tracking
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.topics import target_probability
 
@@ -138,17 +138,22 @@ class RecordedPositions:
         self._topics = {name: topic for name, topic in chosen.items() if topic}
         self.topics = {name: topic.name for name, topic in self._topics.items()}
 
-    def locate(
-        self, tracking: Generator[TrackedFrame, None, None]
-    ) -> Generator[TrackedFrame, None, None]:
-        """Add the positions to tracked frames, in order.
+    def locate(self, tracking: Tracking) -> Generator[TrackedFrame, None, None]:
+        """Add the positions to tracked frames, in order; the tracker gets what covers its targets.
 
         Raises:
             FootageError: The bag cannot be read.
         """
         with closing(tracking), closing(self.open()) as sensors:
-            for tracked in tracking:
-                yield replace(tracked, located=_located(tracked, sensors))
+            covered_shares: Mapping[int, float] | None = None
+            while True:
+                try:
+                    tracked = tracking.send(covered_shares)
+                except StopIteration:
+                    return
+                located = _located(tracked, sensors)
+                covered_shares = located.covered_shares
+                yield replace(tracked, located=located)
 
     def open(self) -> RecordedSensors:
         """Begin a pass through the sensors of the bag.

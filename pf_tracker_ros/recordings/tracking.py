@@ -73,6 +73,10 @@ class TrackedFrame(FrameResult):
         return published_box(self.estimate)
 
 
+Tracking = Generator[TrackedFrame, Mapping[int, float] | None, None]
+"""Tracked frames in order; takes the covered shares of a frame, see `Session`, before the next."""
+
+
 def published_box(estimate: Estimate | None) -> Box | None:
     """The box of an estimate; None for a lost target or no estimate."""
     return None if estimate is None or estimate.state == "lost" else estimate.box
@@ -119,7 +123,7 @@ def track_recording(
     preset: str = "default",
     parameters: Mapping[str, Any] | None = None,
     seed: int = 0,
-) -> Generator[TrackedFrame, None, None]:
+) -> Tracking:
     """Track targets through a recording.
 
     The frames go through the same `Session` as in the node, so ids and boxes equal those that it
@@ -149,7 +153,9 @@ def track_recording(
     with one_opencv_thread(), closing(Prefetch(recording.frames())) as frames:
         for frame in frames:
             count += 1
-            yield tracking.process(frame)
+            covered_shares = yield tracking.process(frame)
+            if covered_shares:
+                tracking.cover(covered_shares, frame)
         tracking.finish(count)
 
 
@@ -202,6 +208,10 @@ class _Tracking:
             seconds=seconds,
             warnings=(*detection_errors, *outcome.ended, *outcome.rejected_detections),
         )
+
+    def cover(self, shares: Mapping[int, float], frame: RecordedFrame) -> None:
+        """Take the covered shares of a frame."""
+        self._session.set_covered_shares(shares, frame.stamp)
 
     def _session_outcome(self, frame: RecordedFrame) -> Outcome:
         arrival = self._session.classify(frame.stamp)

@@ -17,7 +17,12 @@ from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.out_of_sequence import StampedDetections
 from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
+from pf_tracker_ros.tracking.input_checks import (
+    check_box,
+    check_image,
+    check_interval,
+    check_share,
+)
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -186,6 +191,8 @@ class MultiTracker:
         image: NDArray[np.generic],
         dt: float | None = None,
         detections: Detections | Sequence[Detections] | None = None,
+        *,
+        covered_shares: Mapping[int, float] | None = None,
     ) -> tuple[TrackedTarget, ...]:
         """Update all targets with the next frame.
 
@@ -194,13 +201,15 @@ class MultiTracker:
             dt: Seconds since the last frame; None means the nominal interval, 0.04 s.
             detections: Of this frame, or of an earlier one by their age; one or several, or None
                 without a new detector result. Invalid ones are listed in `rejected_detections`.
+            covered_shares: Id of a target to its `covered_share`, see `Tracker.update`; other ids
+                are ignored.
 
         Returns:
             The reported targets, sorted by id.
 
         Raises:
-            ValueError: The image, `dt` or the type of `detections` is invalid; the state is
-                unchanged.
+            ValueError: The image, `dt`, the type of `detections` or a share is invalid; the state
+                is unchanged.
         """
         check_image(image)
         if not self._manager.accepts_image(image):
@@ -217,7 +226,8 @@ class MultiTracker:
             StampedDetections(stamp - round(min(one.age, _MAX_SECONDS) * NANOSECONDS), one)
             for one in batches
         ]
-        self._manager.update(Frame(image.copy(), stamp), interval, stamped)
+        shares = {id: check_share(share) for id, share in (covered_shares or {}).items()}
+        self._manager.update(Frame(image.copy(), stamp), interval, stamped, shares)
         self._stamp = stamp
         return self.targets
 

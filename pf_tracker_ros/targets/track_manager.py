@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -233,6 +233,7 @@ class TrackManager:
         frame: Frame,
         interval: float | None = None,
         detections: Sequence[StampedDetections] = (),
+        covered_shares: Mapping[int, float] | None = None,
     ) -> None:
         """Advance all targets by one frame.
 
@@ -241,6 +242,8 @@ class TrackManager:
                 it.
             interval: Seconds since the last frame, from 0; None if unknown.
             detections: Received since the last frame; of this frame or of earlier ones.
+            covered_shares: Id of a target to the share, 0 to 1, of its box that something in front
+                covers, where that is known. It lowers the confidence of this frame.
 
         Raises:
             ValueError: The image has another size or type; the state is unchanged.
@@ -267,6 +270,11 @@ class TrackManager:
             track_set, revised = (
                 reprocess(self._pipeline, entries) if entries else (self._track_set, [])
             )
+            if covered_shares:
+                keys = {id: track.key for id, track in reported.items()}
+                track_set = track_set.with_covered_shares(
+                    {keys[id]: share for id, share in covered_shares.items() if id in keys}
+                )
             found: tuple[Detection, ...] | None = None
             for batch in current:
                 described, reasons = self._describe(batch.detections, frame)

@@ -13,7 +13,12 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_interval
+from pf_tracker_ros.tracking.input_checks import (
+    check_box,
+    check_image,
+    check_interval,
+    check_share,
+)
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -145,26 +150,33 @@ class Tracker:
         """Remove the target."""
         self._manager.reset()
 
-    def update(self, image: NDArray[np.generic], dt: float | None = None) -> Estimate:
+    def update(
+        self, image: NDArray[np.generic], dt: float | None = None, *, covered_share: float = 0.0
+    ) -> Estimate:
         """Estimate the target in the next frame.
 
         Args:
             image: As for `start`, of the same size and type.
             dt: Seconds since the last frame; None means the nominal interval, 0.04 s.
+            covered_share: Share, 0 to 1, of the box that something in front covers, where a depth
+                camera or another sensor says so. It lowers the confidence of this frame, for at
+                most two seconds at a time.
 
         Returns:
             The new estimate.
 
         Raises:
             RuntimeError: There is no target; call `start` first.
-            ValueError: The image or `dt` is invalid; the state is unchanged.
+            ValueError: The image, `dt` or `covered_share` is invalid; the state is unchanged.
         """
         if not self.started:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
         if not self._manager.accepts_image(image):
             raise ValueError(self._manager.image_mismatch(image))
-        self._manager.update(Frame(image.copy()), None if dt is None else check_interval(dt))
+        interval, share = None if dt is None else check_interval(dt), check_share(covered_share)
+        shares = {target.id: share for target in self._manager.targets if share}
+        self._manager.update(Frame(image.copy()), interval, covered_shares=shares)
         return self._manager.targets[0].estimate
 
     def map_likelihood(self) -> LikelihoodMap | None:

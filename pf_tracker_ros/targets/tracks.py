@@ -208,6 +208,11 @@ class Track:
             del votes[least]
         return replace(self, votes=votes)
 
+    def with_covered_share(self, share: float) -> Track:
+        """The track with the share, 0 to 1, of its next box that something in front covers."""
+        evidence = self.filter_state.occlusion_evidence._replace(share=share)
+        return replace(self, filter_state=replace(self.filter_state, occlusion_evidence=evidence))
+
     def reset_descriptor(self, frame: Frame, box: Box, appearance: Appearance) -> Track:
         """The track with a new descriptor, from a box of a frame."""
         (descriptor,) = appearance.extract(frame, np.array([box]))
@@ -275,6 +280,24 @@ class TrackSet:
         share = 1.0 - math.exp(-len(squares) * self.detection_interval / _GROWTH_LEARNED_OVER)
         change = share * (sum(squares) / len(squares) - self.growth_variance)
         return replace(self, growth_variance=self.growth_variance + float(change))
+
+    @property
+    def covered_shares(self) -> dict[TrackKey, float]:
+        """Key to the share of the next box that something in front covers, where that is known."""
+        shares = {one.key: one.filter_state.occlusion_evidence.share for one in self.tracks}
+        return {key: share for key, share in shares.items() if share > 0.0}
+
+    def with_covered_shares(self, shares: Mapping[TrackKey, float]) -> TrackSet:
+        """The track set with other values of `covered_shares`; tracks that are gone are ignored."""
+        if not shares:
+            return self
+        return replace(
+            self,
+            tracks=tuple(
+                track.with_covered_share(shares[track.key]) if track.key in shares else track
+                for track in self.tracks
+            ),
+        )
 
     @property
     def boxes(self) -> list[Box]:

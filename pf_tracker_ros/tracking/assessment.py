@@ -11,6 +11,8 @@ The confidence is the probability of the target: a logistic regression of
 5. the logarithm of the number of looks at other places since the target went out of sight: the best
    of many is often wrong. They count until it has been seen for as long again.
 
+Where something is in front of the target, see `occlusion_evidence.py`, the odds are lower.
+
 Over time, the confidence falls at once and rises by exponential smoothing.
 
 `benchmarks/uncertainty.py` fits the coefficients to any footage.
@@ -148,9 +150,12 @@ class Confidence:
         """
         odds = self.log_odds(state, assessed)
         # tanh stays within 0 to 1 where exp(-odds) would overflow.
-        return (
+        confidence = (
             0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else assessed.match.similarity
         )
+        # A target behind something is hidden wherever the box is.
+        factor = state.occlusion_evidence.factor
+        return confidence if factor == 1.0 else _with_odds_times(confidence, factor)
 
     def log_odds(self, state: FilterState, assessed: AssessedBox) -> dict[str, float]:
         """Name of each term to its log odds; empty if no cue has any. Arguments as of `assess`."""
@@ -182,6 +187,10 @@ class Confidence:
         if now <= before:
             return now
         return self._rate * now + (1.0 - self._rate) * before
+
+
+def _with_odds_times(probability: float, factor: float) -> float:
+    return factor * probability / (1.0 - probability + factor * probability)
 
 
 def _looks(state: FilterState, assessed: AssessedBox) -> float:

@@ -18,6 +18,7 @@ from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 from pf_tracker_ros.tracking.exemplars import Exemplars
+from pf_tracker_ros.tracking.occlusion_evidence import NO_EVIDENCE, OcclusionEvidence
 
 # Confidence from which on there is no doubt about an estimate, and below which there is most.
 _CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.85, 0.45
@@ -67,6 +68,7 @@ class FilterState:
         saved_templates: Templates from before a recent jump of the illumination; None without one.
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
             or no search.
+        occlusion_evidence: Whether something is in front of it in the next frame.
     """
 
     first_box: Box
@@ -87,6 +89,7 @@ class FilterState:
     estimate: Estimate
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
+    occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
 
     @property
     def doubt(self) -> float:

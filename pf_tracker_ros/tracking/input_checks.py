@@ -70,6 +70,18 @@ def check_interval(interval: float) -> float:
     return float(seconds)
 
 
+def check_share(share: float) -> float:
+    """The covered share of a box as a float.
+
+    Raises:
+        ValueError: Not a number from 0 to 1.
+    """
+    value = _numbers(share)
+    if value is None or value.shape != () or not 0.0 <= value <= 1.0:
+        raise ValueError(f"the covered share is {share!r}; allowed: a number from 0 to 1")
+    return float(value)
+
+
 def check_seed(seed: object) -> int:
     """The seed as an int.
 

@@ -160,6 +160,7 @@ class StateOperations:
                 frame, state.estimate.cue_weights, covariance, self._calibration
             ),
             distractor_box=None,
+            occlusion_evidence=state.occlusion_evidence.advance(interval),
         )
 
     def _decayed_confidence(self, state: FilterState, interval: float) -> float:

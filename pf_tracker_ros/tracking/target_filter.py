@@ -336,6 +336,7 @@ class TargetFilter:
             estimate=estimate,
             saved_templates=learned.saved_templates,
             distractor_box=measurement.distractor_box,
+            occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
         )
 
     def search_around(

@@ -34,6 +34,8 @@ _COEFFICIENTS = {
 }
 # Steps of Newton's method, and its tolerance in normalized coordinates or radians: .00006 degrees.
 _STEPS, _TOLERANCE = 50, 1e-6
+# The same in pixels, from which on the inverse of OpenCV needs no step.
+_PIXEL_TOLERANCE = 1e-5
 # OpenCV's fixed-point iteration, from which Newton's method starts.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 _ACROSS = np.eye(3)[:, :2]
@@ -287,12 +289,21 @@ class CameraModel:
         normalized = cv2.undistortPointsIter(
             pixels[:, None], self._matrix, self.distortion, None, None, _CRITERIA
         ).reshape(-1, 2)
+        projected, jacobian = self._distort(normalized)
+        inside = ((pixels - self._center) * normalized).sum(axis=1)
+        determinant = _determinants(jacobian)
+        if (
+            np.abs(pixels - projected).max() <= _PIXEL_TOLERANCE
+            and determinant.min() > 0.0
+            and inside.min() >= 0.0
+        ):
+            # As for nearly all pixels of nearly all lenses.
+            return normalized, _inverses(jacobian, determinant)
         with np.errstate(divide="ignore", invalid="ignore"):
             for _ in range(_STEPS):
                 projected, jacobian = self._distort(normalized)
-                flat = jacobian.reshape(-1, 4)
-                determinant = flat[:, 0] * flat[:, 3] - flat[:, 1] * flat[:, 2]
-                inverse = (flat @ _ADJUGATE / determinant[:, None]).reshape(-1, 2, 2)
+                determinant = _determinants(jacobian)
+                inverse = _inverses(jacobian, determinant)
                 step = np.einsum("nij,nj->ni", inverse, pixels - projected)
                 size = np.abs(step).max(axis=1)
                 if not np.count_nonzero(size > _TOLERANCE):
@@ -345,3 +356,19 @@ class CameraModel:
         jacobian[:] = along[:, :, None] * direction[:, None, :]
         jacobian[:, :2] += across[:, :, None] * turned[:, None, :]
         return rays, jacobian * self._scale
+
+
+def _determinants(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) of (N, 2, 2) matrices."""
+    determinants: NDArray[np.float64] = (
+        matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
+    )
+    return determinants
+
+
+def _inverses(
+    matrices: NDArray[np.float64], determinants: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(N, 2, 2) inverses of matrices with (N,) determinants."""
+    flat = matrices.reshape(-1, 4) @ _ADJUGATE / determinants[:, None]
+    return flat.reshape(-1, 2, 2)

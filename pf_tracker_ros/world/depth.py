@@ -11,13 +11,15 @@ A box contains the target, background beside it, occluders before it, and holes.
    itself.
 5. The distance is the weighted median of the pixels in the mode.
 
-The share of pixels that are clearly nearer than the target is evidence of an occlusion.
+The share of pixels that are clearly nearer than the target is evidence of an occlusion. Without a
+prediction, the target may also be in a mode behind the chosen one that scores nearly as high.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +37,8 @@ _MODES, _MIN_SHARE = 4, 0.06
 _MIN_SAMPLES = 12
 # Power of a mode's contrast to the ring.
 _RING_POWER = 3.0
+# Log score, relative to the best, of a mode that may also be the target's.
+_RIVAL_LOG_SCORE = math.log(0.3)
 # Samples nearer than the target by this share are of an occluder.
 _NEARER_BY = 0.12
 # Weight of a pixel at the left and right edge of the box.
@@ -144,14 +148,10 @@ def read_depth(
     Returns:
         None where too few samples have a depth.
     """
-    values = samples.take(depth).astype(np.float64)
-    if depth.dtype == np.uint16:
-        values *= 1e-3
-    # A comparison with NaN is false.
-    is_valid = (values > _NEAREST) & (values < _FARTHEST)
+    values, is_valid = _meters(samples.take(depth), depth.dtype)
     is_in_box = is_valid[samples.inside].copy()
     depths = values[samples.inside][is_in_box]
-    if len(depths) < min(_MIN_SAMPLES, is_in_box.size):
+    if not _are_enough(depths, is_in_box.size):
         return None
     middle = 1.0 - (1.0 - _EDGE_WEIGHT) * np.abs(2.0 * samples.across - 1.0)
     weights = np.broadcast_to(np.maximum(middle, _EDGE_WEIGHT), is_in_box.shape)
@@ -159,14 +159,15 @@ def read_depth(
         weights = weights * target_probability
     weights = weights[is_in_box]
     is_valid[samples.inside] = False
-    mode = _choose_mode(depths, weights, values[is_valid], expected)
-    if mode is None:
+    chosen = _choose_mode(depths, weights, values[is_valid], expected)
+    if chosen is None:
         nearer = None if expected is None else _share_nearer(depths, expected.depth)
         return DepthReading(None, math.nan, 0.5, nearer)
+    mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     median = _weighted_median(depths[inside], weights[inside])
     is_predicted = expected is not None and expected.is_prediction
-    reference = expected.depth if expected is not None and is_predicted else median
+    reference = expected.depth if expected is not None and is_predicted else max(median, farthest)
     return DepthReading(
         median,
         math.hypot(_THICKNESS_SD, _RELATIVE_SD * median),
@@ -175,13 +176,48 @@ def read_depth(
     )
 
 
+def share_nearer(
+    depth: NDArray[np.generic], samples: BoxSamples, target_depth: float
+) -> float | None:
+    """The share, 0 to 1, of the samples in a box that are nearer than a target.
+
+    Args:
+        depth: As for `read_depth`.
+        samples: Of the box.
+        target_depth: Of the target along the optical axis, meters.
+
+    Returns:
+        None where too few samples have a depth.
+    """
+    values, is_valid = _meters(samples.take(depth)[samples.inside], depth.dtype)
+    depths = values[is_valid]
+    return _share_nearer(depths, target_depth) if _are_enough(depths, values.size) else None
+
+
+def _meters(
+    values: NDArray[np.generic], dtype: np.dtype[Any]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Values of a depth image in meters, and which of them are a depth."""
+    meters = values.astype(np.float64)
+    if dtype == np.uint16:
+        meters *= 1e-3
+    # A comparison with NaN is false.
+    return meters, (meters > _NEAREST) & (meters < _FARTHEST)
+
+
+def _are_enough(depths: NDArray[np.float64], samples: int) -> bool:
+    return len(depths) >= min(_MIN_SAMPLES, samples)
+
+
 def _choose_mode(
     depths: NDArray[np.float64],
     weights: NDArray[np.float64],
     around: NDArray[np.float64],
     expected: ExpectedDepth | None,
-) -> float | None:
-    """Middle of the target's mode; None where nothing there is the target.
+) -> tuple[float, float] | None:
+    """Middle of the target's mode, and of the farthest one that may also be the target's.
+
+    None where nothing there is the target.
 
     Args:
         depths: (N,) of the samples in the box, meters.
@@ -211,8 +247,15 @@ def _choose_mode(
     log_scores = np.log(scores)
     if expected is not None:
         log_scores += expected.log_likelihoods(np.array(modes))
-    mode = modes[int(np.argmax(log_scores))]
-    return None if expected is not None and expected.excludes(mode) else mode
+    best = int(np.argmax(log_scores))
+    if expected is not None and expected.excludes(modes[best]):
+        return None
+    farthest = max(
+        mode
+        for mode, score in zip(modes, log_scores, strict=True)
+        if score >= log_scores[best] + _RIVAL_LOG_SCORE
+    )
+    return modes[best], farthest
 
 
 def _histogram(depths: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[np.float64]:

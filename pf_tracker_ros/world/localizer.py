@@ -24,6 +24,7 @@ from pf_tracker_ros.world.depth import (
     ExpectedDepth,
     check_depth,
     read_depth,
+    share_nearer,
 )
 from pf_tracker_ros.world.fusion import (
     TO_MIDDLE,
@@ -206,6 +207,36 @@ class Localizer:
             bearing.covariance,
             occlusion,
         )
+
+    def covered_share(
+        self, box: ArrayLike, depth: NDArray[np.generic], predicted_range: tuple[float, float]
+    ) -> float | None:
+        """The share, 0 to 1, of a box that something in front of the predicted target covers.
+
+        For a target that the image does not show, and whose box is thus no measurement.
+
+        Args:
+            box: See `locate`.
+            depth: See `locate`.
+            predicted_range: See `locate`.
+
+        Returns:
+            None where the box is outside the image or has too few pixels with a depth.
+
+        Raises:
+            ValueError: An argument has a wrong type, shape or range.
+        """
+        edges = BoxEdges.of(box, None, self._image_size)
+        if edges is None:
+            return None
+        expected = self._expected_depth(
+            View.of(self.camera, edges, self.plane), {}, predicted_range
+        )
+        if expected is None:
+            return None
+        depth = check_depth(depth, self._image_size)
+        samples = BoxSamples.of(edges.box, self._image_size, depth.shape)
+        return share_nearer(depth, samples, expected.depth)
 
     def _expected_depth(
         self,

@@ -33,6 +33,8 @@ from pf_tracker_ros.filter.gaussian import Gaussian
 
 # Asymmetry of a covariance that is rounding, over its largest number.
 _ROUNDING = 1e-6
+# Largest number of the input, in its unit; squares and cubes of larger ones would overflow.
+_LARGEST = 1e12
 # Standard deviation of the velocity of a new target, meters per second: people walk at 1.4.
 _FIRST_SPEED_SD = 1.2
 # Least white share of a measurement's covariance: boxes are rounded, also at high rates.
@@ -110,10 +112,10 @@ class PositionFilter:
         reset_after: float = 1.0,
     ) -> None:
         times = np.array(correlation_times, dtype=np.float64)
-        if times.ndim != 1 or not times.size or not (np.isfinite(times) & (times >= 0.0)).all():
+        if times.ndim != 1 or not times.size or not ((times >= 0.0) & (times <= _LARGEST)).all():
             raise ValueError(
-                f"correlation_times is {correlation_times!r}; expected finite numbers from 0 up, "
-                "in seconds"
+                f"correlation_times is {correlation_times!r}; expected numbers from 0 to "
+                f"{_LARGEST:g}, in seconds"
             )
         numbers = {
             "acceleration_density": acceleration_density,
@@ -121,8 +123,8 @@ class PositionFilter:
             "reset_after": reset_after,
         }
         for name, number in numbers.items():
-            if not 0.0 <= number < math.inf:
-                raise ValueError(f"{name} is {number!r}; allowed: a finite number from 0 up")
+            if not 0.0 <= number <= _LARGEST:
+                raise ValueError(f"{name} is {number!r}; allowed: a number from 0 to {_LARGEST:g}")
         self._density = acceleration_density
         # Of each number in the state that is an error.
         self._times = np.repeat(times[times > 0.0], 2)
@@ -242,6 +244,11 @@ def _horizontal(
     place, noise = place[:2], noise[:2, :2]
     if not (np.isfinite(place).all() and np.isfinite(noise).all()):
         raise ValueError("position and covariance must be finite")
+    if np.abs(place).max() > _LARGEST or np.abs(noise).max() > _LARGEST**2:
+        raise ValueError(
+            f"position is {place.tolist()} and covariance {noise.tolist()}; allowed: up to "
+            f"{_LARGEST:g} m and its square"
+        )
     is_symmetric = abs(noise[0, 1] - noise[1, 0]) <= _ROUNDING * np.abs(noise).max()
     noise = (noise + noise.T) / 2.0
     if not is_symmetric or noise[0, 0] <= 0.0 or np.linalg.det(noise) <= 0.0:

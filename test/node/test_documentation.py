@@ -20,7 +20,9 @@ def test_the_table_lists_the_topics_and_services_of_the_node(graph):
     listed = set(re.findall(r"^\| (?:in|out) \| `(\S+)`", table, re.MULTILINE))
     full = {name.replace("~", "/pf_tracker") for name in listed}
     assert own <= full
-    assert full - own <= {"image", "image/compressed", "detections", "/pf_tracker/detections"}
+    optional = {"image", "image/compressed", "detections", "/pf_tracker/detections"}
+    # The last one only where there is a localizer.
+    assert full - own <= optional | {"localizer/status"}
     services = set(re.findall(r"^\| service \| `(\S+)`", table, re.MULTILINE))
     assert services <= {service.srv_name for service in node.services}
 

@@ -11,11 +11,16 @@ pytest.importorskip("matplotlib", reason="the report needs it")
 
 from rosbags.highlevel import AnyReader
 from world_recording import DEPTH_TOPIC, IMAGE_TOPIC, first_targets, stamp_at, write_room
-from world_room import Room, Walker, circling, driving
+from world_room import Base, Room, Walker, circling, driving, standing
 
 from pf_tracker_ros.footage.bag_writing import BagWriter
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.parameters import build
+from pf_tracker_ros.recordings.positions import RecordedPositions
+from pf_tracker_ros.recordings.recording import open_recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import file_text
+from pf_tracker_ros.recordings.tracking import track_recording
 
 MOUNTING = ("--parameter", "camera.height=1.2", "--parameter", "camera.pitch=0.05")
 FRAMES = 18
@@ -212,3 +217,29 @@ def test_useless_sensors_are_told_once_and_tracking_goes_on(track, room, tmp_pat
     assert code == 0
     assert err.count("the CameraInfo on /camera_info is not usable") == 1
     assert "positions in 0%" in out
+
+
+def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path):
+    """Somebody at 3 m walks past the target at 5 m: its confidence falls a frame later."""
+    walkers = (
+        Walker(standing(5.0, 0.0), (50, 60, 200), (90, 60, 40)),
+        Walker(lambda time: (3.0, 0.9 - 1.5 * time), (170, 140, 60), (60, 60, 60), 1.8),
+    )
+    bag = tmp_path / "room.mcap"
+    frames = write_room(Room(walkers, lambda time: Base(0.0, 0.0, 0.0), rate=10.0), bag, 9)
+    parameters = build(LocalizerParameters, {"camera.height": 1.2, "camera.pitch": 0.05})
+    positions = RecordedPositions(bag, IMAGE_TOPIC, {}, parameters)
+    recording = open_recording(bag, bag_topic=IMAGE_TOPIC)
+    targets = first_targets(frames[0], 1)
+    alone = list(track_recording(recording, targets))
+    located = list(positions.locate(track_recording(recording, targets)))
+    shares = np.array([frame.located.covered_shares.get(1, 0.0) for frame in located])
+    hidden = np.array([1.0 - frame.visible[0] for frame in frames])
+    assert shares == pytest.approx(hidden, abs=0.12)
+    lowered = [
+        one.targets[0].estimate.confidence < other.targets[0].estimate.confidence
+        for one, other in zip(located, alone, strict=True)
+    ]
+    first = int(np.argmax(shares > 0.25)) + 1
+    assert lowered[first]
+    assert not any(lowered[:first])

@@ -67,6 +67,8 @@ def test_the_prediction_chooses_between_modes():
     # Of the columns of the box's 120, 45 show what is before the target.
     assert target.occlusion == pytest.approx(45 / 120, abs=0.02)
     assert occluder.occlusion == 0.0
+    # Without a prediction, either may be the target.
+    assert read(depth).occlusion == pytest.approx(45 / 120, abs=0.02)
 
 
 def test_the_prediction_does_not_move_a_mode():

@@ -121,6 +121,8 @@ def test_the_uncertainty_grows_without_measurements():
         ((1.0, 2.0), np.full((2, 2), np.inf), "finite"),
         ((1.0, 2.0), np.zeros((2, 2)), "positive definite"),
         ((1.0, 2.0), [[1.0, 5.0], [-5.0, 1.0]], "symmetric"),
+        ((1e200, 2.0), np.eye(2), "allowed: up to 1e\\+12 m"),
+        ((1.0, 2.0), 1e200 * np.eye(2), "allowed: up to 1e\\+12 m and its square"),
     ],
 )
 def test_a_wrong_measurement_leaves_the_filter_as_it_was(position, covariance, message):
@@ -131,13 +133,21 @@ def test_a_wrong_measurement_leaves_the_filter_as_it_was(position, covariance, m
     assert tracker.predict(0).position == pytest.approx((1.0, 2.0))
 
 
-@pytest.mark.parametrize("times", [(), (0.1, -1.0), (np.nan,), (np.inf,), 0.1])
+def test_the_largest_numbers_stay_finite():
+    tracker = PositionFilter(acceleration_density=1e12)
+    with np.errstate(all="raise"):
+        for step in range(3):
+            tracker.update(step * SECOND, (1e12, -1e12), 1e24 * np.eye(2))
+        assert np.isfinite(tracker.predict(10 * SECOND).covariance).all()
+
+
+@pytest.mark.parametrize("times", [(), (0.1, -1.0), (np.nan,), (np.inf,), (1e200,), 0.1])
 def test_wrong_correlation_times_are_rejected(times):
     with pytest.raises(ValueError, match="correlation_times"):
         PositionFilter(correlation_times=times)
 
 
-@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
+@pytest.mark.parametrize("value", [-1.0, np.nan, np.inf, 1e200])
 @pytest.mark.parametrize("name", ["acceleration_density", "gate", "reset_after"])
 def test_wrong_parameters_are_rejected(name, value):
     with pytest.raises(ValueError, match=name):

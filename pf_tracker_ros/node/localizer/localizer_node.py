@@ -72,6 +72,7 @@ class LocalizerNode(ManagedNode):
         serve_atomic_requests(self, self._binding)
         self._settings = build(LocalizerParameters, self._binding.values)
         self._transforms: Transforms | None = None
+        self._tf2 = ""
         self._outputs: Outputs | None = None
         self._inputs = Inputs(self, self._problems, self._locate_waiting)
         self._statuses: Subscription | None = None
@@ -94,9 +95,15 @@ class LocalizerNode(ManagedNode):
         """Create the publishers, and listen to transforms."""
         if self._binding.refused and not self._settings.autostart:
             raise ValueError("; ".join(self._binding.refused.values()))
+        self._tf2 = "not installed"
         if Transforms.are_installed():
-            self._transforms = Transforms(self)
-        self._outputs = Outputs(self, self._transforms, self._tell)
+            try:
+                self._transforms = Transforms(self)
+                self._tf2 = "used"
+            except ImportError as error:
+                self._tf2 = "cannot be loaded"
+                self._tell(str(error))
+        self._outputs = Outputs(self, self._transforms, self._status_topic, self._tell)
 
     def activate(self) -> None:
         """Subscribe to the tracker and the sensors."""
@@ -254,7 +261,7 @@ class LocalizerNode(ManagedNode):
             "lifecycle": self.lifecycle_state,
             "method": self._settings.method,
             "fixed_frame": self._settings.fixed_frame,
-            "tf2": "used" if self._transforms else "not installed",
+            "tf2": self._tf2,
             "time_jumps": self._frames.time_jumps,
             "status_rate": self._rates[_STATUS_TOPIC].update(self._arrivals.count),
         }

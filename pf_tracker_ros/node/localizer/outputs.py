@@ -26,12 +26,20 @@ class Outputs:
     Args:
         node: The publishing node.
         transforms: Broadcasts the targets' frames; None where tf2_ros is not installed.
+        tracker_status: Full name of the topic of the tracker's status.
         report: Called with a sentence if a QoS override is invalid.
     """
 
-    def __init__(self, node: Node, transforms: Transforms | None, report: ErrorCallback) -> None:
+    def __init__(
+        self,
+        node: Node,
+        transforms: Transforms | None,
+        tracker_status: str,
+        report: ErrorCallback,
+    ) -> None:
         self._node = node
         self._transforms = transforms
+        self._tracker_status = tracker_status
         self._publishers: dict[str, Publisher] = {}
         for topic in POSITION_TOPICS:
             try:
@@ -64,8 +72,10 @@ class Outputs:
                 if message is not None:
                     publisher.publish(message)
         self._broadcast(headers.fixed, located)
-        statuses = located.statuses(self._node.get_fully_qualified_name())
-        self._status.publish(status_message(new_message, headers.image, statuses))
+        own, *others = located.statuses(self._node.get_fully_qualified_name())
+        # The tracker takes the covered shares of its own targets only.
+        own = own._replace(values={**own.values, "tracker_status": self._tracker_status})
+        self._status.publish(status_message(new_message, headers.image, [own, *others]))
 
     def close(self) -> None:
         """Remove the publishers."""

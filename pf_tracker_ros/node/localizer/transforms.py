@@ -22,11 +22,21 @@ class Transforms:
 
     Args:
         node: The node whose executor receives them.
+
+    Raises:
+        ImportError: tf2_ros cannot be loaded.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._tf2 = import_module("tf2_ros")
+        try:
+            self._tf2 = import_module("tf2_ros")
+        except Exception as error:
+            # A broken installation raises whatever its libraries do.
+            raise ImportError(
+                f"tf2_ros cannot be loaded: {error}; reinstall ros-jazzy-tf2-ros, or give "
+                "camera.height. Until then, transforms are neither used nor broadcast"
+            ) from error
         self._buffer = self._tf2.Buffer()
         self._listener = self._tf2.TransformListener(self._buffer, node)
         self._have_been_published = False

@@ -1,4 +1,4 @@
-"""The subscriptions to target requests and to detections."""
+"""The subscriptions to target requests, to detections and to a localizer."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -35,6 +36,9 @@ VISION_MSGS_MISSING = (
 
 # Bytes of a message other than detections; enough for thousands of corners.
 _MAX_BYTES = 65_536
+# The same of a localizer's status; enough for hundreds of targets.
+_MAX_STATUS_BYTES = 1_000_000
+_LOCALIZER_STATUS = "localizer/status"
 
 
 def box_of_click(message: PointStamped, size: float) -> Box:
@@ -57,24 +61,26 @@ class _Topic(NamedTuple):
         type: Message class.
         apply: Applies a message; raises ValueError to refuse it.
         refused: Start of the error for a refused message.
+        max_bytes: Of a message other than detections.
     """
 
     name: str
     type: Any
     apply: Callable[[Any], None]
     refused: str
+    max_bytes: int = _MAX_BYTES
 
 
 class TargetSubscriptions:
-    """The open subscriptions to target requests and to detections.
+    """The open subscriptions to target requests, to detections and to a localizer.
 
     Args:
         node: The subscribing node.
         session: Returns the session; raises ValueError without one.
         click_size: Returns the side of the square around a click, pixels.
         check_frame_id: Raises ValueError if the frame_id of a request is not that of the images.
-        report: Called with a sentence for each refused message; for detections, repetitions are
-            left out.
+        report: Called with a sentence for each refused message; for detections and statuses,
+            repetitions are left out.
     """
 
     def __init__(
@@ -105,6 +111,22 @@ class TargetSubscriptions:
                 )
             )
         self._subscriptions = [self._subscribe(topic) for topic in topics]
+        self._has_localizer = False
+
+    def find_localizer(self) -> None:
+        """Subscribe to a localizer once there is one; call it from time to time."""
+        name = self._node.resolve_topic_name(_LOCALIZER_STATUS)
+        if self._has_localizer or not self._node.count_publishers(name):
+            return
+        self._has_localizer = True
+        topic = _Topic(
+            _LOCALIZER_STATUS,
+            DiagnosticArray,
+            self._on_localizer_status,
+            "the localizer's status refused",
+            _MAX_STATUS_BYTES,
+        )
+        self._subscriptions.append(self._subscribe(topic))
 
     def take_pending(self) -> None:
         """Apply the messages that arrived before the present image."""
@@ -121,10 +143,11 @@ class TargetSubscriptions:
         # Raw bytes: the size is checked before millions of points become Python objects.
         def receive(octets: bytes) -> None:
             try:
-                topic.apply(_deserialize(octets, topic.type))
+                topic.apply(_deserialize(octets, topic))
             except ValueError as error:
                 refusal = f"{topic.refused}: {error}"
-                if topic.type is not DETECTIONS_CLASS or self._throttle.unrepeated([refusal]):
+                is_stream = topic.type in (DETECTIONS_CLASS, DiagnosticArray)
+                if not is_stream or self._throttle.unrepeated([refusal]):
                     self._report(refusal)
 
         return subscribe(
@@ -156,14 +179,42 @@ class TargetSubscriptions:
     def _on_detections(self, message: Any) -> None:
         self._session().add_detections(detections_from_message(message), stamp_of(message.header))
 
+    def _on_localizer_status(self, message: DiagnosticArray) -> None:
+        shares = covered_shares(message, str(self._node.resolve_topic_name("~/status")))
+        if shares:
+            self._session().set_covered_shares(shares, stamp_of(message.header))
 
-def _deserialize(octets: bytes, message_type: Any) -> Any:
-    if message_type is DETECTIONS_CLASS:
+
+def covered_shares(message: DiagnosticArray, tracker_status: str) -> dict[int, float]:
+    """Id of a target to the share of its box that something in front covers.
+
+    Args:
+        message: Status of a localizer.
+        tracker_status: Full name of the topic of the tracker's status; targets of other trackers
+            are left out.
+
+    Raises:
+        ValueError: A value is no number.
+    """
+    if not message.status:
+        return {}
+    own, *targets = [{one.key: one.value for one in status.values} for status in message.status]
+    if own.get("tracker_status") != tracker_status:
+        return {}
+    return {
+        int(values["id"]): float(values["covered_share"])
+        for values in targets
+        if "covered_share" in values
+    }
+
+
+def _deserialize(octets: bytes, topic: _Topic) -> Any:
+    if topic.type is DETECTIONS_CLASS:
         check_message_size(octets)
-    elif len(octets) > _MAX_BYTES:
-        raise ValueError(f"its message has {len(octets)} bytes; allowed: up to {_MAX_BYTES}")
+    elif len(octets) > topic.max_bytes:
+        raise ValueError(f"its message has {len(octets)} bytes; allowed: up to {topic.max_bytes}")
     try:
-        return deserialize_message(octets, message_type)
+        return deserialize_message(octets, topic.type)
     except Exception as error:
         # rclpy does not specify what it raises for invalid bytes.
         raise ValueError(f"its message cannot be read: {error}") from error

@@ -460,6 +460,9 @@ class TrackerNode(ManagedNode):
         )
 
     def _health(self) -> Health:
+        if self._target_subscriptions:
+            # Here, once a second: without a localizer, no frame pays for its topic.
+            self._target_subscriptions.find_localizer()
         status = self._current_status("")
         level, message = status.level, status.description
         active = bool(self._image_subscription.topic)

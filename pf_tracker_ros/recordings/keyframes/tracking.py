@@ -15,7 +15,7 @@ whose next one has not been reached yet.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
@@ -41,7 +41,7 @@ from pf_tracker_ros.recordings.keyframes.joining import (
 )
 from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack, check_within
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
-from pf_tracker_ros.recordings.tracking import TrackedFrame
+from pf_tracker_ros.recordings.tracking import TrackedFrame, Tracking
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.targets.tracker import Tracker
@@ -59,7 +59,7 @@ def track_between_keyframes(
     *,
     parameters: Mapping[str, Any],
     seed: int = 0,
-) -> Generator[TrackedFrame, None, None]:
+) -> Tracking:
     """Track targets between their keyframes; the keyframes' boxes are met exactly.
 
     Args:

@@ -1,6 +1,7 @@
 """Positions of a live localizer over DDS, with boxes that follow from a scene by hand."""
 
 import math
+import sys
 from array import array
 from importlib import util
 
@@ -96,7 +97,7 @@ def test_a_walker_before_a_still_camera(scene, make_localizer, listened, given):
 
 DOUBTS = [
     ({"state": "occluded"}, "target 1 is occluded"),
-    ({"confidence": 0.3}, "the confidence of target 1 is 0.30, below min_confidence (0.5)"),
+    ({"confidence": 0.3}, "the confidence of target 1 is 0.30, below min_confidence (0.7)"),
 ]
 
 
@@ -235,6 +236,32 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer
     assert far.targets[1]["reason"] == "the box of target 1 gives no range"
     assert "the nearest depth image is 0.060 s before the image" in far.message
     assert "depth_offset" not in far.values
+
+
+def test_the_covered_share_of_a_box_is_told_also_of_an_occluded_target(
+    scene, make_localizer, given
+):
+    scene.add_sensor(Image, "depth")
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate(localizer)
+    box = given.box_at(6.0, 0.0)
+    x, y, width, height = (int(value) for value in box)
+    depth = np.full((given.height, given.width), 9.0, np.float32)
+    depth[y : y + height + 1, x : x + width + 1] = 6.0
+    shares = []
+    for index, state in enumerate(["tracking", "tracking", "tracking", "occluded"]):
+        if index == 2:
+            # Somebody 3 m away covers the upper three quarters of the box.
+            depth[: y + 3 * height // 4] = 3.0
+        stamp = given.start + index * given.frame
+        scene.send("depth", given.depth(stamp, depth))
+        arrivals = localizer._inputs.depth.arrivals
+        scene.wait_for(lambda before=index, of=arrivals: of.count > before, "depth")
+        status = scene.show(stamp, [given.target(box=box, state=state)], state=state)
+        shares.append(float(status.targets[1]["covered_share"]))
+    assert shares == pytest.approx([0.0, 0.0, 0.75, 0.75], abs=0.03)
+    assert status.values["tracker_status"] == "/pf_tracker/status"
 
 
 def test_depth_of_another_shape_leaves_ground_and_height(scene, make_localizer, given):
@@ -547,6 +574,20 @@ def test_it_works_only_while_it_is_active(scene, make_localizer, services_of, gi
     (health,) = scene.health[-1].status
     assert health.name == "localizer: localizer"
     assert health.message == "unconfigured, not locating"
+
+
+def test_a_tf2_ros_that_cannot_be_loaded_is_told_in_a_sentence(
+    make_localizer, tmp_path, monkeypatch, capfd
+):
+    (tmp_path / "tf2_ros.py").write_text("raise OSError('libtf2.so: no such file')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "tf2_ros", raising=False)
+    localizer = make_localizer(**STILL)
+    values = localizer._health()[2]
+    assert (values["lifecycle"], values["tf2"]) == ("active", "cannot be loaded")
+    text = capfd.readouterr().err
+    assert "tf2_ros cannot be loaded: libtf2.so: no such file; reinstall" in text
+    assert "Traceback" not in text
 
 
 def test_its_health_names_the_tracker_that_is_missing(scene, make_localizer):

@@ -1,0 +1,93 @@
+"""What a localizer sees in front of a target lowers the tracker's confidence."""
+
+import copy
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image
+
+from pf_tracker_ros import Tracker
+from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
+from pf_tracker_ros.node.tracker.target_subscriptions import covered_shares
+
+SHARE = 0.5
+
+
+def localizer_status(tracker_status, **values):
+    own = DiagnosticStatus(values=[KeyValue(key="tracker_status", value=tracker_status)])
+    pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticArray(status=[own, DiagnosticStatus(values=pairs)])
+
+
+def test_only_shares_of_the_trackers_own_targets_are_read():
+    status = localizer_status("/pf_tracker/status", id=3, covered_share=0.25)
+    assert covered_shares(status, "/pf_tracker/status") == {3: 0.25}
+    assert covered_shares(status, "/other/status") == {}
+    assert covered_shares(localizer_status("/a", id=3), "/a") == {}
+    assert covered_shares(DiagnosticArray(), "/a") == {}
+    with pytest.raises(ValueError, match="'near'"):
+        covered_shares(localizer_status("/a", id=3, covered_share="near"), "/a")
+
+
+@pytest.fixture
+def localizer(graph):
+    height = Parameter("camera.height", value=1.2)
+    node = LocalizerNode(context=graph.context(), parameter_overrides=[height])
+    graph.run(node)
+    return node
+
+
+@pytest.mark.usefixtures("fast_reports")
+def test_the_tracker_takes_the_share_that_a_localizer_measures(
+    graph, client, localizer, images, box
+):
+    """The share of a frame counts in the next one, by its odds."""
+    infos, depths = (
+        client.create_publisher(kind, topic, 10)
+        for kind, topic in ((CameraInfo, "camera_info"), (Image, "depth"))
+    )
+    node = graph.tracker(client, target_box=box, image_reliability="reliable")
+    subscriptions = node._target_subscriptions
+    client.wait_for(lambda: subscriptions._has_localizer, "localizer")
+    client.wait_for(
+        lambda: (
+            subscriptions._subscriptions[-1].get_publisher_count()
+            and localizer._statuses.get_publisher_count()
+            and depths.get_subscription_count()
+            and infos.get_subscription_count()
+        ),
+        "connection",
+    )
+    k = [80.0, 0.0, 79.5, 0.0, 80.0, 59.5, 0.0, 0.0, 1.0]
+    infos.publish(CameraInfo(width=160, height=120, distortion_model="plumb_bob", d=[0.0] * 5, k=k))
+    client.wait_for(lambda: localizer._inputs.camera_info.arrivals.count, "calibration")
+
+    def show(index, covered):
+        """Show a frame, of whose box the left part is covered; returns the confidence."""
+        x, y, side = 20 + 4 * index, 30 + 2 * index, 24
+        depth = np.full((120, 160), 9.0, np.float32)
+        depth[y : y + side, x : x + side] = 4.0
+        depth[:, : round(x + covered * side)] = 2.0 if covered else 9.0
+        depths.publish(client.message(depth, client.at(index), "32FC1"))
+        client.wait_for(lambda: localizer._inputs.depth.arrivals.count > index, "depth")
+        status = client.show(images[index], client.at(index))
+        session = node._manager.session
+        client.wait_for(lambda: session._covered_shares[0] == client.at(index), "share")
+        shares.append(session._covered_shares[1][1])
+        return float(status.values["confidence"])
+
+    shares = []
+    told = [show(index, SHARE if index == 2 else 0.0) for index in range(4)]
+    assert shares == pytest.approx([0.0, 0.0, SHARE, 0.0], abs=0.05)
+    alone = Tracker.from_preset("default", seed=0)
+    confidences = [alone.start(images[0], box).confidence]
+    for index in range(1, 4):
+        before = copy.copy(alone)
+        interval = (client.at(index) - client.at(index - 1)) / 1e9
+        share = shares[2] if index == 3 else 0.0
+        confidences.append(alone.update(images[index], interval, covered_share=share).confidence)
+    plain = before.update(images[3], interval)
+    assert told == pytest.approx(confidences, rel=1e-4)
+    assert told[3] < plain.confidence
