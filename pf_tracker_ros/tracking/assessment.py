@@ -5,9 +5,9 @@ The confidence is the probability of the target: a logistic regression of
 1. each cue's log odds of the box, target against anything else (`Cue.log_odds`),
 2. the logarithm of the standard deviation of the particles: a narrow mode counts for the target,
 3. the similarity of the box to the exemplars of the target (`Exemplars`),
-4. the logarithm of its share of the evidence beside a rival, the likeliest box that does not overlap
-   it: 1 / (1 + exp(a (r - s))) for similarities s and r to the exemplars. Where both fit, either of
-   them may be the target,
+4. the logarithm of its share of the evidence beside a rival, the likeliest box that does not
+   overlap it: 1 / (1 + exp(a (r - s))) for similarities s and r to the exemplars. Where both fit,
+   either of them may be the target,
 5. the logarithm of the number of looks at other places since the target went out of sight: the best
    of many is often wrong. They count until it has been seen for as long again.
 
