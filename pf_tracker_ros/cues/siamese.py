@@ -75,8 +75,8 @@ class SiameseParameters(CueParameters):
     )
     when: str = declared(
         "always",
-        "When the network runs. always: in every frame; doubtful: while the confidence is below "
-        "0.85, for less CPU time.",
+        "When the network runs. always: in every frame; doubtful: while the confidence, without "
+        "what it recognizes, is below 0.85, for less CPU time.",
         choices=("always", "doubtful"),
     )
 
