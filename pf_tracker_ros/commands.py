@@ -107,7 +107,7 @@ def tune() -> int:
 
 def model() -> int:
     """Run the command `model`, and return its exit code."""
-    return _run("model", "pf_tracker_ros.networks.command_line")
+    return _run("model", "pf_tracker_ros.networks.__main__")
 
 
 def _run(command: str, module: str) -> int:

@@ -234,7 +234,8 @@ class Cue(Protocol):
     def recognition(self, observation: Any, template: Any) -> float:
         """How surely the observed box is an object like the target, 0 to 1.
 
-        It keeps a target from being lost, but does not make it tracked.
+        It keeps a target from being lost. It makes an uncertain one tracked where the target has
+        been in sight, and where nothing else nearby is recognized (`assessment.recognition_odds`).
         """
         return 0.0
 

@@ -343,15 +343,12 @@ class CueFusion:
             for term, odds in cue.log_odds(observation[name], template).items()
         }
 
-    def recognition(self, observation: Templates, templates: Templates) -> float:
-        """The largest recognition of any cue, see `Cue.recognition`."""
-        return max(
-            (
-                cue.recognition(observation[name], template)
-                for name, cue, template in self._with_template(templates)
-            ),
-            default=0.0,
-        )
+    def recognition(self, observation: Templates, templates: Templates) -> dict[str, float]:
+        """Name of each cue to its recognition, see `Cue.recognition`."""
+        return {
+            name: cue.recognition(observation[name], template)
+            for name, cue, template in self._with_template(templates)
+        }
 
     def update(self, templates: Templates, observation: Templates) -> Templates:
         """The templates, updated by the observation at a trusted estimate.

@@ -9,7 +9,8 @@
    d_i is the distance of the center, in box sides, and of the logarithms of width and height, each
    in its standard deviation. The log likelihood falls linearly with the response.
 3. A share of the particles is moved to the candidates (`Search.propose_boxes`).
-4. Low log odds of the candidate at the estimate lower the confidence.
+4. Low log odds of the candidate at the estimate lower the confidence. High ones confirm a target
+   that has been in sight, unless there is a rival (`tracking.assessment.recognition_odds`).
 
 The weight of the cue grows with the doubt about the last estimate: where the other cues are sure of
 it, they have the better box; where they are not, the network often still knows the target. The
@@ -58,7 +59,7 @@ _CENTER_STD, _SIZE_STD = 0.35, 0.6
 # about as sharp, a candidate outweighs them.
 _SHARPNESS = 400.0
 # The log odds of a candidate at the estimate count against the target below the second value, down
-# to the first, by this slope. Higher ones add nothing: distractors have them, too.
+# to the first, by this slope. Higher ones add nothing here: distractors have them, too.
 _LEAST_ODDS, _USUAL_ODDS, _ODDS_SLOPE = -3.0, 2.0, 0.5
 
 
@@ -74,8 +75,8 @@ class SiameseParameters(CueParameters):
     )
     when: str = declared(
         "always",
-        "When the network runs. always: in every frame; doubtful: while the confidence is below "
-        "0.85, for less CPU time.",
+        "When the network runs. always: in every frame; doubtful: while the confidence, without "
+        "what it recognizes, is below 0.85, for less CPU time.",
         choices=("always", "doubtful"),
     )
 

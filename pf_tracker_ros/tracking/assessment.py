@@ -13,7 +13,9 @@ The confidence is the probability of the target: a logistic regression of
 
 Where something is in front of the target, see `occlusion_evidence.py`, the odds are lower.
 
-Over time, the confidence falls at once and rises by exponential smoothing.
+Over time, the confidence falls at once and rises by exponential smoothing. State and estimate then
+hear the cues that recognize objects like the target (`recognition_odds`), while doubt and learning
+remain with the evidence above.
 
 `benchmarks/uncertainty.py` fits the coefficients to any footage.
 """
@@ -21,7 +23,7 @@ Over time, the confidence falls at once and rises by exponential smoothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -30,7 +32,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box, is_truncated
 from pf_tracker_ros.cues import CueFusion, Match
-from pf_tracker_ros.cues.fusion import CueWeights, Templates
+from pf_tracker_ros.cues.fusion import CueWeights, DistractorRatios, Templates
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
@@ -44,12 +46,13 @@ class Assessment:
 
     Attributes:
         box: (4,) of the target, pixels.
-        confidence: Probability that it is the target, 0 to 1, before its calibration.
+        confidence: Probability that it is the target, 0 to 1, without recognition.
         status: Track state and its timers.
         particles: Particles that the estimate reports.
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
         known_distractor: See `FilterState.known_distractor`.
+        recognition_odds: See `recognition_odds`.
     """
 
     box: NDArray[np.float64]
@@ -59,6 +62,12 @@ class Assessment:
     boxes: NDArray[np.float64]
     learns: bool = True
     known_distractor: Box | None = None
+    recognition_odds: float = 0.0
+
+    @property
+    def recognized_confidence(self) -> float:
+        """Probability that it is the target with recognition, before its calibration."""
+        return float(ConfidenceCalibration(offset=self.recognition_odds).apply(self.confidence))
 
     def to_estimate(
         self,
@@ -80,7 +89,7 @@ class Assessment:
         return Estimate(
             box=as_box(self.box),
             state=self.status.state,
-            confidence=float(calibration.apply(self.confidence)),
+            confidence=float(calibration.apply(self.recognized_confidence)),
             box_covariance=covariance,
             particles=self.particles.states,
             particle_boxes=self.boxes,
@@ -101,6 +110,10 @@ _NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.582, 6.6
 _RIVAL_SLOPE, _SHARE_ODDS_SLOPE = 20.0, 1.3
 # Slope of the log odds over the logarithm of the number of looks.
 _LOOKS_ODDS_SLOPE = 0.6
+# Log odds of a perfect recognition, and seconds out of sight that halve them; distractor ratio of a
+# cue above which it counts less, and from which on it does not count.
+_RECOGNITION_ODDS, _RECOGNITION_HALVED_AFTER = 1.6, 2.0
+_RIVAL_ABOVE, _RIVAL_FROM = 0.45, 0.55
 # Seconds after which another look at the same place is a chance of its own to be wrong, and the
 # factor of looks after a target has left the image, since it may be nowhere in it.
 _INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING = 0.5, 3.0
@@ -201,3 +214,26 @@ def _looks(state: FilterState, assessed: AssessedBox) -> float:
     has_left = is_truncated(np.array(state.last_seen_box), size)
     factor = _LOOKS_AFTER_LEAVING if has_left and not is_truncated(assessed.box, size) else 1.0
     return factor * (1.0 + hidden_for / _INDEPENDENT_AFTER)
+
+
+def recognition_odds(
+    recognition: Mapping[str, float], distractor_ratios: DistractorRatios, hidden_for: float
+) -> float:
+    """Log odds for the target because a cue recognizes it, 0 or more.
+
+    Recognition says that the box shows an object like the target: a target that has been in sight
+    all along, even if it has turned and resembles no exemplar. It does not say which one of several
+    such objects. So it counts less after an absence, and not where the cue sees a rival nearby.
+
+    Args:
+        recognition: Name of a cue to its recognition of the box, 0 to 1.
+        distractor_ratios: Smoothed ratios of the cues.
+        hidden_for: Seconds out of sight, as of `TrackStatus`.
+    """
+    span = _RIVAL_FROM - _RIVAL_ABOVE
+    alone = (
+        recognized * min(max((_RIVAL_FROM - distractor_ratios.get(name, 0.0)) / span, 0.0), 1.0)
+        for name, recognized in recognition.items()
+    )
+    factor = _RECOGNITION_ODDS / (1.0 + hidden_for / _RECOGNITION_HALVED_AFTER)
+    return factor * max(alone, default=0.0)

@@ -62,8 +62,8 @@ class FilterState:
         frames_since_seen: Consecutive frames without the state "tracking".
         followed_frames: Frames since the first one.
         generator_state: The target's own source of random numbers.
-        confidence: Confidence of the last frame before its calibration, 0 to 1; `estimate` has it
-            after that.
+        confidence: Confidence of the last frame without recognition, 0 to 1; `estimate` has it with
+            that, calibrated.
         estimate: Estimate of the last frame.
         saved_templates: Templates from before a recent jump of the illumination; None without one.
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple, cast
 
@@ -135,7 +135,7 @@ class Measurement(NamedTuple):
     second_peak: NDArray[np.float64] | None = None
     distractor_box: NDArray[np.float64] | None = None
     transition_particles: ParticleSet | None = None
-    recognition: float = 0.0
+    recognition: Mapping[str, float] = MappingProxyType({})
 
     @property
     def assessed(self) -> AssessedBox:

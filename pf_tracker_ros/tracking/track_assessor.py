@@ -2,7 +2,8 @@
 
 1. Compute the confidence of the frame. It is 0 at a known distractor, and where the estimate has
    jumped to the second peak of the last frame.
-2. Smooth the confidence over time and advance the track state with it.
+2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
+   (`assessment.recognition_odds`).
 3. While the target is not tracked, let the occlusion policy choose the reported box.
 4. Search for the target where it was last seen and, once it is lost, all over the image.
 5. Redraw the particles around the box that the policy or the redetection returns.
@@ -15,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
-from pf_tracker_ros.tracking.assessment import Assessment, Confidence
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence, recognition_odds
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
@@ -74,12 +75,20 @@ class TrackAssessor:
         """
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement)
         confidence = self._confidence.update(state.confidence, frame_confidence)
-        status = self._status(state, confidence, similarity, interval)
-        # The similarity of a searching cue may be that of a place beside the box.
-        learns = self._redetector is None or frame_confidence >= _LEARN_ABOVE
         assessment = Assessment(
-            measurement.box, confidence, status, measurement.particles, measurement.boxes, learns
+            measurement.box,
+            confidence,
+            state.status,
+            measurement.particles,
+            measurement.boxes,
+            # The similarity of a searching cue may be that of a place beside the box.
+            learns=self._redetector is None or frame_confidence >= _LEARN_ABOVE,
+            recognition_odds=recognition_odds(
+                measurement.recognition, measurement.distractor_ratios, state.status.hidden_for
+            ),
         )
+        status = self._status(state, assessment.recognized_confidence, similarity, interval)
+        assessment = replace(assessment, status=status)
         if status.is_settled:
             return assessment
         is_seen, box = status.state == "tracking", None
@@ -122,7 +131,7 @@ class TrackAssessor:
         A target that matches its current templates is not lost, even if the exemplars differ.
         """
         confidence = similarity = self._confidence.assess(state, measurement.assessed)
-        recognized = max(measurement.match.similarity, measurement.recognition)
+        recognized = max(measurement.match.similarity, *measurement.recognition.values())
         if self._redetector and recognized >= _RECOGNIZED_ABOVE:
             similarity = 1.0
         known_distractor = state.known_distractor
@@ -154,7 +163,12 @@ class TrackAssessor:
         if status.state == "tracking":
             return replace(assessment, confidence=0.0, status=status.as_lost(self._thresholds))
         if status.state == "occluded" and not status.probation:
-            return replace(assessment, confidence=candidate.confidence, status=status.as_found())
+            return replace(
+                assessment,
+                confidence=candidate.confidence,
+                status=status.as_found(),
+                recognition_odds=0.0,
+            )
         return assessment
 
 

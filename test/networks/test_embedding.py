@@ -10,7 +10,7 @@ import pytest
 from pf_tracker_ros import Detections, MultiTracker
 from pf_tracker_ros.appearances.embedding import Embedding, EmbeddingParameters
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.networks.command_line import main
+from pf_tracker_ros.networks.__main__ import main
 from pf_tracker_ros.networks.embedding import EmbeddingNetwork
 from pf_tracker_ros.networks.siamese import SiameseNetwork
 from pf_tracker_ros.parameters import ParameterError

@@ -1,6 +1,7 @@
 """The preset `learned` on small networks: it follows and repeats itself, or is refused."""
 
 import copy
+import math
 import pickle
 import shutil
 import subprocess
@@ -94,6 +95,16 @@ def test_a_candidate_is_recognized(make_region):
     box = cue.propose(region, template).boxes[0]
     assert cue.recognition(cue.observe(region, box), template) > 0.9
     assert cue.recognition(cue.observe(region, box + [120, 0, 0, 0]), template) < 0.01
+
+
+def test_what_is_recognized_is_more_certain_and_the_doubt_remains(model, walk):
+    """The estimate hears the network; the doubt, which runs it, is that of the other cues."""
+    tracker = learned(model)
+    estimate = followed(tracker, walk)[-1]
+    (track,) = tracker._manager._track_set.tracks
+    own = track.filter_state.confidence
+    gain = math.log(estimate.confidence / (1 - estimate.confidence)) - math.log(own / (1 - own))
+    assert gain == pytest.approx(1.6, abs=0.2)
 
 
 def test_only_in_doubt_it_is_silent_otherwise(make_region):

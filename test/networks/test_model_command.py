@@ -1,8 +1,11 @@
 """The command `model` writes and checks descriptions."""
 
+import subprocess
+import sys
+
 import pytest
 
-from pf_tracker_ros.networks.command_line import main
+from pf_tracker_ros.networks.__main__ import main
 
 
 def test_check_describes_a_network(model, capsys):
@@ -50,3 +53,10 @@ def test_wrong_arguments_are_refused(arguments, capsys):
         main(arguments)
     assert ended.value.code == 2
     assert capsys.readouterr().err.startswith("usage") is False
+
+
+def test_the_command_runs_without_ros_as_the_others_do():
+    command = [sys.executable, "-m", "pf_tracker_ros.networks", "check", "nowhere"]
+    run = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 1
+    assert run.stderr.startswith("model: error: ")

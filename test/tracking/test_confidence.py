@@ -8,7 +8,7 @@ import pytest
 
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.assessment import AssessedBox, Confidence
+from pf_tracker_ros.tracking.assessment import AssessedBox, Confidence, recognition_odds
 
 
 def smoothed(rate, before, confidences):
@@ -138,3 +138,25 @@ def test_without_log_odds_the_confidence_is_the_similarity(make_target_filter, c
     box = np.array(couple.first[0])
     assessed = AssessedBox(Frame(couple.images[0]), box, state.templates, Match(-1.0, 0.42))
     assert target_filter._confidence.assess(state, assessed) == 0.42
+
+
+def test_recognition_counts_for_the_target_in_proportion():
+    faint, perfect = (recognition_odds({"one": value}, {}, 0.0) for value in (0.25, 1.0))
+    assert perfect == pytest.approx(4.0 * faint)
+    assert perfect > 1.0
+    assert recognition_odds({"one": 0.25, "other": 1.0}, {}, 0.0) == perfect
+    assert recognition_odds({}, {}, 0.0) == 0.0
+
+
+def test_recognition_counts_half_after_two_seconds_out_of_sight():
+    in_sight, hidden = (recognition_odds({"one": 0.8}, {}, seconds) for seconds in (0.0, 2.0))
+    assert hidden == pytest.approx(in_sight / 2)
+
+
+def test_recognition_does_not_count_beside_a_rival_that_the_cue_recognizes_too():
+    def odds(**ratios):
+        return recognition_odds({"one": 0.8}, ratios, 0.0)
+
+    assert odds(one=0.4) == odds(other=1.0) == odds()
+    assert odds(one=0.5) == pytest.approx(odds() / 2)
+    assert odds(one=0.6) == odds(one=1.4) == 0.0

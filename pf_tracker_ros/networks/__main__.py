@@ -156,3 +156,7 @@ def _example() -> tuple[Frame, np.ndarray[Any, np.dtype[np.float64]]]:
     """A frame of noise and a box in it."""
     image = np.random.default_rng(0).integers(0, 256, (240, 320, 3)).astype(np.uint8)
     return Frame(image), np.array([130.0, 90.0, 60.0, 60.0])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
