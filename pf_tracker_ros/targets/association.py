@@ -108,16 +108,8 @@ class Associator:
         if not tracks or not detections:
             return {}
         boxes = np.array([one.box for one in detections])
-        cut_sides = np.array([one.cut_sides for one in detections])
         descriptors = np.array([one.descriptor for one in detections])
-        costs = np.array(
-            [
-                self._costs(
-                    track, detections, track.box_filter.complete(boxes, cut_sides), descriptors
-                )
-                for track in tracks
-            ]
-        )
+        costs = np.array([self._costs(track, detections, boxes, descriptors) for track in tracks])
         return assign(costs, _MAX_COST)
 
     def _costs(
@@ -127,7 +119,7 @@ class Associator:
         boxes: NDArray[np.float64],
         descriptors: NDArray[np.float32],
     ) -> NDArray[np.float64]:
-        """(M,) costs of one track for (M, 4) whole boxes; infinite beyond the gate."""
+        """(M,) costs of one track; infinite beyond the gate."""
         size, box_filter = track.box_filter.size, track.box_filter
         detector_variance = np.square(CENTER_STD * size)
         variance = box_filter.center_variance + detector_variance

@@ -14,8 +14,7 @@ and v the position and velocity along one axis and T the interval:
    - Aspect ratio: a random walk; v = 0.
 2. Correct by a measurement z of variance r: (p, v) += K (z - p), P -= K (P_pp, P_pv), with
    K = (P_pp, P_pv) / (P_pp + r). The innovation z - p is limited to three standard deviations.
-3. Where the image border cuts a detection, only the sides that show correct (`complete`).
-4. Camera motion compensation: center and velocity are mapped by the similarity between the two
+3. Camera motion compensation: center and velocity are mapped by the similarity between the two
    images. The size stays, since the target is not at the distance of the background.
 
 Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
@@ -34,8 +33,6 @@ CENTER_STD = np.array([0.15, 0.1])
 """(2,) standard deviation of a detection's center, in widths and heights of its box."""
 # Those of the logarithms of its height and aspect ratio.
 _LOG_SIZE_STD = np.array([0.1, 0.2])
-# What is added to them for a new target whose height or width the image border cuts.
-_CUT_LOG_SIZE_STD = 0.5
 # Seconds within which errors of the height correlate: people bend, and detectors repeat errors.
 _CORRELATION_TIME = 0.1
 # Square root of the acceleration noise's intensity along x and y: change of velocity per second, in
@@ -79,22 +76,15 @@ class BoxKalmanFilter:
 
     @classmethod
     def initiate(
-        cls,
-        box: NDArray[np.float64],
-        growth_variance: float = GROWTH_VARIANCE,
-        cut_sides: NDArray[np.bool_] | None = None,
+        cls, box: NDArray[np.float64], growth_variance: float = GROWTH_VARIANCE
     ) -> BoxKalmanFilter:
         """The filter of a new target, which is most likely at rest.
 
         Args:
             box: (4,) of the target, pixels.
             growth_variance: Of the rate of growth, 1/s^2.
-            cut_sides: (4,), see `Detection`; None where the border cuts none.
         """
         std = np.concatenate([CENTER_STD * box[2:], _LOG_SIZE_STD])
-        if cut_sides is not None:
-            is_cut = cut_sides[:2] | cut_sides[2:]
-            std[2:] += _CUT_LOG_SIZE_STD * np.array([is_cut[1], is_cut.any()])
         velocity_variance = np.concatenate(
             [np.square(_INITIAL_VELOCITY_STD * box[3]), [growth_variance, 0.0]]
         )
@@ -162,53 +152,16 @@ class BoxKalmanFilter:
             factor**2 * self.velocity_variance + noises[2],
         )
 
-    def complete(
-        self, boxes: NDArray[np.float64], cut_sides: NDArray[np.bool_]
-    ) -> NDArray[np.float64]:
-        """Boxes of the whole target, where the image border cuts detections.
-
-        The sides that show stay, and a hidden width or height is the predicted one.
-
-        Args:
-            boxes: (N, 4) of detections, pixels.
-            cut_sides: (N, 4), see `Detection`.
-
-        Returns:
-            (N, 4) boxes, none smaller than the detection.
-        """
-        starts, sizes = boxes[:, :2], boxes[:, 2:]
-        cut_starts, cut_ends = cut_sides[:, :2], cut_sides[:, 2:]
-        whole = np.where(cut_starts | cut_ends, np.maximum(sizes, self.size), sizes)
-        earliest = starts + sizes - whole
-        middle = np.clip(self.center - whole / 2, earliest, starts)
-        moved = np.where(cut_starts, np.where(cut_ends, middle, earliest), starts)
-        return np.hstack([moved, whole])
-
-    def correct(
-        self,
-        box: NDArray[np.float64],
-        interval: float = math.inf,
-        cut_sides: NDArray[np.bool_] | None = None,
-    ) -> BoxKalmanFilter:
+    def correct(self, box: NDArray[np.float64], interval: float = math.inf) -> BoxKalmanFilter:
         """The filter after a detection.
 
         Args:
             box: (4,) of the detection, pixels.
             interval: Seconds since the last one: detections in quick succession repeat errors.
-            cut_sides: (4,), see `Detection`; None where the border cuts none. What it hides is not
-                corrected, but a hidden height grows with the width that shows.
         """
-        whole = box if cut_sides is None else self.complete(box[None], cut_sides[None])[0]
-        is_hidden = whole[2:] > box[2:]
-        measured = _position(whole)
-        std = np.concatenate([CENTER_STD * whole[2:], _LOG_SIZE_STD])
-        if is_hidden[1]:
-            measured[2] += np.log(whole[2] / self.size[0])
-            std[2] = math.inf if is_hidden[0] else math.hypot(*_LOG_SIZE_STD)
-        if is_hidden.any():
-            std[3] = math.inf
+        std = np.concatenate([CENTER_STD * box[2:], _LOG_SIZE_STD])
         std[2] *= math.sqrt(1.0 + 2.0 * _CORRELATION_TIME / max(interval, 1e-3))
-        return self._correct(measured, std)
+        return self._correct(_position(box), std)
 
     def correct_center(
         self, center: NDArray[np.float64], std: NDArray[np.float64]

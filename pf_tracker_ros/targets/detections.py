@@ -32,8 +32,6 @@ DUPLICATE_ABOVE = 0.65
 _CLEAR_BELOW = 0.1
 # Minimum width and height of a box, pixels.
 _MIN_SIDE = 2.0
-# Pixels from the image border within which a detection is cut: detectors keep their boxes inside.
-_CUT_WITHIN = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +137,6 @@ class Detection(NamedTuple):
         label: Or an empty text.
         descriptor: Of its appearance.
         is_clear: Whether no other detection overlaps it.
-        cut_sides: (4,) whether the image border cuts it on the left, top, right and bottom.
     """
 
     box: NDArray[np.float64]
@@ -147,7 +144,6 @@ class Detection(NamedTuple):
     label: str
     descriptor: Descriptor
     is_clear: bool = True
-    cut_sides: NDArray[np.bool_] = np.zeros(4, np.bool_)
 
 
 def usable(
@@ -213,24 +209,12 @@ def describe_detections(
             detections.labels[number][:_MAX_LABEL_LENGTH],
             descriptor,
             bool(is_clear),
-            cut_sides,
         )
-        for number, box, descriptor, is_clear, cut_sides in zip(
-            numbers,
-            boxes,
-            appearance.extract(frame, boxes),
-            clear,
-            _cut_sides(boxes, frame.size),
-            strict=True,
+        for number, box, descriptor, is_clear in zip(
+            numbers, boxes, appearance.extract(frame, boxes), clear, strict=True
         )
     ]
     return described, reasons
-
-
-def _cut_sides(boxes: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.bool_]:
-    """(N, 4) which sides of (N, 4) boxes an image of (width, height) cuts."""
-    gaps = np.hstack([boxes[:, :2], np.array(size) - boxes[:, :2] - boxes[:, 2:]])
-    return gaps < _CUT_WITHIN
 
 
 def _floats(values: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.appearances import Appearance
+from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, as_box, is_truncated, pairwise_iou
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
@@ -112,7 +112,7 @@ class Initiator:
             if pairwise_iou(one.box[None], boxes).max(initial=0.0) > _SAME_ABOVE:
                 continue
             key = TrackKey(track_set.frame, number)
-            track = self._new_track(frame, one.box, key, one)
+            track = self._new_track(frame, one.box, key, one.descriptor)
             track = track.add_label_vote(one.label, one.score)
             log_odds = _INITIAL_LOG_ODDS + 2.0 * (one.score - 1.0)
             tracks = [
@@ -200,13 +200,11 @@ class Initiator:
         frame: Frame,
         box: NDArray[np.float64],
         key: TrackKey,
-        detection: Detection | None = None,
+        descriptor: Descriptor | None = None,
         generator: np.random.Generator | None = None,
     ) -> Track:
-        if detection is None:
-            cut_sides, (descriptor,) = None, self._appearance.extract(frame, box[None])
-        else:
-            cut_sides, descriptor = detection.cut_sides, detection.descriptor
+        if descriptor is None:
+            (descriptor,) = self._appearance.extract(frame, box[None])
         if generator is None:
             number = 2 * key.number if key.number >= 0 else -2 * key.number - 1
             spawn_key = (_SPAWN_KEY, key.frame, number)
@@ -219,7 +217,7 @@ class Initiator:
             key,
             filter_state,
             descriptor,
-            BoxKalmanFilter.initiate(box, cut_sides=cut_sides),
+            BoxKalmanFilter.initiate(box),
             _INITIAL_LOG_ODDS,
             ground_box=None if is_truncated(box, frame.size) else box,
         )
@@ -232,8 +230,7 @@ def is_same_object(track: Track, box: NDArray[np.float64]) -> bool:
 
 # Existence log odds below which a track ends.
 _ENDS_BELOW = -1.0
-# An undetected target whose predicted center is this near to the image border, in its own sides, or
-# outside, has left.
+# A target whose center is this near to the image border, in its own sides, has left.
 _LEFT_WITHIN = 0.03
 
 
@@ -274,9 +271,6 @@ class Deleter:
 
 
 def _has_left(track: Track, image_size: tuple[int, int]) -> bool:
-    """Whether an undetected track's predicted center is at the border or outside."""
-    box = track.predicted_box
+    box = track.box
     center, margin = box[:2] + box[2:] / 2, _LEFT_WITHIN * box[2:]
-    return track.unconfirmed_for > 0.0 and bool(
-        (center <= margin).any() or (center >= np.array(image_size) - margin).any()
-    )
+    return bool((center <= margin).any() or (center >= np.array(image_size) - margin).any())

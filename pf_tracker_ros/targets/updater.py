@@ -31,6 +31,7 @@ from pf_tracker_ros.boxes import (
     BoxesByAxis,
     are_same_place,
     as_box,
+    is_truncated,
     pairwise_coverage,
     pairwise_iou,
     relative_center_distances,
@@ -234,7 +235,7 @@ class Updater:
         filter_state, is_occluded_by_other = track.filter_state, False
         external_likelihoods: list[ExternalLikelihood] = []
         if detection:
-            external_likelihoods.append(_detection_likelihood(_whole_box(track, detection)))
+            external_likelihoods.append(_detection_likelihood(detection.box))
         elif not is_alone:
             external_likelihoods.append(_motion_likelihood(track))
         is_sized = _needs_size(track, detection, is_silent)
@@ -374,30 +375,27 @@ class Updater:
     def _correct(self, track: Track, frame: Frame, detection: Detection) -> Track:
         """A track with a hit, and its box moved towards the detection."""
         box = track.box
-        whole = _whole_box(track, detection)
         places = np.array([box, track.predicted_box])
-        is_far, is_unexpected = pairwise_iou(places, whole[None])[:, 0] < _FAR_BELOW
+        is_far, is_unexpected = pairwise_iou(places, detection.box[None])[:, 0] < _FAR_BELOW
         # Against a confident image, one distant detection is not enough; the image is wrong where
         # the detections before it expect it.
         is_confident = track.filter_state.confidence > _CONFIDENT_ABOVE
         is_doubted = is_far and is_unexpected and is_confident
         jumps = is_far and not is_doubted
-        box_filter = track.box_filter.correct(
-            detection.box, track.unconfirmed_for, detection.cut_sides
-        )
+        box_filter = track.box_filter.correct(detection.box, track.unconfirmed_for)
         size = box_filter.size
         center = box[:2] + box[2:] / 2
-        detected = whole[:2] + whole[2:] / 2
+        detected = detection.box[:2] + detection.box[2:] / 2
         center = center + (1.0 if jumps else _GAIN) * (detected - center)
         operations = self._target_filter.operations
-        moved = _with_center_inside(np.concatenate([center - size / 2, size]), frame.size)
-        filter_state = operations.move_to(track.filter_state, moved)
+        filter_state = operations.move_to(track.filter_state, as_box([*(center - size / 2), *size]))
         is_due = track.time_since_template_update >= _LEARN_EVERY
         relearns = jumps or (is_due and not is_doubted)
         if relearns:
             filter_state = operations.relearn(filter_state, frame)
         if detection.is_clear:
             track = track.update_descriptor(detection.descriptor, self._appearance)
+        is_cut = is_truncated(detection.box, frame.size)
         return replace(
             track.add_label_vote(detection.label, detection.score),
             filter_state=filter_state,
@@ -408,18 +406,8 @@ class Updater:
             hits=track.hits + 1,
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if relearns else track.time_since_template_update,
-            ground_box=(
-                track.ground_box
-                if detection.cut_sides.any()
-                else np.array(filter_state.estimate.box)
-            ),
+            ground_box=track.ground_box if is_cut else np.array(filter_state.estimate.box),
         )
-
-
-def _whole_box(track: Track, detection: Detection) -> NDArray[np.float64]:
-    """(4,) box of a track's detection, with what the image border hides."""
-    (whole,) = track.box_filter.complete(detection.box[None], detection.cut_sides[None])
-    return whole
 
 
 def _is_place_unknown(track: Track) -> bool:
