@@ -163,9 +163,10 @@ def open_bag(path: str | Path, topic: str = "", ground_truth_topic: str = "") ->
     names = ", ".join(sorted(images))
     if topic and topic not in images:
         raise FootageError(f"bag {bag} has no image topic {topic}; image topics are: {names}")
-    if not topic and len(images) > 1:
+    cameras = sorted(name for name in images if "depth" not in name) or sorted(images)
+    if not topic and len(cameras) > 1:
         raise FootageError(f"bag {bag} has several image topics; choose one: {names}")
-    selected = images[topic] if topic else next(iter(images.values()))
+    selected = images[topic or cameras[0]]
     return ImageBag(
         path=bag,
         image_topic=selected.name,

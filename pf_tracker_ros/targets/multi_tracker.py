@@ -226,6 +226,10 @@ class MultiTracker:
             StampedDetections(stamp - round(min(one.age, _MAX_SECONDS) * NANOSECONDS), one)
             for one in batches
         ]
+        if not isinstance(covered_shares, Mapping | None):
+            raise ValueError(
+                f"covered_shares is {covered_shares!r}; allowed: a mapping from ids to shares"
+            )
         shares = {id: check_share(share) for id, share in (covered_shares or {}).items()}
         self._manager.update(Frame(image.copy(), stamp), interval, stamped, shares)
         self._stamp = stamp

@@ -39,6 +39,11 @@ class OcclusionEvidence(NamedTuple):
             return 1.0
         return max(1.0 - self.share, _LEAST_FACTOR)
 
+    @property
+    def is_counted(self) -> bool:
+        """Whether it counts, or has counted in this occlusion for less than its time."""
+        return self.factor < 1.0 or 0.0 < self.used_for < _COUNTS_FOR
+
     def advance(self, interval: float) -> OcclusionEvidence:
         """After the frame: nothing is known of the next one.
 

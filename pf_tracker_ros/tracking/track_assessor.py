@@ -151,7 +151,11 @@ class TrackAssessor:
         if self._redetector.asks and state.status.state == "lost":
             # Only somebody's confirmation starts it again.
             confidence = similarity = 0.0
-        return state.status.advance(confidence, similarity, interval, self._thresholds)
+        status = state.status.advance(confidence, similarity, interval, self._thresholds)
+        if state.occlusion_evidence.is_counted:
+            # Hidden by other evidence than the image's, it was looked for nowhere else.
+            status = replace(status, hidden_for=state.status.hidden_for)
+        return status
 
     def _redetected(self, candidate: Candidate, assessment: Assessment) -> Assessment:
         """The assessment with the confidence and status after a redetection.

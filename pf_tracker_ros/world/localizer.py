@@ -249,7 +249,10 @@ class Localizer:
         if forward <= 0.0:
             return None
         if predicted_range is not None:
-            mean, sd = map(float, predicted_range)
+            try:
+                mean, sd = map(float, predicted_range)
+            except (TypeError, ValueError):
+                mean = sd = math.nan
             if not (0.0 < mean < math.inf and 0.0 <= sd < math.inf):
                 raise ValueError(
                     f"predicted_range is {predicted_range!r}; expected a positive distance and a "

@@ -94,6 +94,13 @@ def test_an_ambiguous_image_topic_is_refused(tmp_path, write_bag, rows, make_mes
     assert len(list(open_bag(path, "/eye/image").images())) == 3
 
 
+def test_a_depth_topic_is_chosen_by_name_alone(tmp_path, write_bag, rows, make_message):
+    second = ("/depth/image/compressed", COMPRESSED, 5, make_message(COMPRESSED, 5))
+    path = write_bag(tmp_path / "talk", [*rows, second])
+    assert open_bag(path).image_topic == "/eye/image"
+    assert open_bag(path, "/depth/image/compressed").image_type == COMPRESSED
+
+
 @pytest.mark.parametrize("topic", ["/eye/area", "/nose"])
 def test_a_topic_without_images_is_refused(tmp_path, write_bag, rows, topic):
     path = write_bag(tmp_path / "talk", rows)

@@ -331,6 +331,9 @@ def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
     target = tmp_path / "drive.target.yaml"
     target.write_text("recording: drive.avi\ntarget_box: [1, 2, 3, 4]")
     assert list(find_recordings(tmp_path)) == ["drive.avi"]
+    # One that names a recording that is not there is refused with it.
+    target.write_text("recording: ride.avi\ntarget_box: [1, 2, 3, 4]")
+    assert list(find_recordings(tmp_path)) == ["drive.avi", "drive.mp4"]
     # Without a name, it is for the entries with the suffix of a video.
     target.write_text("target_box: [1, 2, 3, 4]")
     assert list(find_recordings(tmp_path)) == ["drive.avi", "drive.mp4"]

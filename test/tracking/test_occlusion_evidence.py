@@ -83,6 +83,24 @@ def test_a_share_that_is_none_is_refused(moving_square, share):
         several.update(images[1], covered_shares={1: share})
 
 
+def test_shares_without_ids_are_refused(moving_square):
+    tracker = MultiTracker.from_preset("default")
+    with pytest.raises(ValueError, match=r"covered_shares is \[0.5\]; allowed: a mapping"):
+        tracker.update(moving_square.images[0], covered_shares=[0.5])
+
+
+def test_frames_with_it_are_no_looks_at_other_places(moving_square):
+    """A wrong share hides the target for a moment, and costs it no trust after that."""
+    images, boxes = moving_square.images, moving_square.boxes
+    thresholds = {"track.occluded_below": 0.95, "track.recovered_above": 0.96}
+    tracker = Tracker.from_preset("default", seed=0, parameters=thresholds)
+    tracker.start(images[0], boxes[0])
+    for image in images[1:6]:
+        hidden = tracker.update(image, 0.1, covered_share=1.0)
+    assert hidden.state == "occluded"
+    assert tracker._manager._track_set.tracks[0].filter_state.status.hidden_for == 0.0
+
+
 def test_it_stays_with_its_frame_where_frames_are_reprocessed(moving_square):
     images, boxes = moving_square.images, moving_square.boxes
     tracker = MultiTracker.from_preset("default", seed=0)

@@ -258,6 +258,7 @@ def test_a_place_in_the_fixed_frame(camera, box_of, level):
         ({"methods": ["sonar"]}, "'sonar'; allowed: ground, height, depth"),
         ({"predicted_range": (-1.0, 0.1)}, "predicted_range"),
         ({"predicted_range": (np.nan, 0.1)}, "predicted_range"),
+        ({"predicted_range": 4.0}, "predicted_range is 4.0; expected a positive distance"),
         ({"depth": np.zeros((480, 640), np.uint8)}, "uint8; expected float32"),
         ({"depth": np.zeros((480, 640, 3), np.float32)}, "rows and columns"),
         ({"depth": np.zeros((480, 480), np.float32)}, "480 x 480 px and the image 640 x 480"),

@@ -30,17 +30,17 @@ class Transforms:
     def __init__(self, node: Node) -> None:
         self._node = node
         try:
-            self._tf2 = import_module("tf2_ros")
+            tf2 = import_module("tf2_ros")
+            self._buffer = tf2.Buffer()
+            self._listener = tf2.TransformListener(self._buffer, node)
+            self._broadcaster = tf2.TransformBroadcaster(node)
         except Exception as error:
             # A broken installation raises whatever its libraries do.
             raise ImportError(
                 f"tf2_ros cannot be loaded: {error}; reinstall ros-jazzy-tf2-ros, or give "
                 "camera.height. Until then, transforms are neither used nor broadcast"
             ) from error
-        self._buffer = self._tf2.Buffer()
-        self._listener = self._tf2.TransformListener(self._buffer, node)
-        self._have_been_published = False
-        self._broadcaster = self._tf2.TransformBroadcaster(node)
+        self._tf2, self._have_been_published = tf2, False
 
     @staticmethod
     def are_installed() -> bool:

@@ -127,6 +127,7 @@ class Diagnostics:
         self._image_timeout = image_timeout
         self.time_jumps = 0
         self.frame_loss_rate = 0.0
+        self._was_lossy = False
         # Hint logged last with the warning of missing images; None while images arrive.
         self._logged_hint: str | None = None
         self._outcomes: Counter[str] = Counter()
@@ -188,6 +189,9 @@ class Diagnostics:
             level = max(level, WARN)
             loss = loss_warning(self.frame_loss_rate, health.image_topic, health.image_reliability)
             message = f"{message}; {loss}"
+            if not self._was_lossy:
+                self._node.get_logger().warning(loss)
+        self._was_lossy = is_lossy
         silent = now - (self._last_arrival or self._start)
         is_silent = health.expects_images and silent > self._image_timeout()
         if is_silent:

@@ -194,18 +194,24 @@ def covered_shares(message: DiagnosticArray, tracker_status: str) -> dict[int, f
             are left out.
 
     Raises:
-        ValueError: A value is no number.
+        ValueError: A share or an id is no number.
     """
     if not message.status:
         return {}
     own, *targets = [{one.key: one.value for one in status.values} for status in message.status]
     if own.get("tracker_status") != tracker_status:
         return {}
-    return {
-        int(values["id"]): float(values["covered_share"])
-        for values in targets
-        if "covered_share" in values
-    }
+    shares = {}
+    for values in targets:
+        id, share = values.get("id", ""), values.get("covered_share")
+        if share is not None:
+            try:
+                shares[int(id)] = float(share)
+            except ValueError as error:
+                raise ValueError(
+                    f"a covered share is {share!r} and its target's id {id!r}; allowed: numbers"
+                ) from error
+    return shares
 
 
 def _deserialize(octets: bytes, topic: _Topic) -> Any:

@@ -226,7 +226,8 @@ def _is_targeted(path: Path) -> bool:
     """Whether a target file stands beside an entry and is meant for it."""
     if path.name.endswith(TARGET_SUFFIX) or not lexists(target_file(path)):
         return False
-    if recording := _recording_in(target_file(path)):
+    recording = _recording_in(target_file(path))
+    if recording and lexists(path.parent / recording):
         return resolved(path).name == recording
     # Other files may share the stem of a video, such as the subtitles of a drone's camera.
     return path.is_dir() or is_bag(path) or has_video_suffix(path) or has_unique_stem(path)

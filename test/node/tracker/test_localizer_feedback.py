@@ -27,8 +27,9 @@ def test_only_shares_of_the_trackers_own_targets_are_read():
     assert covered_shares(status, "/other/status") == {}
     assert covered_shares(localizer_status("/a", id=3), "/a") == {}
     assert covered_shares(DiagnosticArray(), "/a") == {}
-    with pytest.raises(ValueError, match="'near'"):
-        covered_shares(localizer_status("/a", id=3, covered_share="near"), "/a")
+    for values in ({"id": 3, "covered_share": "near"}, {"covered_share": 0.5}):
+        with pytest.raises(ValueError, match=r"a covered share is .*; allowed: numbers"):
+            covered_shares(localizer_status("/a", **values), "/a")
 
 
 @pytest.fixture
