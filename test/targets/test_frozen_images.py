@@ -53,7 +53,7 @@ def test_the_first_image_that_differs_is_tracked_over_the_whole_time(
     monkeypatch.setattr(
         session._manager,
         "update",
-        lambda frame, interval, due: intervals.append(interval) or update(frame, interval, due),
+        lambda frame, interval, *due: intervals.append(interval) or update(frame, interval, *due),
     )
     freeze(session, moving_square.images[2])
     changed = moving_square.images[2].copy()
