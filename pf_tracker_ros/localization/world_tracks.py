@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.localization.box_errors import BoxErrors
 from pf_tracker_ros.localization.camera_pose import CameraPose
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
@@ -25,6 +26,9 @@ from pf_tracker_ros.world import (
 )
 from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
 
+# Times after which half of a box's errors correlate by 1/e, seconds. Those of a tracker last longer
+# than those of a detector: each box depends on the one before.
+_CORRELATION_TIMES = 0.3, 5.0
 # Seconds after the last measurement in which the prediction stands for the target.
 _PREDICTED_FOR = 0.5
 # A doubted target counts as the same after so many seconds with a confidence that is higher than
@@ -135,13 +139,14 @@ class WorldTracks:
         place, covered_share, problem = None, None, distrust(target, min_confidence)
         if target.state == "lost":
             track.filter.reset()
+            track.box_errors.reset()
         try:
             if problem:
                 covered_share = track.covered_share(target, scene)
             else:
                 place = localizer.locate(
                     target.box,
-                    target.box_covariance,
+                    track.box_errors.add(stamp, target.box, target.box_covariance),
                     depth=scene.sensed.depth,
                     target_probability=scene.probability_of(target),
                     predicted_range=track.predicted_range(scene),
@@ -261,10 +266,11 @@ class _Trust:
 
 
 class _Track:
-    """Filter, trust, heading and size of one target."""
+    """Filter, errors of the box, trust, heading and size of one target."""
 
     def __init__(self) -> None:
-        self.filter = PositionFilter()
+        self.filter = PositionFilter(correlation_times=_CORRELATION_TIMES)
+        self.box_errors = BoxErrors()
         self.trust = _Trust()
         self._measured_at = 0
         self._yaw: float | None = None
