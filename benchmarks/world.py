@@ -3,9 +3,9 @@ r"""Accuracy of positions in meters: errors, and whether the covariances are tru
     python benchmarks/world.py --kitti FOLDER --pets FOLDER --calibration View_001.xml \
         --depth FOLDER --output world.md
 
-Each folder adds a table; the files of `world_parts/` say what it contains. Three parts need no
-data: rendered depth images with exact positions, a robot that turns, and the CPU time of a
-position.
+Each folder adds a table; the files of `world_parts/` say what it contains. Four parts need no
+data: rendered depth images with exact positions, rendered walkers by the tracker's boxes, a robot
+that turns, and the CPU time of a position.
 
 NEES: normalized estimation error squared over its degrees of freedom, 1 for a true covariance.
 Inside: share of the frames whose truth is in the 90 % region.
@@ -32,10 +32,11 @@ from world_parts.kitti import kitti_table, read_kitti
 from world_parts.pets import RATE, pets_table, read_ground_tracks, read_tsai
 from world_parts.rendered import rendered_table
 from world_parts.turning import turning_table
+from world_parts.walkers import walkers_table
 
 from pf_tracker_ros.progress import OnProgress, progress_bar
 
-PARTS = ("kitti", "pets", "plane", "depth", "rendered", "turning", "cost")
+PARTS = ("kitti", "pets", "plane", "depth", "rendered", "walkers", "turning", "cost")
 
 
 def measured(options: argparse.Namespace, on_progress: OnProgress) -> Iterable[Table]:
@@ -59,6 +60,8 @@ def measured(options: argparse.Namespace, on_progress: OnProgress) -> Iterable[T
         yield depth_table(options.depth, on_progress)
     if "rendered" in parts:
         yield rendered_table(on_progress)
+    if "walkers" in parts:
+        yield walkers_table(on_progress)
     if "turning" in parts:
         yield turning_table(on_progress)
     if "cost" in parts:

@@ -40,21 +40,23 @@ CALIBRATION = """<Camera><Geometry width="160" height="120" dpx="0.01" dpy="0.01
 def test_the_command_writes_its_table(silence, moving_square_sequence, moving_square, tmp_path):
     (tmp_path / "view.xml").write_text(CALIBRATION)
     (moving_square_sequence / "meta.json").write_text(json.dumps({"first_frame": 3}))
-    rows = [[4 + index, 1, *box] for index, box in enumerate(moving_square.boxes)]
+    rows = [
+        [4 + index, 1, *box, 1, 0.1 * index, 5] for index, box in enumerate(moving_square.boxes)
+    ]
     np.savetxt(tmp_path / "gt.txt", rows, delimiter=",")
     options = [f"--people={tmp_path / 'gt.txt'}", f"--calibration={tmp_path / 'view.xml'}"]
     assert (
         silence.main([str(moving_square_sequence), *options, "--seeds=1", f"--output={tmp_path}"])
         == 0
     )
-    (row,) = [
+    row, _ = [
         line
         for line in (tmp_path / "world_silence.md").read_text().splitlines()
         if "moving_square" in line
     ]
-    _, name, tracking, wrong, *_ = (cell.strip() for cell in row.split("|"))
+    _, name, _, tracking, wrong, _, posed, *_ = (cell.strip() for cell in row.split("|"))
     assert (name, wrong) == ("moving_square", "0")
-    assert int(tracking) > 10
+    assert int(tracking) >= int(posed) > 10
 
 
 def test_a_missing_file_is_reported(silence, tmp_path, capsys):
