@@ -34,6 +34,9 @@ _PREDICTED_FOR = 0.5
 # A doubted target counts as the same after so many seconds with a confidence that is higher than
 # `min_confidence` by so much, or after so many seconds in which it is not below that.
 _HIGH_ABOVE, _HIGH_FOR, _FAIR_FOR = 0.2, 1.0, 5.0
+# Seconds of positions that contradict the earlier ones after which a target is in doubt, however
+# confident the tracker is, and for so many seconds.
+_JUMPED_FOR, _JUMP_DOUBTED_FOR = 0.1, 5.0
 # Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
 # dimensions), from which a target has a heading.
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
@@ -160,7 +163,7 @@ class WorldTracks:
                     problem = f"the box of target {target.id} gives no range{hint}"
         except _UNUSABLE as error:
             problem = problem or f"target {target.id} cannot be located: {error}"
-        doubt = track.trust.update(stamp, target, min_confidence)
+        doubt = track.trust.update(stamp, target, min_confidence, track.rejected_for(stamp))
         return LocatedTarget(
             reported=target,
             bearing=_bearing(place, localizer, target),
@@ -239,12 +242,37 @@ class _Trust:
         # Stamps since when the confidence is high, and since when it is fair; None while it is not.
         self._high_since: int | None = None
         self._fair_since: int | None = None
+        # Stamp of the last frame in which the position contradicted the earlier ones for a while.
+        self._jumped_at: int | None = None
 
-    def update(self, stamp: int, target: ReportedTarget, min_confidence: float) -> str:
-        """Take a frame; why the target is in doubt, empty if it is not."""
+    def update(
+        self,
+        stamp: int,
+        target: ReportedTarget,
+        min_confidence: float,
+        rejected_for: float | None,
+    ) -> str:
+        """Take a frame; why the target is in doubt, empty if it is not.
+
+        Args:
+            stamp: Of the frame, nanoseconds.
+            target: As the tracker reported it.
+            min_confidence: Least confidence of a target that is not in doubt.
+            rejected_for: See `LocatedTarget`.
+        """
+        if rejected_for is not None and rejected_for >= _JUMPED_FOR:
+            self._jumped_at = stamp
         if problem := distrust(target, min_confidence):
             self._is_doubted, self._high_since, self._fair_since = True, None, None
             return problem
+        if self._jumped_at is not None:
+            seconds = (stamp - self._jumped_at) / NANOSECONDS
+            if seconds < _JUMP_DOUBTED_FOR:
+                return (
+                    f"the position of target {target.id} jumped {seconds:.1f} s ago, as if the box "
+                    f"had gone over to something else; it counts again after "
+                    f"{_JUMP_DOUBTED_FOR:g} s"
+                )
         if not self._is_doubted:
             return ""
         high = min(min_confidence + _HIGH_ABOVE, 1.0)

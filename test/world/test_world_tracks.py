@@ -1,0 +1,81 @@
+"""Targets of a tracker over time: errors of its boxes that last, and doubt after a jump."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.localization.box_errors import BoxErrors
+from pf_tracker_ros.localization.camera_pose import CameraPose, mounted_pose
+from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.localization.world_tracks import Sensed, WorldTracks
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.world import CameraModel, GroundPlane
+
+CAMERA = CameraModel(500.0, 500.0, 319.5, 239.5, 640, 480)
+PLANE = GroundPlane.from_angles(1.5)
+SENSED = Sensed(CAMERA, CameraPose(mounted_pose(PLANE), PLANE, "parameters", "still"))
+
+
+def test_a_box_that_grows_is_as_uncertain_as_what_it_has_grown():
+    errors, told = BoxErrors(), np.diag([1.0, 4.0, 9.0, 16.0])
+    at_rest = errors.add(0, (0.0, 0.0, 40.0, 100.0), told)
+    # By hand: 6 % of the size, and 3 % of the height across.
+    extra = np.zeros((4, 4))
+    extra[0, 0] = 3.0**2
+    extra[2:, 2:] = 0.06**2 * np.outer([40, 100], [40, 100])
+    np.testing.assert_allclose(at_rest, told + extra)
+    # After one time constant the mean of the logarithm has moved by 1 - 1/e of the growth.
+    grown = errors.add(2 * NANOSECONDS, (0.0, 0.0, 80.0, 200.0), told)
+    sd = math.hypot(1.5 * math.log(2.0) / math.e, 0.06) * 200.0
+    assert grown[3, 3] == pytest.approx(16.0 + sd**2)
+    # It changes no more: after a long time as at rest.
+    later = errors.add(100 * NANOSECONDS, (0.0, 0.0, 40.0, 100.0), told)
+    later = errors.add(200 * NANOSECONDS, (0.0, 0.0, 40.0, 100.0), told)
+    np.testing.assert_allclose(later, at_rest)
+
+
+def test_the_growth_is_the_same_at_any_rate_of_frames():
+    grown = []
+    for count in (10, 100):
+        errors = BoxErrors()
+        for index in range(count + 1):
+            share = index / count
+            box = 0.0, 0.0, 40.0, 100.0 * math.exp(0.1 * share)
+            total = errors.add(round(NANOSECONDS * share), box, np.zeros((4, 4)))
+        grown.append(math.sqrt(total[3, 3]))
+    assert grown[0] == pytest.approx(grown[1], rel=0.05)
+
+
+def test_a_height_that_is_none_is_refused():
+    for height in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="height of the box"):
+            BoxErrors().add(0, (0.0, 0.0, 40.0, height), np.eye(4))
+
+
+def silences(offsets, interval=0.1):
+    """Why there is no pose of a confident target, by its places across the image in meters."""
+    tracks, found = WorldTracks(), []
+    for index, right in enumerate(offsets):
+        # Feet at 6 m, head of 1.75 m.
+        lower, upper = 240.0 + 500.0 * 1.5 / 6.0, 240.0 - 500.0 * 0.25 / 6.0
+        box = 320.0 + 500.0 * right / 6.0 - 20.0, upper, 40.0, lower - upper
+        target = ReportedTarget(1, "", "tracking", 1.0, box, np.eye(4))
+        stamp = round((1.0 + index * interval) * NANOSECONDS)
+        frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
+        found.append(tracks.advance(frame, SENSED, LocalizerParameters())[0].silence)
+    return found
+
+
+def test_after_a_jump_a_confident_target_is_in_doubt():
+    # It is elsewhere for good: after a second, the filter starts anew there.
+    found = silences([0.0] * 20 + [2.0] * 80)
+    assert not any(found[:20])
+    assert all("jumped" in one for one in found[20:70])
+    assert not any(found[90:])
+
+
+def test_one_box_elsewhere_leaves_no_doubt():
+    found = silences([0.0] * 20 + [2.0] + [0.0] * 20)
+    assert [index for index, one in enumerate(found) if one] == [20]
