@@ -36,6 +36,9 @@ _COEFFICIENTS = {
 _STEPS, _TOLERANCE = 50, 1e-6
 # The same in pixels, from which on the inverse of OpenCV needs no step.
 _PIXEL_TOLERANCE = 1e-5
+# Most pixels, as those of a box, that are computed one by one: for these, the calls of NumPy take
+# longer than the arithmetic.
+_FEW = 8
 # OpenCV's fixed-point iteration, from which Newton's method starts.
 _CRITERIA = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
 _ACROSS = np.eye(3)[:, :2]
@@ -235,6 +238,8 @@ class CameraModel:
         pixels = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
         if self.model == "equidistant":
             return self._equidistant_rays(pixels)
+        if 0 < len(pixels) <= _FEW and (found := self._rays_of_few(pixels)):
+            return found
         rays = np.ones((len(pixels), 3))
         if len(self.distortion):
             rays[:, :2], inverse = self._undistort(pixels)
@@ -280,30 +285,69 @@ class CameraModel:
         # Columns 3 and 4 are the derivatives by the translation along x and y, at depth 1.
         return pixels.reshape(-1, 2), jacobian[:, 3:5].reshape(-1, 2, 2)
 
+    def _rays_of_few(
+        self, pixels: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+        """Rays with their derivatives; None where OpenCV's inverse is not exact, which is rare."""
+        if len(self.distortion):
+            normalized = self._first_undistorted(pixels)
+            distorted, derivatives = self._distort(normalized)
+            errors = (pixels - distorted).tolist()
+            matrices = derivatives.reshape(-1, 4).tolist()
+        else:
+            normalized = (pixels - self._center) * self._scale
+            errors = [(0.0, 0.0)] * len(pixels)
+            matrices = [(self.fx, 0.0, 0.0, self.fy)] * len(pixels)
+        rays, jacobians = [], []
+        for (u, v), (x, y), error, (a, b, c, d) in zip(
+            pixels.tolist(), normalized.tolist(), errors, matrices, strict=True
+        ):
+            determinant = a * d - b * c
+            # A comparison with NaN is false.
+            if not (
+                abs(error[0]) <= _PIXEL_TOLERANCE
+                and abs(error[1]) <= _PIXEL_TOLERANCE
+                and determinant > 0.0
+                and (u - self.cx) * x + (v - self.cy) * y >= 0.0
+            ):
+                return None
+            # r = (x, y, 1) / length, and dr = (I - r r^T) (dx, dy, 0) / length.
+            z = 1.0 / math.sqrt(x * x + y * y + 1.0)
+            x, y, scale = x * z, y * z, z / determinant
+            xx, xy, yy = scale * (1.0 - x * x), -scale * x * y, scale * (1.0 - y * y)
+            xz, yz = -scale * x * z, -scale * y * z
+            rays.append((x, y, z))
+            jacobians.append(
+                (
+                    (xx * d - xy * c, xy * a - xx * b),
+                    (xy * d - yy * c, yy * a - xy * b),
+                    (xz * d - yz * c, yz * a - xz * b),
+                )
+            )
+        return np.array(rays), np.array(jacobians)
+
+    def _first_undistorted(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 2) undistorted normalized coordinates by OpenCV, which may not have converged."""
+        undistorted: NDArray[np.float64] = cv2.undistortPointsIter(
+            pixels[:, None], self._matrix, self.distortion, None, None, _CRITERIA
+        ).reshape(-1, 2)
+        return undistorted
+
     def _undistort(
         self, pixels: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(N, 2) undistorted normalized coordinates, and (N, 2, 2) derivatives by the pixel."""
         if not len(pixels):
             return np.empty((0, 2)), np.empty((0, 2, 2))
-        normalized = cv2.undistortPointsIter(
-            pixels[:, None], self._matrix, self.distortion, None, None, _CRITERIA
-        ).reshape(-1, 2)
-        projected, jacobian = self._distort(normalized)
-        inside = ((pixels - self._center) * normalized).sum(axis=1)
-        determinant = _determinants(jacobian)
-        if (
-            np.abs(pixels - projected).max() <= _PIXEL_TOLERANCE
-            and determinant.min() > 0.0
-            and inside.min() >= 0.0
-        ):
-            # As for nearly all pixels of nearly all lenses.
-            return normalized, _inverses(jacobian, determinant)
+        normalized = self._first_undistorted(pixels)
         with np.errstate(divide="ignore", invalid="ignore"):
             for _ in range(_STEPS):
                 projected, jacobian = self._distort(normalized)
-                determinant = _determinants(jacobian)
-                inverse = _inverses(jacobian, determinant)
+                determinant = (
+                    jacobian[:, 0, 0] * jacobian[:, 1, 1] - jacobian[:, 0, 1] * jacobian[:, 1, 0]
+                )
+                flat = jacobian.reshape(-1, 4) @ _ADJUGATE / determinant[:, None]
+                inverse = flat.reshape(-1, 2, 2)
                 step = np.einsum("nij,nj->ni", inverse, pixels - projected)
                 size = np.abs(step).max(axis=1)
                 if not np.count_nonzero(size > _TOLERANCE):
@@ -356,19 +400,3 @@ class CameraModel:
         jacobian[:] = along[:, :, None] * direction[:, None, :]
         jacobian[:, :2] += across[:, :, None] * turned[:, None, :]
         return rays, jacobian * self._scale
-
-
-def _determinants(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) of (N, 2, 2) matrices."""
-    determinants: NDArray[np.float64] = (
-        matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
-    )
-    return determinants
-
-
-def _inverses(
-    matrices: NDArray[np.float64], determinants: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(N, 2, 2) inverses of matrices with (N,) determinants."""
-    flat = matrices.reshape(-1, 4) @ _ADJUGATE / determinants[:, None]
-    return flat.reshape(-1, 2, 2)

@@ -54,8 +54,8 @@ class Bearing:
             return None
         # Of the x axis and the ray, the part across the ray; any axis where they are parallel.
         length = max((y * y + z * z) ** 0.5, 1e-9)
-        right = np.array([length, -x * y / length, -x * z / length])
-        down = np.array([0.0, z / length, -y / length])
+        right = length, -x * y / length, -x * z / length
+        down = 0.0, z / length, -y / length
         angles = np.array([right, down]) @ jacobian
         return cls(ray, angles @ covariance @ angles.T)
 
