@@ -296,8 +296,8 @@ class CameraModel:
             matrices = derivatives.reshape(-1, 4).tolist()
         else:
             normalized = (pixels - self._center) * self._scale
-            errors = [(0.0, 0.0)] * len(pixels)
-            matrices = [(self.fx, 0.0, 0.0, self.fy)] * len(pixels)
+            errors = [[0.0, 0.0]] * len(pixels)
+            matrices = [[self.fx, 0.0, 0.0, self.fy]] * len(pixels)
         rays, jacobians = [], []
         for (u, v), (x, y), error, (a, b, c, d) in zip(
             pixels.tolist(), normalized.tolist(), errors, matrices, strict=True
@@ -311,12 +311,12 @@ class CameraModel:
                 and (u - self.cx) * x + (v - self.cy) * y >= 0.0
             ):
                 return None
-            # r = (x, y, 1) / length, and dr = (I - r r^T) (dx, dy, 0) / length.
+            # r = (right, down, z) = (x, y, 1) / length, and dr = (I - r r^T) (dx, dy, 0) / length.
             z = 1.0 / math.sqrt(x * x + y * y + 1.0)
-            x, y, scale = x * z, y * z, z / determinant
-            xx, xy, yy = scale * (1.0 - x * x), -scale * x * y, scale * (1.0 - y * y)
-            xz, yz = -scale * x * z, -scale * y * z
-            rays.append((x, y, z))
+            right, down, scale = x * z, y * z, z / determinant
+            xx, yy = scale * (1.0 - right * right), scale * (1.0 - down * down)
+            xy, xz, yz = -scale * right * down, -scale * right * z, -scale * down * z
+            rays.append((right, down, z))
             jacobians.append(
                 (
                     (xx * d - xy * c, xy * a - xx * b),
