@@ -201,6 +201,9 @@ def _positions(recording: Recording, options: argparse.Namespace) -> RecordedPos
     if options.localizer is None:
         return None
     if not isinstance(recording, BagRecording):
+        if options.archive is not None:
+            # Others of the archive may be bags.
+            return None
         raise RecordingError(
             f"--world needs the calibration of the camera, which {recording.path} does not have; "
             "give a bag with CameraInfo"
