@@ -177,7 +177,7 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
 def _add_positions(parser: argparse.ArgumentParser) -> None:
     positions = parser.add_argument_group(
         "positions in meters",
-        "As the node localizer has them. --parameter and --params-file take its parameters, too, "
+        "As the node localizer has them. --parameter and --params-file take its parameters, too,\n"
         "such as --parameter camera.height=1.2.",
     )
     positions.add_argument(
