@@ -12,9 +12,8 @@ from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
 
-from pf_tracker_ros.command_lines import Parser
+from pf_tracker_ros.command_lines import Parser, split_ros_arguments
 from pf_tracker_ros.opencv import require_opencv
-from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.signals import hold_signals
 
 _EXAMPLES = {

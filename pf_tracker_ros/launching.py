@@ -257,9 +257,6 @@ def tracker_nodes(
 def localizer_node(given: LaunchArguments) -> Node:
     """The localizer beside the tracker.
 
-    Args:
-        given: The launch arguments.
-
     Raises:
         ValueError: An argument is not allowed.
     """

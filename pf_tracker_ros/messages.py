@@ -184,11 +184,6 @@ def markers_message(new: MessageFactory, header: Any, boxes: Sequence[BoxMarker]
 
     The first marker deletes them. Each box has a line (namespace `boxes`) and a text (`labels`),
     with its id.
-
-    Args:
-        new: See the module.
-        header: Header of each marker.
-        boxes: Boxes with their texts and colors.
     """
 
     def pose(x: float, y: float) -> Any:

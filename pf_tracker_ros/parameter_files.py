@@ -48,9 +48,6 @@ def read_parameter_file(path: Path | str) -> TrackerSettings:
     The sections for a node `pf_tracker` in any namespace are merged, later ones last. A single
     section is read whatever its node.
 
-    Args:
-        path: The file.
-
     Raises:
         ParameterError: The file cannot be read, or has no tracker parameters.
     """

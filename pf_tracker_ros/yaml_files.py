@@ -8,6 +8,8 @@ from typing import Any
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.access import check_file
 
+_MAX_DEPTH = 50
+
 
 class YamlError(ValueError):
     """A file that cannot be read as YAML."""
@@ -32,12 +34,19 @@ def read_yaml(path: Path, what: str) -> Any:
     try:
         check_file(path, what)
         text = path.read_text(encoding="utf-8")
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text)):
-            raise YamlError("aliases, such as *name, are not allowed")
+        depth = 0
+        for event in yaml.parse(text):
+            if isinstance(event, yaml.AliasEvent):
+                raise YamlError("aliases, such as *name, are not allowed")
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            # PyYAML takes minutes for some kilobytes of brackets.
+            if depth > _MAX_DEPTH:
+                raise YamlError(f"lists or mappings are nested more than {_MAX_DEPTH} deep")
         return yaml.safe_load(text)
     except FootageError as error:
         raise YamlError(str(error)) from error
     except Exception as error:
-        # PyYAML also raises other errors, as for deep nesting or an unsuitable tag.
+        # PyYAML also raises other errors, as for an unsuitable tag.
         reason = " ".join(str(error).split())
         raise YamlError(f"{path} cannot be read as YAML ({reason})") from error

@@ -241,8 +241,11 @@ def _direction_table(bins: int) -> NDArray[np.uint8]:
     shares = np.stack([np.square(0.5 - t) / 2, 0.75 - np.square(t), np.square(0.5 + t) / 2])
     exact = np.minimum(np.rint(2 * magnitudes), 255.0) * shares
     whole = np.floor(exact)
-    rank = np.argsort(np.argsort(whole - exact, axis=0, kind="stable"), axis=0)
-    whole += rank < np.rint((exact - whole).sum(axis=0))
+    first, second, third = rest = exact - whole
+    # The number of larger remainders; of equal ones, the earlier counts as the larger.
+    rank = np.array([second > first, first >= second, first >= third], np.uint8)
+    rank += [third > first, third > second, second >= third]
+    whole += rank < np.rint(rest.sum(axis=0))
     table = np.zeros((len(angles), bins), dtype=np.uint8)
     for neighbor, counts in zip((-1, 0, 1), whole, strict=True):
         table[np.arange(len(table)), (nearest.astype(np.intp) + neighbor) % bins] = counts

@@ -321,3 +321,10 @@ def positive(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 1")
     return int(text)
+
+
+def seed(text: str) -> int:
+    """Type of an option: a seed."""
+    if not text.isdecimal() or int(text) >= 2**31:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 0 to 2147483647")
+    return int(text)

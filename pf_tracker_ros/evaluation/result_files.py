@@ -54,9 +54,6 @@ class ResultFiles:
     def write(self, results: Sequence[SequenceResult]) -> list[str]:
         """Rewrite the files.
 
-        Args:
-            results: All results so far, in the order of the sequences.
-
         Returns:
             New error messages.
         """

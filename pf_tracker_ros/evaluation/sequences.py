@@ -73,9 +73,6 @@ def find_sequences(folders: Iterable[str | Path]) -> list[Path]:
     the subfolders with such a file, or with frames in `img` (to report missing ground truth), are
     sequences, in order of their names. Duplicates are removed.
 
-    Args:
-        folders: Sequence folders, or folders of sequence folders.
-
     Returns:
         Absolute paths, in the order given.
 

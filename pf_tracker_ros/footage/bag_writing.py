@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
     from rosbags.typesys.store import Typestore
 
-Reliability = Literal["reliable", "best_effort"]
+_GROUND_TRUTH_TOPIC = "/ground_truth"
 
 
 class BagWriter:
@@ -73,47 +73,26 @@ class BagWriter:
             finished = finished / f"{self._path.stem}.mcap"
         finished.replace(self._path)
 
-    def add_topic(
-        self,
-        topic: str,
-        message_type: str,
-        *,
-        reliability: Reliability = "reliable",
-        depth: int = 10,
-    ) -> None:
-        """Add a topic of a standard message type, with the QoS profile for its playback.
+    def add_topic(self, topic: str, message_type: str) -> None:
+        """Add a topic of a standard message type, played back with rclpy's default QoS.
 
         Args:
             topic: Full topic name.
             message_type: For example `sensor_msgs/msg/Image`.
-            reliability: Reliability of the QoS profile.
-            depth: Queue length of the QoS profile.
         """
         self._connections[topic] = self._writer.add_connection(
             topic,
             message_type,
             typestore=self._typestore,
-            offered_qos_profiles=[_qos(reliability, depth)],
+            offered_qos_profiles=[_default_qos()],
         )
 
     def write(self, topic: str, log_time: int, message: bytes) -> None:
-        """Write a serialized message.
-
-        Args:
-            topic: One of the added topics.
-            log_time: Nanoseconds.
-            message: The message in CDR.
-        """
+        """Write a message in CDR to an added topic; the log time is in nanoseconds."""
         self._writer.write(self._connections[topic], log_time, message)
 
     def write_message(self, topic: str, log_time: int, message: Any) -> None:
-        """Write a message made by `new`.
-
-        Args:
-            topic: One of the added topics.
-            log_time: Nanoseconds.
-            message: Message of the topic's type.
-        """
+        """Write a message made by `new`; as `write`."""
         octets = self._typestore.serialize_cdr(message, self._connections[topic].msgtype)
         self.write(topic, log_time, bytes(octets))
 
@@ -152,15 +131,8 @@ class BagWriter:
         return np.zeros(0, name[0]) if element.name == "BASE" else []
 
 
-def write_footage(
-    footage: Footage,
-    path: str | Path,
-    *,
-    topic: str = "/image",
-    ground_truth_topic: str = "/ground_truth",
-    frame_id: str = "camera",
-) -> int:
-    """Write footage and its ground truth, if any, into an MCAP bag.
+def write_footage(footage: Footage, path: str | Path, *, topic: str = "/image") -> int:
+    """Write footage into an MCAP bag, and its ground truth, if any, on `/ground_truth`.
 
     Frames without target get no ground-truth message.
 
@@ -168,8 +140,6 @@ def write_footage(
         footage: The footage.
         path: As for `BagWriter`.
         topic: Image topic.
-        ground_truth_topic: Topic of the boxes.
-        frame_id: Frame id of all headers.
 
     Returns:
         The number of frames written.
@@ -182,19 +152,17 @@ def write_footage(
     with BagWriter(path) as writer:
         writer.add_topic(topic, IMAGE_TYPE)
         if boxes is not None:
-            writer.add_topic(ground_truth_topic, POLYGON_TYPE)
+            writer.add_topic(_GROUND_TRUTH_TOPIC, POLYGON_TYPE)
         for frame in footage.frames():
-            header = writer.header(frame.stamp, frame_id)
-            image = image_message(writer.new, header, frame.image)
-            writer.write_message(topic, frame.stamp, image)
+            writer.write_image(topic, frame.stamp, frame.image)
             if box := true_box(boxes, count):
-                message = box_message(writer.new, header, box)
-                writer.write_message(ground_truth_topic, frame.stamp, message)
+                message = box_message(writer.new, writer.header(frame.stamp), box)
+                writer.write_message(_GROUND_TRUTH_TOPIC, frame.stamp, message)
             count += 1
     return count
 
 
-def _qos(reliability: Reliability, depth: int) -> Qos:
+def _default_qos() -> Qos:
     from rosbags.interfaces import (
         Qos,
         QosDurability,
@@ -208,8 +176,8 @@ def _qos(reliability: Reliability, depth: int) -> Qos:
     unlimited = QosTime(sec=9_223_372_036, nsec=854_775_807)
     return Qos(
         history=QosHistory.KEEP_LAST,
-        depth=depth,
-        reliability=QosReliability[reliability.upper()],
+        depth=10,
+        reliability=QosReliability.RELIABLE,
         durability=QosDurability.VOLATILE,
         deadline=unlimited,
         lifespan=unlimited,

@@ -190,6 +190,8 @@ class _Reader:
         if kind.startswith("*"):
             count = self._number("I")
             element = _DESCRIPTIONS.get(kind[1:])
+            # A damaged count is refused at once, and not after all that could be elements.
+            self._check_end(self._offset + count * _least_size(element or kind[1:]))
             read = self.fields if element else self.field
             return [read(element or kind[1:]) for _ in range(count)]
         if kind == "stamp":
@@ -214,11 +216,24 @@ class _Reader:
     def _advance(self, size: int) -> int:
         """Move by so many bytes; returns where they begin."""
         begin, self._offset = self._offset, self._offset + size
-        if self._offset > len(self._message):
+        self._check_end(self._offset)
+        return begin
+
+    def _check_end(self, end: int) -> None:
+        if end > len(self._message):
             raise FootageError(
                 f"a message of {len(self._message)} bytes is truncated, or not of its topic's type"
             )
-        return begin
+
+
+def _least_size(description: str) -> int:
+    """Bytes that fields take up at least: without padding, with empty texts and sequences."""
+    kinds = [each.split(" ")[-1] for each in description.split(", ")]
+    sizes = {"stamp": 8, "text": 4, "octets": 4}
+    return sum(
+        sizes.get(kind) or (4 if kind.startswith("*") else struct.calcsize(f"={kind}"))
+        for kind in kinds
+    )
 
 
 def _text(octets: memoryview) -> str:

@@ -28,11 +28,7 @@ _READ_FLAGS = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_ANYCOLOR | cv2.IMREAD_IGNORE_ORIE
 
 
 def natural_order(name: str) -> tuple[tuple[str | int, ...], str]:
-    """Sorting key that compares digits as numbers, then case and leading zeros.
-
-    Args:
-        name: A file name.
-    """
+    """Sorting key that compares digits as numbers, then case and leading zeros."""
     # re.split with a group alternates text and digits, so equal positions hold equal types.
     parts = re.split(r"([0-9]+)", name.casefold())
     return tuple(int(part) if index % 2 else part for index, part in enumerate(parts)), name

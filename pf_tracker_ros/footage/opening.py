@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from pf_tracker_ros.footage.access import entries, exists
-from pf_tracker_ros.footage.bag_reading import BAG_SUFFIXES
+from pf_tracker_ros.footage.bag_reading import BAG_SUFFIXES, recovery_advice
 from pf_tracker_ros.footage.bags import is_bag
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE, Footage, FootageError
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILE, ground_truth_file
 from pf_tracker_ros.footage.images import IMAGE_SUFFIXES, ImageFolderFootage, image_paths
-from pf_tracker_ros.footage.mcap import recovery_advice
 from pf_tracker_ros.footage.sequences import read_sequence
 from pf_tracker_ros.footage.videos import VideoFootage
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import closing
 from fractions import Fraction
@@ -16,7 +17,6 @@ from pf_tracker_ros.footage.base import (
     PartialFootageError,
 )
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES
-from pf_tracker_ros.footage.text_files import is_text
 from pf_tracker_ros.footage.video_decoding import A_TEXT, Video, not_a_video, open_video
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
@@ -106,7 +106,7 @@ class VideoFootage:
 
     def _open(self) -> Video:
         try:
-            if is_text(self._path):
+            if _has_text(self._path):
                 raise self._is_text()
         except OSError as error:
             raise unreadable(self._path, "video", error) from error
@@ -174,3 +174,30 @@ class _RisingStamps:
         self._count += 1
         self._stamp = max(self._stamp + 1, FIRST_STAMP + round(self._elapsed * NANOSECONDS))
         return self._stamp
+
+
+_HEAD_SIZE = 4096
+
+# A line of text before raw frames, which contain no byte of 0 if they are dark gray.
+_TEXT_HEADED_VIDEO = b"YUV4MPEG2 "
+
+# Playlists of FFmpeg: HLS, lists of files, session descriptions and DASH, even among other bytes.
+_PLAYLIST = re.compile(rb"\A\W*(#EXTM3U|ffconcat)|^c=IN IP|<MPD\b", re.IGNORECASE | re.MULTILINE)
+_WIDE_TEXT = (b"\xff\xfe", b"\xfe\xff")
+
+
+def _has_text(path: Path) -> bool:
+    """Whether a file is a text or a playlist.
+
+    Videos have bytes of 0 near their beginning, texts do not. FFmpeg would play a text as terminal
+    output, and a playlist by opening the files and addresses in it.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    with path.open("rb") as file:
+        head = file.read(_HEAD_SIZE)
+    if head.startswith(_TEXT_HEADED_VIDEO):
+        return False
+    is_plain = bool(head) and b"\0" not in head
+    return is_plain or head.startswith(_WIDE_TEXT) or _PLAYLIST.search(head) is not None

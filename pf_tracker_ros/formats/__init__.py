@@ -48,9 +48,6 @@ _ACCEPTED = (
 def read_tracks(path: str | Path) -> tuple[BoxTrack, ...]:
     """Read a file of labeled boxes in any of the formats; its content tells which.
 
-    Args:
-        path: The file.
-
     Returns:
         The tracks in the order of their ids, at least one; each has a box in its first frame.
 

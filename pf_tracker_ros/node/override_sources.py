@@ -11,8 +11,8 @@ import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from pf_tracker_ros.command_lines import split_ros_arguments
 from pf_tracker_ros.parameter_files import matches_node, node_patterns, parameter_names_for
-from pf_tracker_ros.ros_arguments import split_ros_arguments
 from pf_tracker_ros.yaml_files import YamlError, read_yaml
 
 _FILE_OPTIONS = ("--params-file",)

@@ -21,8 +21,10 @@ from pf_tracker_ros.node.parameter_group import (
     ParameterValues,
     Request,
     ResetCondition,
+    descriptor_of,
+    ros_parameter,
+    ros_type,
 )
-from pf_tracker_ros.node.ros_parameters import descriptor_of, ros_parameter, ros_type
 from pf_tracker_ros.parameters import Declaration
 
 # With more parameters a message refers to the documentation.
@@ -154,6 +156,7 @@ class ParameterBinding:
         self._node.add_pre_set_parameters_callback(self._convert)
         self._node.add_on_set_parameters_callback(self._validate)
         self._node.add_post_set_parameters_callback(self._store)
+        self._serve_atomic_requests()
         self._lock()
         reported = self.refused.keys() | self._superseded
         for name in self._overrides:
@@ -161,22 +164,65 @@ class ParameterBinding:
             if name not in reported and not is_foreign:
                 self._report(f"{self._why_unknown(name)}; it has no effect")
 
-    def faults(self, parameters: Sequence[Parameter]) -> dict[str, str]:
-        """Report the unknown and invalid parameters of a request.
+    def _serve_atomic_requests(self) -> None:
+        """Make the service `set_parameters` apply a request as a whole, where possible.
 
-        Args:
-            parameters: Parameters of the request.
+        rclpy sets the parameters one by one in their order. Values that are valid together could be
+        refused, and a parameter that resets others would undo earlier ones. Here:
 
-        Returns:
-            Full name to reason.
+        1. A read-only parameter with its present value is accepted, so that the file of
+           `ros2 param dump` can be loaded.
+        2. Invalid and unknown parameters are refused individually.
+        3. The rest is set as a whole; if that is refused, one by one, parameters that reset others
+           first.
         """
+        service = next(s for s in self._node.services if s.srv_name.endswith("/set_parameters"))
+        set_one_by_one: Any = service.callback
+
+        def on_request(request: Any, response: Any) -> Any:
+            messages = list(request.parameters)
+            given = [Parameter.from_parameter_msg(one) for one in messages]
+            results = [SetParametersResult(successful=True) for _ in given]
+            changes = [i for i, one in enumerate(given) if not self._is_unchanged_read_only(one)]
+            faults = self._faults([given[index] for index in changes])
+            for index in changes:
+                if reason := faults.get(given[index].name):
+                    results[index] = SetParametersResult(successful=False, reason=reason)
+            changes = [index for index in changes if given[index].name not in faults]
+            if len(changes) < 2 or not self._set_as_a_whole([given[index] for index in changes]):
+                changes.sort(key=lambda index: not self._resets_others(given[index].name))
+                request.parameters = [messages[index] for index in changes]
+                one_by_one = set_one_by_one(request, response).results
+                for index, result in zip(changes, one_by_one, strict=True):
+                    results[index] = result
+            response.results = results
+            return response
+
+        service.callback = on_request
+
+    def _is_unchanged_read_only(self, given: Parameter) -> bool:
+        """Whether a parameter is read-only and requested with its present value."""
+        name, node = given.name, self._node
+        if not node.has_parameter(name) or not node.describe_parameter(name).read_only:
+            return False
+        present = node.get_parameter(name)
+        return bool(present.get_parameter_value() == given.get_parameter_value())
+
+    def _set_as_a_whole(self, given: list[Parameter]) -> bool:
+        try:
+            return bool(self._node.set_parameters_atomically(given).successful)
+        except ParameterNotDeclaredException:
+            return False
+
+    def _faults(self, parameters: Sequence[Parameter]) -> dict[str, str]:
+        """Report the unknown and invalid ones of the parameters to set: full name to reason."""
         request = self._read(parameters)
         faults = request.unknown | request.invalid
         for reason in faults.values():
             self._report(reason)
         return faults
 
-    def resets_others(self, name: str) -> bool:
+    def _resets_others(self, name: str) -> bool:
         """Whether a parameter resets others, so that it has to be set first."""
         return any(name in group.reset_by for group in self._groups)
 

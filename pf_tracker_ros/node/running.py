@@ -67,12 +67,7 @@ def run(create: Callable[[], Node], arguments: list[str] | None = None) -> None:
 
 @contextmanager
 def spinning(create: Callable[[Context], Node], domain: int) -> Iterator[Any]:
-    """A node that spins in its own thread and ROS context until the block ends.
-
-    Args:
-        create: Creates the node in the context.
-        domain: ROS domain of the context.
-    """
+    """A node that spins in its own thread and ROS context until the block ends."""
     context = Context()
     rclpy.init(context=context, args=[], domain_id=domain)
     try:

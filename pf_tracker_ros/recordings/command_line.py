@@ -11,7 +11,7 @@ from typing import NoReturn
 from pf_tracker_ros.background import UPDATE_EVERY
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.command_lines import Parser
-from pf_tracker_ros.evaluation.command_line import add_tracker_options, positive
+from pf_tracker_ros.evaluation.command_line import add_tracker_options, positive, seed
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
@@ -110,7 +110,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add_tracker_options(parser)
     parser.add_argument(
-        "--seed", type=_seed, metavar="N", help="seed of the tracker's random numbers (default: 0)"
+        "--seed", type=seed, metavar="N", help="seed of the tracker's random numbers (default: 0)"
     )
     targets = parser.add_argument_group("target")
     targets.add_argument(
@@ -177,7 +177,7 @@ def _add_detections(parser: argparse.ArgumentParser) -> None:
 def _add_positions(parser: argparse.ArgumentParser) -> None:
     positions = parser.add_argument_group(
         "positions in meters",
-        "As the node localizer has them. --parameter and --params-file take its parameters, too, "
+        "As the node localizer has them. --parameter and --params-file take its parameters, too,\n"
         "such as --parameter camera.height=1.2.",
     )
     positions.add_argument(
@@ -292,12 +292,6 @@ def _formats(text: str) -> tuple[str, ...]:
             f"{unknown[0]!r}; allowed: {', '.join(FORMAT_NAMES)}, separated by commas"
         )
     return names
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal() or int(text) >= 2**31:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 0 to 2147483647")
-    return int(text)
 
 
 def _rate(text: str, highest: float = 10_000.0) -> float:

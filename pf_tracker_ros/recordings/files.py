@@ -41,11 +41,6 @@ def check_outputs(options: argparse.Namespace) -> None:
 def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[OutputFolder]:
     """Open the files for writing.
 
-    Args:
-        options: Of the command line.
-        plan: Of the recording.
-        name: Of the recording, for the report.
-
     Raises:
         RecordingError: A file exists, or cannot be written.
     """

@@ -75,7 +75,6 @@ def open_recording(
     path: str | Path,
     *,
     bag_topic: str = "",
-    bag_ground_truth_topic: str = "",
     frame_rate: float = DEFAULT_FRAME_RATE,
     as_recorded: bool = False,
 ) -> Recording:
@@ -84,8 +83,6 @@ def open_recording(
     Args:
         path: Path of the recording.
         bag_topic: Image topic of a bag; empty selects the only one.
-        bag_ground_truth_topic: Topic of the true boxes in a bag; empty selects the only one whose
-            name ends with `ground_truth`, if any.
         frame_rate: Hertz, for sources without a frame rate of their own.
         as_recorded: Whether the images of a bag keep the order of recording, in which the node
             receives them, instead of being sorted by their stamps.
@@ -95,7 +92,7 @@ def open_recording(
     """
     source = existing_path(path)
     if is_bag(source):
-        bag = open_bag(source, bag_topic, bag_ground_truth_topic)
+        bag = open_bag(source, bag_topic)
         return BagRecording(bag, as_recorded=as_recorded)
     return FootageRecording(source, open_footage(source, frame_rate=frame_rate))
 

@@ -151,7 +151,7 @@ class RunSummary:
         )
         rate = self.frames / self.seconds if self.seconds else 0.0
         if self._ids and self.is_multi_target:
-            shares = f"best target: {shares}"
+            shares = f"best state in each frame: {shares}"
         targets = f", {counted(len(self._ids), 'target')}" if self.is_multi_target else ""
         if self._located is not None:
             targets += f", positions in {self._located / self.frames:.0%}"

@@ -180,10 +180,6 @@ def choose_targets(
 def read_targets(path: Path, source: Path) -> tuple[Target, ...]:
     """Read a target file.
 
-    Args:
-        path: Path of the file.
-        source: Path of its recording.
-
     Returns:
         The targets, at least one.
 

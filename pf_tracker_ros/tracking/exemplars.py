@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,6 @@ from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.cues.hog import Hog, HogParameters
 from pf_tracker_ros.frames import Frame, Region
 
-_HOG = Hog(HogParameters(), cells=(6, 6), bins=9)
 _COLORS = ColorStripes()
 _GRADIENT_WEIGHT = 0.7
 # Larger boxes are reduced to about this size, pixels: ten for each cell.
@@ -83,12 +83,18 @@ class Exemplars:
         return Exemplars(descriptors)
 
 
+@cache
+def gradient_cue() -> Hog:
+    """What describes the gradients; made once, which takes the time of several frames."""
+    return Hog(HogParameters(), cells=(6, 6), bins=9)
+
+
 def describe(frame: Frame, box: NDArray[np.float64]) -> NDArray[np.float32]:
     """(D,) descriptor, of unit length, of a (4,) box with its center in the image, pixels.
 
     Without any gradient it is shorter.
     """
     region = Region(frame, box[None], math.ceil(math.sqrt(box[2] * box[3]) / _SIZE))
-    gradients = np.sqrt(_GRADIENT_WEIGHT * _HOG.learn(region, box)).ravel()
+    gradients = np.sqrt(_GRADIENT_WEIGHT * gradient_cue().learn(region, box)).ravel()
     colors = math.sqrt(1.0 - _GRADIENT_WEIGHT) * _COLORS.extract(frame, box[None])[0]
     return np.hstack([gradients, colors]).astype(np.float32)

@@ -39,7 +39,7 @@ from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
 from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
-from pf_tracker_ros.tracking.exemplars import Exemplars
+from pf_tracker_ros.tracking.exemplars import Exemplars, gradient_cue
 from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
 from pf_tracker_ros.tracking.measurement import (
@@ -136,6 +136,8 @@ class TargetFilter:
             self._calibration,
         )
         self._resampler = build_resampler(parameters.resampling)
+        # In advance, not in the first frame.
+        gradient_cue()
 
     @property
     def needs_foreground(self) -> bool:

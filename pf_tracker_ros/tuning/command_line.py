@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from pf_tracker_ros.command_lines import Parser
-from pf_tracker_ros.evaluation.command_line import add_tracker_options, positive
+from pf_tracker_ros.evaluation.command_line import add_tracker_options, positive, seed
 
 _DESCRIPTION = """\
 Tune a preset on sequences with ground truth, and write a ROS parameter file with the values that
@@ -97,7 +97,7 @@ def parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--seed",
-        type=_seed,
+        type=seed,
         default=0,
         metavar="N",
         help="seed of the search; the same seed gives the same result (default: %(default)s)",
@@ -121,10 +121,4 @@ def parser() -> argparse.ArgumentParser:
 def _folds(text: str) -> int:
     if not text.isdecimal() or int(text) < 2:
         raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 2")
-    return int(text)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal() or int(text) >= 2**31:
-        raise argparse.ArgumentTypeError(f"{text!r}; allowed: whole numbers from 0 to 2147483647")
     return int(text)

@@ -24,9 +24,6 @@ _BEGINNING = b'{"op_code":'
 def open_journal(path: Path) -> Iterator[JournalStorage]:
     """Open a journal, made if missing, for this process alone.
 
-    Args:
-        path: The file.
-
     Raises:
         EvaluationError: Another process has it open, it is no journal, or cannot be written.
     """

@@ -75,13 +75,13 @@ def test_an_absent_target_gets_no_box(tmp_path, pictures, write_images):
 
 def test_the_qos_profile_is_recorded(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
-        writer.add_topic("/image", "sensor_msgs/msg/Image", reliability="best_effort", depth=3)
+        writer.add_topic("/image", "sensor_msgs/msg/Image")
     with AnyReader([tmp_path / "bag"]) as reader:
         (connection,) = reader.connections
     (profile,) = connection.ext.offered_qos_profiles
-    assert profile.reliability == QosReliability.BEST_EFFORT
+    assert profile.reliability == QosReliability.RELIABLE
     assert profile.durability == QosDurability.VOLATILE
-    assert profile.depth == 3
+    assert profile.depth == 10
 
 
 @pytest.mark.parametrize("name", ["bag", "bag.mcap"])

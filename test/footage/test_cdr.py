@@ -96,3 +96,13 @@ def test_a_truncated_message_is_refused(make_message, read, message_type):
     for length in range(len(message) - 3):
         with pytest.raises(FootageError):
             read(message[:length])
+
+
+@pytest.mark.parametrize("count", [10, 2**32 - 1])
+def test_a_false_count_is_refused(make_stamped, make_polygon, count):
+    polygon = make_polygon(*[(1, 2)] * 9)
+    message = make_stamped("geometry_msgs/msg/PolygonStamped", 7, polygon=polygon)
+    told = (9).to_bytes(4, "little")
+    assert message.count(told) == 1
+    with pytest.raises(FootageError, match="truncated, or not of its topic's type"):
+        deserialize_polygon(message.replace(told, count.to_bytes(4, "little")))

@@ -13,7 +13,6 @@ LAYERS = (
     {"parameters", "registry"},
     {"boxes", "stamps", "plurals", "messages"},
     {
-        "ros_arguments",
         "signals",
         "opencv",
         "progress",

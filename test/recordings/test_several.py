@@ -44,7 +44,7 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     few = ("--parameter", "max_targets=2", "--report", "--bag")
     code, said, _ = track(source, "--output", output, *QUICK, *few)
     assert code == 0
-    assert "(best target: " in said
+    assert "(best state in each frame: " in said
     assert "), 2 targets, " in said
     found = rows(output)
     assert [(row["frame"], row["id"], row["state"]) for row in found[:2]] == [

@@ -185,11 +185,7 @@ def frame_ranges(states: Sequence[str], state: str, first: int = 0) -> list[Fram
 
 
 def state_columns(states: Collection[str]) -> tuple[str, ...]:
-    """The states that need a column in a table.
-
-    Args:
-        states: All states in the rows.
-    """
+    """The states that need a column in a table."""
     return (*_STANDARD_STATES, *(state for state in _OTHER_STATES if state in states))
 
 

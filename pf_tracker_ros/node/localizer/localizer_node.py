@@ -37,7 +37,6 @@ from pf_tracker_ros.node.localizer.transforms import Transforms
 from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import ParameterValues
-from pf_tracker_ros.node.parameter_requests import serve_atomic_requests
 from pf_tracker_ros.node.qos import DEFAULT_QOS, subscribe
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
@@ -69,7 +68,6 @@ class LocalizerNode(ManagedNode):
         self._binding = ParameterBinding(self)
         self._binding.declare(LocalizerParameters)
         self._binding.listen(apply=self._apply)
-        serve_atomic_requests(self, self._binding)
         self._settings = build(LocalizerParameters, self._binding.values)
         self._transforms: Transforms | None = None
         self._tf2 = ""

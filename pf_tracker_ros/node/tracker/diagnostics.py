@@ -37,15 +37,22 @@ def overload_warning(processing: float) -> str:
     )
 
 
-def loss_warning(rate: float, topic: str, reliability: str) -> str:
+def loss_warning(rate: float, topic: str, reliability: str, held_up: float = 0.0) -> str:
     """The warning for frames lost in transport, with the remedy.
 
     Args:
-        rate: Share of the frames, 0 to 1.
+        rate: Share of the frames of the last five seconds, 0 to 1.
         topic: Topic of the images.
         reliability: Reliability of the subscription, `reliable` or `best_effort`.
+        held_up: How long the process did not run in these seconds.
     """
-    share = f"{100 * rate:.0f} % of the frames on {topic} are lost on the way"
+    share = f"{100 * rate:.0f} % of the frames on {topic} are lost"
+    if held_up > rate * _WINDOW / 2:
+        return (
+            f"{share}, as the process was held up for {held_up:.1f} s; give it more processor "
+            "time, or set realtime_priority to 1"
+        )
+    share += " on the way"
     profile = (
         "start publisher and tracker with the Fast DDS profile for large images "
         "(large_images:=true in the launch files)"
@@ -133,7 +140,9 @@ class Diagnostics:
         self._outcomes: Counter[str] = Counter()
         self._frames: deque[_Frame] = deque(maxlen=_MAX_FRAMES)
         # Time and number of frames of each loss.
-        self._losses: deque[tuple[float, int]] = deque(maxlen=_MAX_FRAMES)
+        self._losses: deque[tuple[float, float]] = deque(maxlen=_MAX_FRAMES)
+        # Time of each report, and the seconds by which it was late.
+        self._delays: deque[tuple[float, float]] = deque()
         self._last_arrival: float | None = None
         self._start = time.monotonic()
         self._publisher = advertise(
@@ -174,11 +183,14 @@ class Diagnostics:
         name = f"{self._node.get_fully_qualified_name().lstrip('/')}: tracker"
         health = self._health()
         now = time.monotonic()
+        last_report = self._delays[-1][0] if self._delays else now
+        self._delays.append((now, max(now - last_report - PERIOD, 0.0)))
         while self._frames and now - self._frames[0].arrival > _WINDOW:
             self._frames.popleft()
-        while self._losses and now - self._losses[0][0] > _WINDOW:
-            self._losses.popleft()
-        lost = sum(count for _, count in self._losses)
+        for recent in (self._losses, self._delays):
+            while recent and now - recent[0][0] > _WINDOW:
+                recent.popleft()
+        lost = int(sum(count for _, count in self._losses))
         self.frame_loss_rate = lost / (lost + len(self._frames)) if lost else 0.0
         is_lossy = lost >= _MIN_LOST and self.frame_loss_rate > _TOLERATED_LOSS
         level, message = health.level, health.message
@@ -187,7 +199,12 @@ class Diagnostics:
             message = f"{message}; {overload_warning(self._processing())}"
         elif is_lossy and health.expects_images:
             level = max(level, WARN)
-            loss = loss_warning(self.frame_loss_rate, health.image_topic, health.image_reliability)
+            loss = loss_warning(
+                self.frame_loss_rate,
+                health.image_topic,
+                health.image_reliability,
+                held_up=sum(seconds for _, seconds in self._delays),
+            )
             message = f"{message}; {loss}"
             if not self._was_lossy:
                 self._node.get_logger().warning(loss)

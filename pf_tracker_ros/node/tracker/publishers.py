@@ -56,13 +56,7 @@ class FramePublishers:
     def publish(
         self, header: Header, result: FrameResult, names: Collection[str] = PRIMARY_TOPICS
     ) -> None:
-        """Publish some topics, by default those that robots act on.
-
-        Args:
-            header: Header of the image.
-            result: Result of its frame.
-            names: Names of the topics.
-        """
+        """Publish some topics, by default those that robots act on."""
         for output, publisher in self._subscribed():
             if output.name in names:
                 _publish(publisher, output, header, result)

@@ -135,12 +135,7 @@ class StateLog:
         self._logged_at = -_INTERVAL
 
     def update(self, id: int, estimate: Estimate) -> None:
-        """Log the state after a frame if it differs from the last logged one.
-
-        Args:
-            id: Id of the selected target.
-            estimate: Its estimate.
-        """
+        """Log the state after a frame if it differs from the last logged one."""
         if id != self._id:
             self._id, self._logged_state = id, "tracking"
         now = time.monotonic()

@@ -23,7 +23,6 @@ from pf_tracker_ros.node.managed_node import ManagedNode
 from pf_tracker_ros.node.override_sources import parameters_superseded_by
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.node.parameter_group import ParameterValues
-from pf_tracker_ros.node.parameter_requests import serve_atomic_requests
 from pf_tracker_ros.node.qos import given_overrides, is_overridden
 from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
@@ -112,7 +111,6 @@ class TrackerNode(ManagedNode):
             keeps_read_only=False,
         )
         self._binding.listen(check=self._check, apply=self._apply)
-        serve_atomic_requests(self, self._binding)
         self._real_time: RealTimePriority | None = None
         if has_process:
             self._real_time = RealTimePriority(self._reporter.report)

@@ -146,10 +146,6 @@ def run_tasks(
 
     Tasks that are left fail after several rounds without a completed task.
 
-    Args:
-        tasks: To run.
-        executor: Runs them.
-
     Yields:
         A task and its entry, in the order of completion.
 

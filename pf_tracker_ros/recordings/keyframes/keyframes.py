@@ -38,10 +38,6 @@ class KeyframeTrack:
 def read_keyframes(path: Path, recording: Recording) -> tuple[KeyframeTrack, ...]:
     """Read keyframes from a target file or a file of labeled boxes.
 
-    Args:
-        path: The file.
-        recording: Their recording.
-
     Returns:
         The tracks, at least one.
 

@@ -291,7 +291,8 @@ def test_several_targets_begin_on_the_present_frame(player_of_several):
     for count in (1, 2):
         page.drag((40.0 * count, 30.0, 24.0, 24.0))
         page.wait_until(lambda: page.text("target-count") == f"{count} of 2", "target")  # noqa: B023
-        assert page.locator("#targets rect").count() == count
+        # The boxes are drawn with the next picture.
+        page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
         assert page.text("frame") == "0 / 19"
     page.keyboard.press("n")
     page.wait_until(lambda: page.stamp == stamp_at(1), "next frame")

@@ -3,7 +3,7 @@
 import pytest
 from rclpy.utilities import remove_ros_args
 
-from pf_tracker_ros.ros_arguments import split_ros_arguments
+from pf_tracker_ros.command_lines import split_ros_arguments
 
 
 @pytest.mark.parametrize(
