@@ -114,7 +114,7 @@ _RIVAL_SLOPE, _SHARE_ODDS_SLOPE = 20.0, 1.3
 _LOOKS_ODDS_SLOPE = 0.6
 # Log odds of a perfect recognition, the log odds of a rival below which the target may have been
 # confused with it, and the confidence from which on it has not been.
-_RECOGNITION_ODDS, _CONFUSED_BELOW, _SURELY_SEEN = 1.0, -2.0, 0.8
+_RECOGNITION_ODDS, _CONFUSED_BELOW, _SURELY_SEEN = 1.6, -2.0, 0.8
 # Seconds after which another look at the same place is a chance of its own to be wrong, and the
 # factor of looks after a target has left the image, since it may be nowhere in it.
 _INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING = 0.5, 3.0
