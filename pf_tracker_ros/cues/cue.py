@@ -235,7 +235,7 @@ class Cue(Protocol):
         """How surely the observed box is an object like the target, 0 to 1.
 
         It keeps a target from being lost. It makes an uncertain one tracked where the target has
-        been in sight, and where nothing else nearby is recognized (`assessment.recognition_odds`).
+        been followed all along, until there is a rival (`assessment.recognition_odds`).
         """
         return 0.0
 

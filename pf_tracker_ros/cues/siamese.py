@@ -10,7 +10,7 @@
    in its standard deviation. The log likelihood falls linearly with the response.
 3. A share of the particles is moved to the candidates (`Search.propose_boxes`).
 4. Low log odds of the candidate at the estimate lower the confidence. High ones confirm a target
-   that has been in sight, unless there is a rival (`tracking.assessment.recognition_odds`).
+   that has been followed all along, until there is a rival (`assessment.recognition_odds`).
 
 The weight of the cue grows with the doubt about the last estimate: where the other cues are sure of
 it, they have the better box; where they are not, the network often still knows the target. The

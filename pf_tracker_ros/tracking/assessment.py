@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box, is_truncated
 from pf_tracker_ros.cues import CueFusion, Match
-from pf_tracker_ros.cues.fusion import CueWeights, DistractorRatios, Templates
+from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
@@ -52,6 +52,7 @@ class Assessment:
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
         known_distractor: See `FilterState.known_distractor`.
+        worst_rival: See `worst_rival`.
         recognition_odds: See `recognition_odds`.
     """
 
@@ -62,6 +63,7 @@ class Assessment:
     boxes: NDArray[np.float64]
     learns: bool = True
     known_distractor: Box | None = None
+    worst_rival: float = 0.0
     recognition_odds: float = 0.0
 
     @property
@@ -110,10 +112,9 @@ _NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.582, 6.6
 _RIVAL_SLOPE, _SHARE_ODDS_SLOPE = 20.0, 1.3
 # Slope of the log odds over the logarithm of the number of looks.
 _LOOKS_ODDS_SLOPE = 0.6
-# Log odds of a perfect recognition, and seconds out of sight that halve them; distractor ratio of a
-# cue above which it counts less, and from which on it does not count.
-_RECOGNITION_ODDS, _RECOGNITION_HALVED_AFTER = 1.6, 2.0
-_RIVAL_ABOVE, _RIVAL_FROM = 0.45, 0.55
+# Log odds of a perfect recognition, the log odds of a rival below which the target may have been
+# confused with it, and the confidence from which on it has not been.
+_RECOGNITION_ODDS, _CONFUSED_BELOW, _SURELY_SEEN = 1.6, -2.0, 0.8
 # Seconds after which another look at the same place is a chance of its own to be wrong, and the
 # factor of looks after a target has left the image, since it may be nowhere in it.
 _INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING = 0.5, 3.0
@@ -161,7 +162,12 @@ class Confidence:
             state: State before the frame.
             assessed: A box in it.
         """
-        odds = self.log_odds(state, assessed)
+        return self.probability(state, assessed, self.log_odds(state, assessed))
+
+    def probability(
+        self, state: FilterState, assessed: AssessedBox, odds: Mapping[str, float]
+    ) -> float:
+        """The same of the terms `odds`, see `log_odds`."""
         # tanh stays within 0 to 1 where exp(-odds) would overflow.
         confidence = (
             0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else assessed.match.similarity
@@ -216,24 +222,30 @@ def _looks(state: FilterState, assessed: AssessedBox) -> float:
     return factor * (1.0 + hidden_for / _INDEPENDENT_AFTER)
 
 
-def recognition_odds(
-    recognition: Mapping[str, float], distractor_ratios: DistractorRatios, hidden_for: float
-) -> float:
+def worst_rival(before: float, odds: Mapping[str, float], confidence: float) -> float:
+    """Lowest log odds of a rival since the target was surely seen, 0 or less.
+
+    Args:
+        before: The same up to the last frame.
+        odds: Terms of the confidence, see `Confidence.log_odds`.
+        confidence: Confidence after the frame without recognition, 0 to 1.
+    """
+    now = odds.get("rival", 0.0)
+    return now if confidence >= _SURELY_SEEN else min(before, now)
+
+
+def recognition_odds(recognition: Mapping[str, float], worst_rival: float) -> float:
     """Log odds for the target because a cue recognizes it, 0 or more.
 
-    Recognition says that the box shows an object like the target: a target that has been in sight
+    Recognition says that the box shows an object like the target: a target that has been followed
     all along, even if it has turned and resembles no exemplar. It does not say which one of several
-    such objects. So it counts less after an absence, and not where the cue sees a rival nearby.
+    such objects. So it does not count once a rival has looked more like the exemplars, until the
+    target is surely seen again.
 
     Args:
         recognition: Name of a cue to its recognition of the box, 0 to 1.
-        distractor_ratios: Smoothed ratios of the cues.
-        hidden_for: Seconds out of sight, as of `TrackStatus`.
+        worst_rival: See the function of this name.
     """
-    span = _RIVAL_FROM - _RIVAL_ABOVE
-    alone = (
-        recognized * min(max((_RIVAL_FROM - distractor_ratios.get(name, 0.0)) / span, 0.0), 1.0)
-        for name, recognized in recognition.items()
-    )
-    factor = _RECOGNITION_ODDS / (1.0 + hidden_for / _RECOGNITION_HALVED_AFTER)
-    return factor * max(alone, default=0.0)
+    if worst_rival < _CONFUSED_BELOW:
+        return 0.0
+    return _RECOGNITION_ODDS * max(recognition.values(), default=0.0)

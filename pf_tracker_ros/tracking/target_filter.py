@@ -331,6 +331,7 @@ class TargetFilter:
             last_seen_box=estimate.box if is_seen else state.last_seen_box,
             second_peak=None if second_peak is None else as_box(second_peak),
             known_distractor=assessment.known_distractor,
+            worst_rival=assessment.worst_rival,
             frames_since_seen=0 if is_seen else state.frames_since_seen + 1,
             followed_frames=state.followed_frames + 1,
             generator_state=GeneratorState.of(frame_prediction.generator),

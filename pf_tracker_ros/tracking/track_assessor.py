@@ -11,12 +11,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
-from pf_tracker_ros.tracking.assessment import Assessment, Confidence, recognition_odds
+from pf_tracker_ros.tracking.assessment import (
+    Assessment,
+    Confidence,
+    recognition_odds,
+    worst_rival,
+)
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
@@ -73,8 +79,10 @@ class TrackAssessor:
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
         """
-        frame_confidence, similarity, known_distractor = self._evidence(state, measurement)
+        odds = self._confidence.log_odds(state, measurement.assessed)
+        frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
         confidence = self._confidence.update(state.confidence, frame_confidence)
+        rival = worst_rival(state.worst_rival, odds, confidence)
         assessment = Assessment(
             measurement.box,
             confidence,
@@ -83,9 +91,8 @@ class TrackAssessor:
             measurement.boxes,
             # The similarity of a searching cue may be that of a place beside the box.
             learns=self._redetector is None or frame_confidence >= _LEARN_ABOVE,
-            recognition_odds=recognition_odds(
-                measurement.recognition, measurement.distractor_ratios, state.status.hidden_for
-            ),
+            worst_rival=rival,
+            recognition_odds=recognition_odds(measurement.recognition, rival),
         )
         status = self._status(state, assessment.recognized_confidence, similarity, interval)
         assessment = replace(assessment, status=status)
@@ -124,13 +131,13 @@ class TrackAssessor:
         return replace(assessment, box=box, particles=particles, boxes=boxes, learns=False)
 
     def _evidence(
-        self, state: FilterState, measurement: Measurement
+        self, state: FilterState, measurement: Measurement, odds: Mapping[str, float]
     ) -> tuple[float, float, Box | None]:
         """Confidence and similarity of this frame alone, and the known distractor.
 
         A target that matches its current templates is not lost, even if the exemplars differ.
         """
-        confidence = similarity = self._confidence.assess(state, measurement.assessed)
+        confidence = similarity = self._confidence.probability(state, measurement.assessed, odds)
         recognized = max(measurement.match.similarity, *measurement.recognition.values())
         if self._redetector and recognized >= _RECOGNIZED_ABOVE:
             similarity = 1.0

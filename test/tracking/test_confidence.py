@@ -8,7 +8,12 @@ import pytest
 
 from pf_tracker_ros.cues import Match
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.assessment import AssessedBox, Confidence, recognition_odds
+from pf_tracker_ros.tracking.assessment import (
+    AssessedBox,
+    Confidence,
+    recognition_odds,
+    worst_rival,
+)
 
 
 def smoothed(rate, before, confidences):
@@ -141,22 +146,18 @@ def test_without_log_odds_the_confidence_is_the_similarity(make_target_filter, c
 
 
 def test_recognition_counts_for_the_target_in_proportion():
-    faint, perfect = (recognition_odds({"one": value}, {}, 0.0) for value in (0.25, 1.0))
+    faint, perfect = (recognition_odds({"one": value}, 0.0) for value in (0.25, 1.0))
     assert perfect == pytest.approx(4.0 * faint)
     assert perfect > 1.0
-    assert recognition_odds({"one": 0.25, "other": 1.0}, {}, 0.0) == perfect
-    assert recognition_odds({}, {}, 0.0) == 0.0
+    assert recognition_odds({"one": 0.25, "other": 1.0}, 0.0) == perfect
+    assert recognition_odds({}, 0.0) == 0.0
 
 
-def test_recognition_counts_half_after_two_seconds_out_of_sight():
-    in_sight, hidden = (recognition_odds({"one": 0.8}, {}, seconds) for seconds in (0.0, 2.0))
-    assert hidden == pytest.approx(in_sight / 2)
-
-
-def test_recognition_does_not_count_beside_a_rival_that_the_cue_recognizes_too():
-    def odds(**ratios):
-        return recognition_odds({"one": 0.8}, ratios, 0.0)
-
-    assert odds(one=0.4) == odds(other=1.0) == odds()
-    assert odds(one=0.5) == pytest.approx(odds() / 2)
-    assert odds(one=0.6) == odds(one=1.4) == 0.0
+def test_recognition_does_not_count_after_a_rival_until_the_target_is_surely_seen():
+    seen = worst_rival(0.0, {"rival": -0.1}, 0.6)
+    beside = worst_rival(seen, {"rival": -4.0}, 0.6)
+    after = worst_rival(beside, {"rival": -0.1}, 0.6)
+    assert beside == after == -4.0
+    assert worst_rival(after, {"rival": -0.1}, 0.95) == -0.1
+    assert recognition_odds({"one": 0.8}, seen) > 0.0
+    assert recognition_odds({"one": 0.8}, after) == 0.0
