@@ -37,7 +37,7 @@ from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenCueWeights, TrackStatus
-from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.tracking.filter_state import Challenger, FilterState
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,7 @@ class Assessment:
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
         known_distractor: See `FilterState.known_distractor`.
+        challenger: See `FilterState.challenger`.
         worst_rival: See `worst_rival`.
         recognition_odds: See `recognition_odds`.
     """
@@ -63,6 +64,7 @@ class Assessment:
     boxes: NDArray[np.float64]
     learns: bool = True
     known_distractor: Box | None = None
+    challenger: Challenger | None = None
     worst_rival: float = 0.0
     recognition_odds: float = 0.0
 

@@ -8,6 +8,7 @@ value, so that a step can be repeated from any frame, as out-of-sequence measure
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,20 @@ class SavedTemplates:
     templates: Templates
     change: float
     age: float = 0.0
+
+
+class Challenger(NamedTuple):
+    """The likeliest box elsewhere while the target is out of sight.
+
+    Attributes:
+        box: Its box, pixels.
+        lead: Log odds by which it is likelier to be the target than the current box, smoothed.
+        wins: Whether the filter goes on from this box, without a claim that it is the target.
+    """
+
+    box: Box
+    lead: float
+    wins: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +85,7 @@ class FilterState:
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
             or no search.
         occlusion_evidence: Whether something is in front of it in the next frame.
+        challenger: See `Challenger`; None while the target is in sight.
     """
 
     first_box: Box
@@ -92,6 +108,7 @@ class FilterState:
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
+    challenger: Challenger | None = None
 
     @property
     def doubt(self) -> float:

@@ -6,12 +6,15 @@
 3. If the confidence in this box suffices, search again in the window around it: a distractor seldom
    has a high confidence in both.
 4. Take the most confident box if its confidence is above 0.84.
+
+Otherwise the likeliest box elsewhere challenges the current one, see `Challenger`: without a claim
+that it is the target, the filter goes on from there once it has been likelier for long enough.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,7 +26,7 @@ from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.tracking.assessment import AssessedBox, Assessment, Confidence
-from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.tracking.filter_state import Challenger, FilterState
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
@@ -32,6 +35,9 @@ _OVERLAP = 0.5
 _ACCEPT_ABOVE = 0.84
 DOUBTFUL_BELOW = 0.3
 """Confidence below which a box is too unlike the target to be taken for it."""
+# Seconds out of sight before another box can challenge the current one, and of the time constant of
+# its lead; lead with which it wins; largest change of odds by one frame.
+_CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
@@ -129,26 +135,24 @@ class Redetector:
         self.asks = parameters.mode == "ask"
         self._side = side
 
-    def find(
+    def search(
         self,
         state: FilterState,
         measurement: Measurement,
         assessment: Assessment,
+        *,
         searches_everywhere: bool,
-        tracked_confidence: float = 0.0,
-    ) -> Candidate | None:
-        """The target, if it is in one of this frame's windows.
+    ) -> list[Candidate]:
+        """The likeliest box of each of this frame's windows.
 
         Args:
             state: State before this frame.
             measurement: Measurement of this frame.
             assessment: Assessment of this frame, with the current box and the known distractor.
             searches_everywhere: Search all over the image, too.
-            tracked_confidence: Confidence of this frame in the current box, which a candidate has
-                to exceed; 0 if the target is not tracked.
         """
         if self._windows == 0:
-            return None
+            return []
         box, last_seen = assessment.box, np.array(state.last_seen_box)
         size = last_seen[2:]
         centers: NDArray[np.float64] = np.empty((0, 2))
@@ -160,19 +164,87 @@ class Redetector:
             first = state.followed_frames * self._windows
             everywhere = window_centers(measurement.frame.size, side, first, self._windows)
             centers = np.vstack([centers, everywhere])
-        least_confidence = max(_ACCEPT_ABOVE, tracked_confidence)
-        best = Candidate(last_seen, least_confidence)
+        return self._search_at(state, measurement, assessment, centers)
+
+    def _search_at(
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        assessment: Assessment,
+        centers: NDArray[np.float64],
+    ) -> list[Candidate]:
+        """The likeliest box of each window with one of the (K, 2) centers, pixels."""
+        size = np.array(state.last_seen_box[2:])
         frame, cue_weights = measurement.frame, measurement.cue_weights
         excluded = assessment.known_distractor
+        candidates = []
         for center in centers:
             window_box = np.hstack([center - size / 2, size])
             candidate = self.search_around(state, frame, cue_weights, window_box, excluded)
             if candidate.confidence >= DOUBTFUL_BELOW:
                 candidate = self.search_around(state, frame, cue_weights, candidate.box, excluded)
-                is_current = (np.abs(candidate.box[:2] - box[:2]) <= size / 2).all()
-                if not (tracked_confidence and is_current):
-                    best = max(best, candidate, key=lambda one: one.confidence)
-        return best if best.confidence > least_confidence else None
+            candidates.append(candidate)
+        return candidates
+
+    def find(
+        self,
+        candidates: Sequence[Candidate],
+        box: NDArray[np.float64],
+        tracked_confidence: float = 0.0,
+    ) -> Candidate | None:
+        """The candidate that is the target, if one is.
+
+        Args:
+            candidates: From `search`.
+            box: (4,) current box, pixels.
+            tracked_confidence: Confidence of this frame in the current box, which a candidate has
+                to exceed; 0 if the target is not tracked.
+        """
+        if tracked_confidence:
+            candidates = [one for one in candidates if not _is_at(one, box)]
+        best = max(candidates, key=lambda one: one.confidence, default=None)
+        is_found = best and best.confidence > max(_ACCEPT_ABOVE, tracked_confidence)
+        return best if is_found else None
+
+    def challenger(
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        assessment: Assessment,
+        candidates: Sequence[Candidate],
+        *,
+        confidence: float,
+        interval: float,
+    ) -> Challenger | None:
+        """The likeliest box elsewhere and its lead, for a target that is out of sight.
+
+        It is the last challenger, the second peak of this frame, or a candidate of the search.
+
+        Args:
+            state: State before this frame.
+            measurement: Measurement of this frame.
+            assessment: Assessment of this frame, with the current box and the known distractor.
+            candidates: From `search`.
+            confidence: Confidence of this frame in the current box, 0 to 1.
+            interval: Seconds since the last frame.
+        """
+        if self._windows == 0 or assessment.status.hidden_for < _CHALLENGED_AFTER:
+            return None
+        last = state.challenger
+        places = [one for one in (measurement.second_peak, last and last.box) if one is not None]
+        centers = np.array([place[:2] + place[2:] / 2 for place in np.array(places)])
+        others = [*candidates, *self._search_at(state, measurement, assessment, centers)]
+        others = [one for one in others if not _is_at(one, assessment.box)]
+        rate = min(interval / _LEAD_TIME, 1.0)
+        if not others:
+            return last and last._replace(lead=last.lead * (1.0 - rate))
+        best = max(others, key=lambda one: one.confidence)
+        lead = last.lead if last and _is_at(best, np.array(last.box)) else 0.0
+        log_ratio = _log_odds(best.confidence) - _log_odds(confidence)
+        log_ratio = min(max(log_ratio, -_LARGEST_LEAD), _LARGEST_LEAD)
+        lead += rate * (log_ratio - lead)
+        wins = lead >= _WINS_ABOVE and best.confidence >= DOUBTFUL_BELOW
+        return Challenger(as_box(best.box), lead, wins=wins)
 
     def known_distractor(self, state: FilterState, measurement: Measurement) -> Box | None:
         """Distractor beside the target, in the frame in which the target goes out of sight.
@@ -230,3 +302,14 @@ class Redetector:
         rival = search.second_peak(likeliest, likelihood)
         assessed = AssessedBox(frame, likeliest, seen, match, rival=rival)
         return Candidate(likeliest, self._confidence.assess(state, assessed))
+
+
+def _is_at(candidate: Candidate, box: NDArray[np.float64]) -> bool:
+    """Whether a candidate is within half of its sides of a (4,) box."""
+    offset = np.abs(candidate.box[:2] - box[:2])
+    return bool((offset <= candidate.box[2:] / 2).all())
+
+
+def _log_odds(probability: float) -> float:
+    inside = min(max(probability, 1e-9), 1.0 - 1e-9)
+    return math.log(inside / (1.0 - inside))

@@ -340,6 +340,7 @@ class TargetFilter:
             saved_templates=learned.saved_templates,
             distractor_box=measurement.distractor_box,
             occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
+            challenger=assessment.challenger,
         )
 
     def search_around(

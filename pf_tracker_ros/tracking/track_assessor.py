@@ -113,16 +113,29 @@ class TrackAssessor:
             # The target has reappeared in the box; the smoothed confidence follows.
             return assessment
         if self._redetector:
-            candidate = self._redetector.find(
+            candidates = self._redetector.search(
                 state,
                 measurement,
                 assessment,
-                searches_everywhere and status.state != "occluded",
-                frame_confidence if is_seen else 0.0,
+                searches_everywhere=searches_everywhere and status.state != "occluded",
             )
-            if candidate is not None:
-                box = candidate.box
-                assessment = self._redetected(candidate, assessment)
+            tracked_confidence = frame_confidence if is_seen else 0.0
+            found = self._redetector.find(candidates, assessment.box, tracked_confidence)
+            if found:
+                box = found.box
+                assessment = self._redetected(found, assessment)
+            elif not is_seen:
+                challenger = self._redetector.challenger(
+                    state,
+                    measurement,
+                    assessment,
+                    candidates,
+                    confidence=frame_confidence,
+                    interval=interval,
+                )
+                if challenger and challenger.wins:
+                    box, challenger = np.array(challenger.box), None
+                assessment = replace(assessment, challenger=challenger)
         if box is None:
             return assessment
         particles, boxes = self._initializer.redraw_particles(
