@@ -133,7 +133,8 @@ class Updater:
         undetected = np.array([one is None for one in assigned], dtype=np.bool_)
         unknown = np.array([_is_place_unknown(track) for track in tracks], dtype=np.bool_)
         is_silent = time_since_detection > _SILENT_AFTER
-        alone = _are_alone(tracks, boxes) & (time_since_detection > _NO_DETECTOR_AFTER)
+        has_detector = time_since_detection <= _NO_DETECTOR_AFTER
+        alone = _are_alone(tracks, boxes) & (not has_detector)
         predictions = self._predict(tracks, frame, interval, assigned, alone, is_silent=is_silent)
         for index in np.lexsort((-lower_edges, undetected & unknown, undetected)).tolist():
             track = tracks[index]
@@ -154,6 +155,7 @@ class Updater:
                     ground=grounds.get(track.label),
                     is_alone=bool(alone[index]),
                     is_silent=is_silent,
+                    has_detector=has_detector,
                 )
                 if assigned[index] is None and track.is_undetected:
                     distractors = [one.distracted_key == track.key for one in tracks]
@@ -228,6 +230,7 @@ class Updater:
         ground: Ground | None,
         is_alone: bool,
         is_silent: bool,
+        has_detector: bool,
     ) -> Track:
         """One track, behind the tracks in front."""
         if detection and interval > _PAUSED_AFTER:
@@ -261,7 +264,10 @@ class Updater:
                     [(filter_state, estimates_size)], frame, interval
                 )
             stepped = self._target_filter.step(
-                frame_prediction, _product(external_likelihoods), searches_everywhere=is_alone
+                frame_prediction,
+                _product(external_likelihoods),
+                searches_everywhere=is_alone,
+                has_detector=has_detector,
             )
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)

@@ -232,6 +232,7 @@ class TargetFilter:
         external_likelihood: ExternalLikelihood | None = None,
         *,
         searches_everywhere: bool = True,
+        has_detector: bool = False,
     ) -> FilterState:
         """Steps 2 to 6: state of a target after the predicted frame.
 
@@ -240,6 +241,7 @@ class TargetFilter:
             external_likelihood: One more factor of the likelihood, such as a detection.
             searches_everywhere: Whether a lost target is searched all over the image; not where a
                 detector or the appearance does that.
+            has_detector: Whether a detector tells where targets are.
 
         Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """
@@ -251,7 +253,12 @@ class TargetFilter:
         measurement = self._measurer.estimate(weighted)
         # 4. Assess: confidence, track state and redetection.
         assessment = self._assessor.assess(
-            state, measurement, interval, generator, searches_everywhere=searches_everywhere
+            state,
+            measurement,
+            interval,
+            generator,
+            searches_everywhere=searches_everywhere,
+            has_detector=has_detector,
         )
         # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
         learned = self._learn(state, frame_prediction.prediction, measurement, assessment, interval)

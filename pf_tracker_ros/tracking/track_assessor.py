@@ -69,6 +69,7 @@ class TrackAssessor:
         generator: np.random.Generator,
         *,
         searches_everywhere: bool = True,
+        has_detector: bool = False,
     ) -> Assessment:
         """Assessment of the target in a frame.
 
@@ -78,6 +79,8 @@ class TrackAssessor:
             interval: Seconds since the last frame.
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
+            has_detector: Whether a detector tells where targets are; then no box challenges the
+                current one.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
@@ -124,7 +127,7 @@ class TrackAssessor:
             if found:
                 box = found.box
                 assessment = self._redetected(found, assessment)
-            elif not is_seen:
+            elif not is_seen and not has_detector:
                 challenger = self._redetector.challenger(
                     state,
                     measurement,
