@@ -1,4 +1,8 @@
-"""Windows of the redetection."""
+"""Windows of the redetection, and boxes that challenge the current one."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -7,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.tracking.redetection import window_centers
+from pf_tracker_ros.tracking import redetection
+from pf_tracker_ros.tracking.redetection import Candidate, window_centers
 
 
 @settings(max_examples=40)
@@ -89,3 +94,78 @@ def test_a_lost_target_comes_back_by_itself_or_by_confirmation(mode):
     assert last.state == "tracking"
     found = next(index for index, one in enumerate(again) if one.state == "tracking")
     assert last.reacquired_for == pytest.approx((len(again) - 1 - found) * 0.1)
+
+
+@pytest.fixture
+def challenge(make_target_filter, couple, monkeypatch):
+    """A function that runs a frame of 0.1 s in which the box has a confidence of 0.1.
+
+    The window around the second peak has the given box, with the given confidence.
+    """
+    target_filter = make_target_filter("default")
+    redetector = target_filter._redetector
+    state = target_filter.start(couple.images[0], couple.first[0])
+    box = np.array(couple.first[0])
+
+    def run(before, offset, confidence, hidden_for=1.0):
+        found = Candidate(box + [offset, 0, 0, 0], confidence)
+        monkeypatch.setattr(redetector, "search_around", lambda *_: found)
+        measurement = SimpleNamespace(frame=None, cue_weights={}, second_peak=found.box)
+        status = replace(state.status, hidden_for=hidden_for)
+        assessment = SimpleNamespace(box=box, known_distractor=None, status=status)
+        return redetector.challenger(
+            replace(state, challenger=before),
+            measurement,
+            assessment,
+            [],
+            confidence=0.1,
+            interval=0.1,
+        )
+
+    return run
+
+
+def test_a_challenger_wins_once_it_has_been_likelier_for_long_enough(challenge):
+    """The log ratio is ln 9; a fifth of the rest is added in each frame, until 1."""
+    challenger = None
+    for number in range(1, 5):
+        challenger = challenge(challenger, 100.0, 0.5)
+        assert challenger.lead == pytest.approx(math.log(9.0) * (1.0 - 0.8**number))
+        assert challenger.wins == (number >= 3)
+    # Another place has no lead yet.
+    assert challenge(challenger, 200.0, 0.5).lead == pytest.approx(math.log(9.0) / 5)
+
+
+def test_what_is_no_challenger(challenge):
+    assert challenge(None, 100.0, 0.5, hidden_for=0.4) is None
+    assert challenge(None, 0.0, 0.5) is None, "it is the current box"
+    unlikely = None
+    for _ in range(30):
+        unlikely = challenge(unlikely, 100.0, 0.25)
+    assert unlikely.lead > 1.0
+    assert not unlikely.wins, "too unlike the target, even if less so than the current box"
+
+
+@pytest.mark.parametrize("wins_above", [redetection._WINS_ABOVE, math.inf])
+def test_the_box_of_a_hidden_target_goes_to_what_is_likelier_without_a_claim(
+    wins_above, monkeypatch
+):
+    """The target comes back 50 px away with a third of its contrast: too little for a claim."""
+    monkeypatch.setattr(redetection, "_WINS_ABOVE", wins_above)
+    images = frames_of_a_target_that_comes_back()
+    with_target, ground = images[0], images[30]
+    faint = ground.copy()
+    faint[60:92, 110:142] = cv2.addWeighted(
+        with_target[60:92, 60:92], 0.35, ground[60:92, 110:142], 0.65, 0.0
+    )
+    tracker = Tracker.from_preset("default")
+    tracker.start(with_target, (60, 60, 32, 32))
+    for image in [with_target] * 20 + [ground] * 10:
+        tracker.update(image, 0.1)
+    estimates = [tracker.update(faint, 0.1) for _ in range(20)]
+    is_there = [math.dist(one.box[:2], (110, 60)) < 3.0 for one in estimates]
+    if wins_above == math.inf:
+        assert not any(is_there)
+    else:
+        assert all(is_there[15:])
+        assert estimates[is_there.index(True)].state == "lost"
