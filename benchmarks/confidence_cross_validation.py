@@ -43,10 +43,14 @@ class RecordedConfidence:
         self._confidence = confidence
         self.odds: list[Odds] = []
 
-    def assess(self, state: FilterState, assessed: AssessedBox) -> float:
-        """See `Confidence.assess`."""
+    def log_odds(self, state: FilterState, assessed: AssessedBox) -> Odds:
+        """See `Confidence.log_odds`."""
         self.odds[-1] = self._confidence.log_odds(state, assessed)
-        return self._confidence.assess(state, assessed)
+        return self.odds[-1]
+
+    def probability(self, state: FilterState, assessed: AssessedBox, odds: Odds) -> float:
+        """See `Confidence.probability`."""
+        return self._confidence.probability(state, assessed, odds)
 
     def update(self, before: float, now: float) -> float:
         """See `Confidence.update`."""
