@@ -133,8 +133,9 @@ class Updater:
         undetected = np.array([one is None for one in assigned], dtype=np.bool_)
         unknown = np.array([_is_place_unknown(track) for track in tracks], dtype=np.bool_)
         is_silent = time_since_detection > _SILENT_AFTER
-        has_detector = time_since_detection <= _NO_DETECTOR_AFTER
-        alone = _are_alone(tracks, boxes) & (not has_detector)
+        has_no_detector = time_since_detection > _NO_DETECTOR_AFTER
+        alone = _are_alone(tracks, boxes) & has_no_detector
+        is_challenged = has_no_detector and sum(not one.is_distractor for one in tracks) == 1
         predictions = self._predict(tracks, frame, interval, assigned, alone, is_silent=is_silent)
         for index in np.lexsort((-lower_edges, undetected & unknown, undetected)).tolist():
             track = tracks[index]
@@ -155,7 +156,7 @@ class Updater:
                     ground=grounds.get(track.label),
                     is_alone=bool(alone[index]),
                     is_silent=is_silent,
-                    has_detector=has_detector,
+                    is_challenged=is_challenged,
                 )
                 if assigned[index] is None and track.is_undetected:
                     distractors = [one.distracted_key == track.key for one in tracks]
@@ -230,7 +231,7 @@ class Updater:
         ground: Ground | None,
         is_alone: bool,
         is_silent: bool,
-        has_detector: bool,
+        is_challenged: bool,
     ) -> Track:
         """One track, behind the tracks in front."""
         if detection and interval > _PAUSED_AFTER:
@@ -267,7 +268,7 @@ class Updater:
                 frame_prediction,
                 _product(external_likelihoods),
                 searches_everywhere=is_alone,
-                has_detector=has_detector,
+                is_challenged=is_challenged,
             )
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)

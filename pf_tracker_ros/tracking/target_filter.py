@@ -232,7 +232,7 @@ class TargetFilter:
         external_likelihood: ExternalLikelihood | None = None,
         *,
         searches_everywhere: bool = True,
-        has_detector: bool = False,
+        is_challenged: bool = True,
     ) -> FilterState:
         """Steps 2 to 6: state of a target after the predicted frame.
 
@@ -241,7 +241,7 @@ class TargetFilter:
             external_likelihood: One more factor of the likelihood, such as a detection.
             searches_everywhere: Whether a lost target is searched all over the image; not where a
                 detector or the appearance does that.
-            has_detector: Whether a detector tells where targets are.
+            is_challenged: See `TrackAssessor.assess`.
 
         Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """
@@ -258,7 +258,7 @@ class TargetFilter:
             interval,
             generator,
             searches_everywhere=searches_everywhere,
-            has_detector=has_detector,
+            is_challenged=is_challenged,
         )
         # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
         learned = self._learn(state, frame_prediction.prediction, measurement, assessment, interval)

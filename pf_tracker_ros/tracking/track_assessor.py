@@ -69,7 +69,7 @@ class TrackAssessor:
         generator: np.random.Generator,
         *,
         searches_everywhere: bool = True,
-        has_detector: bool = False,
+        is_challenged: bool = True,
     ) -> Assessment:
         """Assessment of the target in a frame.
 
@@ -79,8 +79,8 @@ class TrackAssessor:
             interval: Seconds since the last frame.
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
-            has_detector: Whether a detector tells where targets are; then no box challenges the
-                current one.
+            is_challenged: Whether another box may challenge the current one; not where a detector
+                tells where targets are, nor beside other targets, whose boxes would do so.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
@@ -127,7 +127,7 @@ class TrackAssessor:
             if found:
                 box = found.box
                 assessment = self._redetected(found, assessment)
-            elif not is_seen and not has_detector:
+            elif not is_seen and is_challenged:
                 challenger = self._redetector.challenger(
                     state,
                     measurement,

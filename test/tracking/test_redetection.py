@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pf_tracker_ros import Tracker
+from pf_tracker_ros import MultiTracker, Tracker
 from pf_tracker_ros.tracking import redetection
-from pf_tracker_ros.tracking.redetection import Candidate, window_centers
+from pf_tracker_ros.tracking.redetection import Candidate, Redetector, window_centers
 
 
 @settings(max_examples=40)
@@ -169,3 +169,17 @@ def test_the_box_of_a_hidden_target_goes_to_what_is_likelier_without_a_claim(
     else:
         assert all(is_there[15:])
         assert estimates[is_there.index(True)].state == "lost"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_only_a_single_target_is_challenged(count, monkeypatch):
+    """The boxes of other targets would be the likeliest challengers."""
+    challenged = []
+    monkeypatch.setattr(Redetector, "challenger", lambda *_, **__: challenged.append(1))
+    images = frames_of_a_target_that_comes_back()
+    tracker = MultiTracker.from_preset("default")
+    for number in range(count):
+        tracker.start(images[0], (60 + 40 * number, 60, 32, 32))
+    for image in images[1:40]:
+        tracker.update(image, 0.1)
+    assert bool(challenged) == (count == 1)
