@@ -201,7 +201,7 @@ class Redetector:
                 to exceed; 0 if the target is not tracked.
         """
         if tracked_confidence:
-            candidates = [one for one in candidates if not _is_at(one, box)]
+            candidates = [one for one in candidates if not are_same_place(one.box, box)]
         best = max(candidates, key=lambda one: one.confidence, default=None)
         is_found = best and best.confidence > max(_ACCEPT_ABOVE, tracked_confidence)
         return best if is_found else None
@@ -234,12 +234,12 @@ class Redetector:
         places = [one for one in (measurement.second_peak, last and last.box) if one is not None]
         centers = np.array([place[:2] + place[2:] / 2 for place in np.array(places)])
         others = [*candidates, *self._search_at(state, measurement, assessment, centers)]
-        others = [one for one in others if not _is_at(one, assessment.box)]
+        others = [one for one in others if not are_same_place(one.box, assessment.box)]
         rate = min(interval / _LEAD_TIME, 1.0)
         if not others:
             return last and last._replace(lead=last.lead * (1.0 - rate))
         best = max(others, key=lambda one: one.confidence)
-        lead = last.lead if last and _is_at(best, np.array(last.box)) else 0.0
+        lead = last.lead if last and are_same_place(best.box, last.box) else 0.0
         log_ratio = _log_odds(best.confidence) - _log_odds(confidence)
         log_ratio = min(max(log_ratio, -_LARGEST_LEAD), _LARGEST_LEAD)
         lead += rate * (log_ratio - lead)
@@ -302,12 +302,6 @@ class Redetector:
         rival = search.second_peak(likeliest, likelihood)
         assessed = AssessedBox(frame, likeliest, seen, match, rival=rival)
         return Candidate(likeliest, self._confidence.assess(state, assessed))
-
-
-def _is_at(candidate: Candidate, box: NDArray[np.float64]) -> bool:
-    """Whether a candidate is within half of its sides of a (4,) box."""
-    offset = np.abs(candidate.box[:2] - box[:2])
-    return bool((offset <= candidate.box[2:] / 2).all())
 
 
 def _log_odds(probability: float) -> float:
