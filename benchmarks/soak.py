@@ -230,7 +230,7 @@ def run_soak(frames: int, seed: int, log: Path) -> tuple[Table, bool]:
     settings = {
         "preset": "li2007",
         "particles": 30,
-        "track.occluded_below": 0.0,
+        "track.wrong_box_cost": 0.0,
         "image_reliability": "reliable",
     }
     overrides = [f"{name}:={value}" for name, value in settings.items()]

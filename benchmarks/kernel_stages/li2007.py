@@ -54,7 +54,7 @@ def measure_li2007(particles: int, side: int, cloud: str, turns: int, *, against
     setting = Setting(side=side, particles=particles)
     parameters = {
         "particles": particles,
-        "track.occluded_below": 0.0,
+        "track.wrong_box_cost": 0.0,
         "motion.position_noise": min(_NOISES[cloud] * _SIDE / side, _MOST_NOISE),
     }
     tracker = Tracker.from_preset("li2007", seed=0, parameters=parameters)

@@ -25,7 +25,7 @@ from pf_tracker_ros.cues.cue import CUES
 _FRAMES = 60
 # Updates whose calls are counted: the filter is trained in one of three.
 _COUNTED = 6
-_USUAL = {"track.occluded_below": 0.0}
+_USUAL = {"track.wrong_box_cost": 0.0}
 _LEAST = {
     "particles": 2,
     "cues": ("color_contrast", "smallest_correlation_response"),

@@ -178,7 +178,7 @@ def update(preset: str, setting: Setting, **parameters: object) -> Timed:
         setting: Its image stands still.
         parameters: Of the tracker, over the preset's.
     """
-    values = {"track.occluded_below": 0.0, **parameters}
+    values = {"track.wrong_box_cost": 0.0, **parameters}
     tracker = Tracker.from_preset(preset, seed=0, parameters=values)
     tracker.start(setting.image, setting.box)
     for _ in range(_WARM_UP):

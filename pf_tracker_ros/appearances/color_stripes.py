@@ -72,23 +72,26 @@ class ColorStripes(Appearance):
             (left, right), (top, bottom) = (
                 _inner(start, side, inset, length)
                 for start, side, inset, length in zip(
-                    box[:2], box[2:], (_INSET_ACROSS, _INSET_DOWN), frame.size, strict=True
+                    box[:2].tolist(),
+                    box[2:].tolist(),
+                    (_INSET_ACROSS, _INSET_DOWN),
+                    frame.size,
+                    strict=True,
                 )
             )
             crop = frame.view(PixelRect(top, bottom, left, right))
             lab[number] = _lab(cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA))
-        # Each pixel is shared by the two nearest bins along each axis.
-        positions = _in_bins(lab.reshape(-1, 3)) - 0.5
-        lower = np.floor(positions)
-        upper_share = (positions - lower).T
-        lower = lower.T
-        # (3, 2, pixels): the lower and the upper bin of each of L, a and b, and their shares.
-        steps = np.clip([lower, lower + 1.0], 0, _LEVELS[:, None] - 1).astype(np.intp)
-        first, second, third = np.swapaxes(steps, 0, 1)
-        one, two, three = np.swapaxes([1.0 - upper_share, upper_share], 0, 1)
-        bins = first[:, None, None] * _LEVELS[1] + second[:, None]
+        # Each pixel is shared by the two nearest bins of each axis: (2, pixels) for each.
+        channels = lab.reshape(-1, 3).T
+        first, second, third = (
+            steps.take(channel, axis=1)
+            for steps, channel in zip(_STEPS_TO_BIN, channels, strict=True)
+        )
+        one, two, three = (
+            shares.take(channel, axis=1) for shares, channel in zip(_SHARES, channels, strict=True)
+        )
         first_bins = np.arange(len(boxes))[:, None] * (_STRIPES * _BINS) + _STRIPE
-        bins = bins * _LEVELS[2] + third + first_bins.ravel()
+        bins = first[:, None, None] + second[:, None] + (third + first_bins.ravel())
         weights = np.tile(_WEIGHTS, len(boxes))
         shares = one[:, None, None] * two[:, None] * three * weights
         size = len(boxes) * _STRIPES * _BINS
@@ -200,6 +203,22 @@ def _bin_table() -> NDArray[np.uint8]:
 _BIN_TABLE = _bin_table()
 
 
+def _bins_of_values() -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """(3, 2, 256) steps to the lower and the upper bin of each value of L, a and b, and shares."""
+    positions = _in_bins(np.arange(256)[:, None] + np.zeros(3)).T - 0.5
+    lower = np.floor(positions)
+    upper_share = positions - lower
+    numbers = np.clip(np.stack([lower, lower + 1.0], axis=1), 0, _LEVELS[:, None, None] - 1)
+    strides = np.array([_LEVELS[1] * _LEVELS[2], _LEVELS[2], 1])
+    return (
+        numbers.astype(np.intp) * strides[:, None, None],
+        np.stack([1.0 - upper_share, upper_share], axis=1),
+    )
+
+
+_STEPS_TO_BIN, _SHARES = _bins_of_values()
+
+
 def _edges(
     starts: NDArray[np.float64],
     side: NDArray[np.float64] | float,
@@ -215,5 +234,5 @@ def _edges(
 
 def _inner(start: float, side: float, inset: float, length: int) -> tuple[int, int]:
     """Pixel range [first, last) of a side without its insets, at least 1, inside the image."""
-    first = int(np.clip(start + inset * side, 0, length - 1))
-    return first, int(np.clip(np.ceil(start + (1.0 - inset) * side), first + 1, length))
+    first = int(min(max(start + inset * side, 0), length - 1))
+    return first, min(max(math.ceil(start + (1.0 - inset) * side), first + 1), length)

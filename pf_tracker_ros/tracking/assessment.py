@@ -184,13 +184,9 @@ class Confidence:
         if not odds:
             return odds
         std = max(assessed.particle_std(), _LEAST_STD)
-        similarity = state.exemplars.similarity(assessed.frame, assessed.box)
-        rival = (
-            -math.inf
-            if assessed.rival is None
-            else state.exemplars.similarity(assessed.frame, assessed.rival)
-        )
-        share = 1.0 / (1.0 + math.exp(_RIVAL_SLOPE * (rival - similarity)))
+        boxes = [assessed.box] if assessed.rival is None else [assessed.box, assessed.rival]
+        similarity, *rivals = state.exemplars.similarities(assessed.frame, np.stack(boxes)).tolist()
+        share = 1.0 / (1.0 + sum(math.exp(_RIVAL_SLOPE * (one - similarity)) for one in rivals))
         return odds | {
             "spread": -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD),
             "exemplars": _SIMILARITY_ODDS_SLOPE * (similarity - _NEUTRAL_SIMILARITY),

@@ -1,7 +1,7 @@
 """The estimate of a target after a frame, and the track states over time.
 
-1. A target is "tracking" while its confidence is at least `occluded_below`.
-2. Below, it is "occluded" until its confidence reaches `recovered_above`, a hysteresis.
+1. A target is "tracking" while its confidence is at least `TrackThresholds.tracked_above`.
+2. Below, it is "occluded".
 3. Occluded for `lost_after`, it is "lost". A single frame that is similar enough restarts the time.
 4. A lost target that is seen again is on probation for two seconds. It is lost at once if its
    confidence falls in that time, and nothing is learned.
@@ -197,20 +197,18 @@ _LONGEST_HIDDEN = 50.0
 
 @dataclass(frozen=True)
 class TrackThresholds:
-    """Thresholds between the track states."""
+    """Thresholds between the track states.
 
-    occluded_below: float = declared(
-        0.45,
-        "The target counts as occluded while the confidence is below this; 0 switches it off.",
+    For a probability p of the target and a cost c of a wrong box, a box costs (1 - p) c on average
+    and no box costs p, so a box is the better choice from p = c / (1 + c) on.
+    """
+
+    wrong_box_cost: float = declared(
+        0.82,
+        "Cost c of a wrong box, relative to that of none. A target is tracked while its confidence "
+        "is at least c / (1 + c), and otherwise occluded or lost; 0 keeps it tracked.",
         minimum=0.0,
-        maximum=1.0,
-    )
-    recovered_above: float = declared(
-        0.5,
-        "An occluded or lost target is tracked again when the confidence reaches this, and also "
-        "'occluded_below'.",
-        minimum=0.0,
-        maximum=1.0,
+        maximum=1e6,
     )
     lost_after: float = declared(
         2.0,
@@ -220,6 +218,11 @@ class TrackThresholds:
         minimum=0.0,
         maximum=3600.0,
     )
+
+    @property
+    def tracked_above(self) -> float:
+        """Least confidence of a tracked target, 0 to 1."""
+        return self.wrong_box_cost / (1.0 + self.wrong_box_cost)
 
 
 @dataclass(frozen=True)
@@ -266,19 +269,17 @@ class TrackStatus:
             interval: Seconds since the last frame.
             thresholds: Thresholds between the track states.
         """
-        needed = thresholds.occluded_below
-        if self.state != "tracking":
-            needed = max(needed, thresholds.recovered_above)
+        needed = thresholds.tracked_above
         was_lost = self.state == "lost" or self.probation > 0.0
-        if self.state == "tracking" and confidence >= needed:
+        if confidence >= needed and self.state != "tracking":
+            return self.as_found(probation=_PROBATION if was_lost else 0.0)
+        if confidence >= needed:
             tracked = None if self.reacquired_for is None else self.reacquired_for + interval
             return TrackStatus(
                 probation=max(self.probation - interval, 0.0),
                 hidden_for=max(self.hidden_for - interval, 0.0),
                 reacquired_for=tracked,
             )
-        if self.state != "tracking" and confidence >= needed:
-            return self.as_found(probation=_PROBATION if was_lost else 0.0)
         hidden_for = min(self.hidden_for + interval, _LONGEST_HIDDEN)
         if similarity >= needed:
             return TrackStatus("occluded", interval, _PROBATION if was_lost else 0.0, hidden_for)

@@ -53,12 +53,12 @@ class Exemplars:
     @classmethod
     def of(cls, frame: Frame, box: NDArray[np.float64]) -> Exemplars:
         """The exemplar of the (4,) box in a first frame, pixels."""
-        return cls(describe(frame, box)[None])
+        return cls(describe(frame, box[None]))
 
-    def similarity(self, frame: Frame, box: NDArray[np.float64]) -> float:
-        """Similarity of a (4,) box, pixels, to the target, 0 (nothing in common) to 1 (equal)."""
-        coefficients = np.sort(self.descriptors @ describe(frame, box))
-        return float(coefficients[-_COMPARED:].mean())
+    def similarities(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(K,) similarities of (K, 4) boxes, pixels, to the target, 0 (nothing in common) to 1."""
+        coefficients = np.sort(describe(frame, boxes) @ self.descriptors.T)
+        return coefficients[:, -_COMPARED:].mean(axis=1)
 
     def update(
         self, frame: Frame, box: NDArray[np.float64], interval: float, confidence: float
@@ -74,7 +74,7 @@ class Exemplars:
         age = self.age + interval
         if age < _INTERVAL or confidence < _SURE_ABOVE:
             return replace(self, age=age)
-        descriptors = np.vstack([self.descriptors, describe(frame, box)])
+        descriptors = np.vstack([self.descriptors, describe(frame, box[None])])
         if len(descriptors) > _MAX_COUNT:
             likeness = descriptors[1:] @ descriptors[1:].T
             np.fill_diagonal(likeness, -1.0)
@@ -89,12 +89,16 @@ def gradient_cue() -> Hog:
     return Hog(HogParameters(), cells=(6, 6), bins=9)
 
 
-def describe(frame: Frame, box: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(D,) descriptor, of unit length, of a (4,) box with its center in the image, pixels.
+def describe(frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(K, D) descriptors, of unit length, of (K, 4) boxes with their centers in the image, pixels.
 
-    Without any gradient it is shorter.
+    Without any gradient they are shorter.
     """
+    colors = math.sqrt(1.0 - _GRADIENT_WEIGHT) * _COLORS.extract(frame, boxes)
+    gradients = [_gradients(frame, box) for box in boxes]
+    return np.hstack([math.sqrt(_GRADIENT_WEIGHT) * np.stack(gradients), colors])
+
+
+def _gradients(frame: Frame, box: NDArray[np.float64]) -> NDArray[np.float32]:
     region = Region(frame, box[None], math.ceil(math.sqrt(box[2] * box[3]) / _SIZE))
-    gradients = np.sqrt(_GRADIENT_WEIGHT * gradient_cue().learn(region, box)).ravel()
-    colors = math.sqrt(1.0 - _GRADIENT_WEIGHT) * _COLORS.extract(frame, box[None])[0]
-    return np.hstack([gradients, colors]).astype(np.float32)
+    return np.sqrt(gradient_cue().learn(region, box).ravel(), dtype=np.float32)

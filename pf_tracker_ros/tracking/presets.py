@@ -29,8 +29,7 @@ _DEFAULT: dict[str, Any] = {
     "cues": ("color_contrast", "correlation_response"),
     "template.update_above": 0.0,
     "template.similarity_above": 0.33,
-    "track.occluded_below": 0.57,
-    "track.recovered_above": 0.67,
+    "track.wrong_box_cost": 1.6,
     "track.occlusion_policy": "keep_tracking",
 }
 _LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
@@ -67,8 +66,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
                 "cues": ("hog",),
                 "hog.sharpness": _OUTLINE_SHARPNESS,
                 "template.update_above": _OUTLINE_UPDATE_ABOVE,
-                "track.occluded_below": 0.6,
-                "track.recovered_above": 0.62,
+                "track.wrong_box_cost": 1.5,
             }
         ),
         "zhang_bo": MappingProxyType(

@@ -112,7 +112,7 @@ class TrackAssessor:
         if status.state != "occluded" or status.probation:
             # The box may be another object, and a similar object elsewhere may be the target.
             assessment = replace(assessment, learns=False)
-        if not is_seen and frame_confidence > self._thresholds.recovered_above:
+        if not is_seen and frame_confidence > self._thresholds.tracked_above:
             # The target has reappeared in the box; the smoothed confidence follows.
             return assessment
         if self._redetector:

@@ -476,7 +476,7 @@ def test_new_cues_relearn_an_occluded_target_where_it_was_last_seen(started, ima
 
 
 def test_an_occluded_target_is_relearned_where_it_was_last_seen(session, images, box):
-    hiding = PARAMETERS | {"track.occluded_below": 0.9, "track.recovered_above": 0.9}
+    hiding = PARAMETERS | {"track.wrong_box_cost": 9.0}
     session.configure(hiding, seed=3)
     session.request(box)
     session.process(Frame(images[0], START))
@@ -593,7 +593,7 @@ def test_a_relearned_target_keeps_its_state_until_a_frame_shows_it(session, imag
     assert estimate.state == state
     # With these, no confidence makes the target occluded, but recovery needs confidence.
     after = preset_parameters("zhang2015")
-    after |= {"track.lost_after": 3600.0, "track.occluded_below": 0.0}
+    after |= {"track.lost_after": 3600.0, "track.wrong_box_cost": 0.0}
     session.configure(after, seed=3)
     assert session.estimate.state == state
     unseen = session.process(Frame(black, START + (count + 1) * 40_000_000)).estimate

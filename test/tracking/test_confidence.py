@@ -76,7 +76,7 @@ def test_the_confidence_is_that_of_the_box_and_not_of_the_best_place_around(asse
 
 
 def test_another_target_is_another(target_filter, assess, couple):
-    assert assess(couple.second[1]) < target_filter.parameters.track.occluded_below
+    assert assess(couple.second[1]) < target_filter.parameters.track.tracked_above
 
 
 def test_a_box_without_any_response_is_not_the_target(assess, couple):

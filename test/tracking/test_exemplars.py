@@ -28,21 +28,21 @@ def with_views(*degrees, confidence=0.9, interval=0.6):
 
 
 def test_a_descriptor_has_unit_length_and_only_its_colors_without_a_gradient():
-    assert np.linalg.norm(describe(frame(0), BOX)) == pytest.approx(1.0)
+    assert np.linalg.norm(describe(frame(0), BOX[None])[0]) == pytest.approx(1.0)
     flat = Frame(np.full((80, 80), 90, np.uint8))
-    assert np.square(describe(flat, BOX)).sum() == pytest.approx(0.3)
+    assert np.square(describe(flat, BOX[None])[0]).sum() == pytest.approx(0.3)
     white = Frame(np.full((80, 80), 250, np.uint8))
-    assert Exemplars.of(flat, BOX).similarity(white, BOX) == 0.0
+    assert Exemplars.of(flat, BOX).similarities(white, BOX[None]) == 0.0
 
 
 def test_the_similarity_is_the_mean_of_the_three_most_similar_exemplars():
     one = Exemplars.of(frame(0), BOX)
-    assert one.similarity(frame(0), BOX) == pytest.approx(1.0)
-    other = one.similarity(frame(80), BOX)
+    assert one.similarities(frame(0), BOX[None]) == pytest.approx(1.0)
+    other = one.similarities(frame(80), BOX[None])
     assert other < 0.7
     # Two views of this direction and one of the other; then a third one of this direction.
-    assert with_views(0, 0, 80).similarity(frame(0), BOX) == pytest.approx((2 + other) / 3)
-    assert with_views(0, 0, 80, 0).similarity(frame(0), BOX) == pytest.approx(1.0)
+    assert with_views(0, 0, 80).similarities(frame(0), BOX[None]) == pytest.approx((2 + other) / 3)
+    assert with_views(0, 0, 80, 0).similarities(frame(0), BOX[None]) == pytest.approx(1.0)
 
 
 def test_exemplars_are_added_each_half_second_while_the_target_is_surely_seen():
@@ -59,6 +59,6 @@ def test_different_views_stay_and_repeated_ones_make_room():
     exemplars = with_views(*DIRECTIONS, *[90.0] * 100)
     assert len(exemplars.descriptors) == 8
     for degrees in DIRECTIONS:
-        coefficients = exemplars.descriptors @ describe(frame(degrees), BOX)
+        coefficients = exemplars.descriptors @ describe(frame(degrees), BOX[None])[0]
         assert coefficients.max() == pytest.approx(1.0, abs=1e-5)
-    assert exemplars.similarity(frame(90.0), BOX) == pytest.approx(1.0)
+    assert exemplars.similarities(frame(90.0), BOX[None]) == pytest.approx(1.0)

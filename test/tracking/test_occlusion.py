@@ -78,7 +78,7 @@ def test_only_a_lost_target_that_coasts_keeps_its_particles(state, measurement, 
 @pytest.mark.parametrize("policy", sorted(OCCLUSION_POLICIES))
 def test_the_parameter_selects_the_policy(policy, make_target_filter, couple):
     """With a threshold that no confidence reaches, a visible target counts as occluded."""
-    parameters = {"track.occluded_below": 1.0, "track.recovered_above": 1.0}
+    parameters = {"track.wrong_box_cost": 1e6}
     target_filter = make_target_filter("li2007", parameters | {"track.occlusion_policy": policy})
     state = target_filter.start(couple.images[0], couple.second[0])
     learned = state.templates["color_histogram"]

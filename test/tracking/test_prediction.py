@@ -139,7 +139,7 @@ def test_an_unstable_motion_model_is_no_error(couple, gap, occlusion_policy):
         "motion.first_coefficient": 2.5,
         "motion.second_coefficient": -0.5,
         "cues": ("color_histogram", "gradient_orientation"),
-        "track.occluded_below": 0.0,
+        "track.wrong_box_cost": 0.0,
         "track.occlusion_policy": occlusion_policy,
     }
     tracker = Tracker.from_preset("zhang_bo", parameters=values)

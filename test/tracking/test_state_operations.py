@@ -132,8 +132,8 @@ def test_relearned_templates_are_those_of_the_current_box(target_filter, state, 
     learned = target_filter.operations.relearn(elsewhere, frame)
     assert learned.templates.keys() == state.templates.keys()
     box = np.array(learned.estimate.box)
-    assert learned.exemplars.similarity(frame, box) == pytest.approx(1.0)
-    assert learned.exemplars.similarity(frame, couple.first[6]) < 0.9
+    assert learned.exemplars.similarities(frame, box[None]) == pytest.approx(1.0)
+    assert learned.exemplars.similarities(frame, couple.first[6][None]) < 0.9
     # From there on the other target is tracked.
     for number in (7, 8):
         learned = target_filter.follow(learned, Frame(couple.images[number]), INTERVAL)

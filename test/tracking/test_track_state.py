@@ -2,7 +2,7 @@
 
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 
-THRESHOLDS = TrackThresholds(occluded_below=0.2, recovered_above=0.4, lost_after=1.0)
+THRESHOLDS = TrackThresholds(wrong_box_cost=0.25, lost_after=1.0)
 
 
 def states(confidences, interval=0.25):
@@ -13,14 +13,10 @@ def states(confidences, interval=0.25):
     return seen
 
 
-def test_occluded_below_the_threshold_and_back_only_above_the_higher_one():
-    assert states([0.3, 0.1, 0.3, 0.5, 0.3]) == [
-        "tracking",
-        "occluded",
-        "occluded",
-        "tracking",
-        "tracking",
-    ]
+def test_a_target_is_tracked_while_its_box_costs_less_than_none():
+    """A box costs (1 - p) / 4 on average, none costs p: the same at p = 0.2."""
+    assert states([0.19, 0.2, 0.3, 0.1]) == ["occluded", "tracking", "tracking", "occluded"]
+    assert TrackThresholds(wrong_box_cost=4.0).tracked_above == 0.8
 
 
 def test_lost_after_the_stated_time_out_of_sight():
@@ -76,17 +72,9 @@ def test_a_lost_target_that_is_seen_again_is_tracked():
     assert states([0.0] * 4 + [0.9])[-1] == "tracking"
 
 
-def test_with_a_threshold_of_zero_the_target_is_never_occluded():
-    thresholds = TrackThresholds(occluded_below=0.0)
+def test_without_a_cost_the_target_is_never_occluded():
+    thresholds = TrackThresholds(wrong_box_cost=0.0)
     assert TrackStatus().advance(0.0, 0.0, 1.0, thresholds).state == "tracking"
-
-
-def test_finding_again_takes_more_than_going_on():
-    hidden = TrackStatus("occluded", 0.5, hidden_for=0.5)
-    between = (THRESHOLDS.occluded_below + THRESHOLDS.recovered_above) / 2
-    assert hidden.advance(between, between, 0.25, THRESHOLDS).state == "occluded"
-    assert TrackStatus().advance(between, between, 0.25, THRESHOLDS).state == "tracking"
-    assert hidden.advance(0.9, 0.9, 0.25, THRESHOLDS).state == "tracking"
 
 
 def test_the_times_out_of_sight_and_since_the_target_was_found_again():

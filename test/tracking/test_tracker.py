@@ -289,7 +289,7 @@ def confidence_after_a_change(similarity_above=0.0, settled=0):
     other = texture(9, (SIDE, SIDE), 0, 250)
     parameters = {"template.update_above": 0.0, "template.similarity_above": similarity_above}
     parameters |= {"color_histogram.keep": 0.5, "gradient_orientation.keep": 0.5}
-    parameters |= {"track.occluded_below": 0.0}
+    parameters |= {"track.wrong_box_cost": 0.0}
     tracker = Tracker.from_preset("li2007", parameters=parameters)
     image, box = frame(100, 120)
     left, top, side, _ = box

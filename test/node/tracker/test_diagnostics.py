@@ -72,7 +72,7 @@ def test_a_topic_without_images_is_logged_once_with_the_image_topics(graph, clie
 
 @pytest.mark.usefixtures("fast_reports")
 def test_a_lost_target_is_an_error_and_an_occluded_one_a_warning(graph, client, images, box):
-    hiding = {"track__occluded_below": 1.0, "track__lost_after": 0.06}
+    hiding = {"track__wrong_box_cost": 1000.0, "track__lost_after": 0.06}
     graph.tracker(client, target_box=box, **QUICK, **hiding)
     client.show_all(images[:2])
     assert health(client, lambda h: h.values["frames"] == "2").level == "WARN"

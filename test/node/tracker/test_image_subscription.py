@@ -13,7 +13,7 @@ from pf_tracker_ros.decoding.image_decoding import ENCODINGS
 QUICK = {
     "preset": "li2007",
     "particles": 40,
-    "track__occluded_below": 0.0,
+    "track__wrong_box_cost": 0.0,
     "image_reliability": "reliable",
 }
 

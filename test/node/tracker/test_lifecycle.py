@@ -10,7 +10,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 QUICK = {
     "preset": "li2007",
     "particles": 20,
-    "track__occluded_below": 0.0,
+    "track__wrong_box_cost": 0.0,
     "image_reliability": "reliable",
 }
 CYCLE = ("CONFIGURE", "ACTIVATE", "DEACTIVATE", "CLEANUP")

@@ -32,7 +32,7 @@ def test_a_node_that_waits_for_a_lifecycle_manager_is_logged(graph, capfd):
 
 
 def test_occlusion_and_recovery_are_logged(graph, client, images, box, capfd):
-    hiding = {"track__occluded_below": 0.3, "track__recovered_above": 0.4}
+    hiding = {"track__wrong_box_cost": 0.5}
     graph.tracker(client, target_box=box, **QUICK, **hiding)
     client.show_all(images[:3])
     shown = 3

@@ -22,7 +22,7 @@ REPLAY = "pf_tracker_ros.node.replay.replay_node"
 
 def tracker(graph, box, *more):
     return graph.process(
-        *("-p", "preset:=li2007", "-p", "track.occluded_below:=0.0", "-p", "seed:=4"),
+        *("-p", "preset:=li2007", "-p", "track.wrong_box_cost:=0.0", "-p", "seed:=4"),
         *("-p", "image_reliability:=reliable", "-p", f"target_box:={box}", *more),
     )
 
@@ -94,7 +94,7 @@ def test_the_same_bag_gives_the_same_bits_in_every_run_and_in_the_library(
     assert all(run == runs[0] for run in runs)
 
     fed = Tracker.from_preset(
-        "li2007", seed=4, parameters={"particles": 60, "track.occluded_below": 0.0}
+        "li2007", seed=4, parameters={"particles": 60, "track.wrong_box_cost": 0.0}
     )
     stamps = [10**12 + index * 40_000_000 + index % 3 * 1_000 for index in range(len(images))]
     boxes = [fed.start(images[0], box).box]

@@ -27,7 +27,7 @@ CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
 QUICK = {
     "preset": "li2007",
     "particles": 20,
-    "track__occluded_below": 0.0,
+    "track__wrong_box_cost": 0.0,
     "image_reliability": "reliable",
 }
 DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
@@ -270,7 +270,7 @@ def calm():
         if name in NAMES
     }
     values |= preset_parameters("li2007") | {"preset": "li2007"}
-    values |= {"particles": 20, "track.occluded_below": 0.0}
+    values |= {"particles": 20, "track.wrong_box_cost": 0.0}
     return [
         (name, list(value) if isinstance(value, tuple) else value) for name, value in values.items()
     ]

@@ -12,7 +12,7 @@ from pf_tracker_ros import Tracker
 QUICK = {
     "preset": "li2007",
     "particles": 20,
-    "track__occluded_below": 0.0,
+    "track__wrong_box_cost": 0.0,
     "image_reliability": "reliable",
 }
 
@@ -41,7 +41,7 @@ def corners(message):
 
 
 def library(images, box):
-    values = {"particles": 20, "track.occluded_below": 0.0}
+    values = {"particles": 20, "track.wrong_box_cost": 0.0}
     tracker = Tracker.from_preset("li2007", parameters=values)
     estimate = tracker.start(images[0], box)
     for image in images[1:]:

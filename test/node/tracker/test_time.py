@@ -9,7 +9,7 @@ pytestmark = pytest.mark.usefixtures("fast_reports")
 QUICK = {
     "preset": "li2007",
     "particles": 20,
-    "track__occluded_below": 0.0,
+    "track__wrong_box_cost": 0.0,
     "image_reliability": "reliable",
 }
 
@@ -84,7 +84,7 @@ def test_a_longer_gap_gives_a_larger_covariance(graph, client, images, box):
         variances.append(float(status.values["covariance_xx"]))
     assert variances[0] < variances[1] < variances[2]
     tracker = Tracker.from_preset(
-        "li2007", parameters={"particles": 500, "track.occluded_below": 0.0}
+        "li2007", parameters={"particles": 500, "track.wrong_box_cost": 0.0}
     )
     tracker.start(images[0], box)
     assert variances[2] == tracker.update(black, 4.0).covariance[0, 0]

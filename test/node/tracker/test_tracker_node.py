@@ -14,7 +14,7 @@ from pf_tracker_ros.targets.track_manager import TrackManager
 QUICK = {
     "preset": "li2007",
     "particles": 20,
-    "track__occluded_below": 0.0,
+    "track__wrong_box_cost": 0.0,
     "image_reliability": "reliable",
 }
 COVARIANCE = (("xx", "xy"), ("xy", "yy"))
@@ -37,7 +37,7 @@ def corners_of(box):
 
 def library_boxes(images, box, intervals, **options):
     """Boxes of the library alone, fed with the same frames."""
-    values = {"particles": 20, "track.occluded_below": 0.0}
+    values = {"particles": 20, "track.wrong_box_cost": 0.0}
     tracker = Tracker.from_preset("li2007", parameters=values, **options)
     boxes = [tracker.start(images[0], box).box]
     pairs = zip(images[1:], intervals, strict=True)
@@ -105,7 +105,7 @@ def test_a_status_has_state_and_values_of_every_frame(graph, client, images, box
 
 
 def test_an_occluded_target_has_a_box_and_a_lost_one_has_none(graph, client, images, box):
-    parameters = QUICK | {"track__occluded_below": 1.0, "track__lost_after": 0.1}
+    parameters = QUICK | {"track__wrong_box_cost": 1000.0, "track__lost_after": 0.1}
     graph.tracker(client, target_box=list(box), **parameters)
     statuses = client.show_all(images[:5])
     states = [status.values["state"] for status in statuses]

@@ -12,7 +12,7 @@ from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
-QUICK = {"particles": 20, "track__occluded_below": 0.0, "image_reliability": "reliable"}
+QUICK = {"particles": 20, "track__wrong_box_cost": 0.0, "image_reliability": "reliable"}
 # Including those of rclpy.
 MAX_PARAMETERS = 75
 KNOWN = declarations(NodeParameters) | declarations(TrackerParameters)

@@ -27,7 +27,7 @@ def test_a_preset_file_is_a_valid_ros_parameter_file(graph, client, images, tmp_
 def test_two_processes_and_the_library_give_identical_boxes(graph, client, images, box):
     arguments = [
         *("-p", "preset:=li2007", "-p", "seed:=9", "-p", "image_reliability:=reliable"),
-        *("-p", "motion.position_noise:=1", "-p", "track.occluded_below:=0"),
+        *("-p", "motion.position_noise:=1", "-p", "track.wrong_box_cost:=0"),
         *("-p", f"target_box:={box}"),
     ]
     runs = []
@@ -45,7 +45,7 @@ def test_two_processes_and_the_library_give_identical_boxes(graph, client, image
     assert runs[0] == runs[1]
 
     tracker = Tracker.from_preset(
-        "li2007", seed=9, parameters={"motion.position_noise": 1, "track.occluded_below": 0}
+        "li2007", seed=9, parameters={"motion.position_noise": 1, "track.wrong_box_cost": 0.0}
     )
     boxes = [tracker.start(images[0], box).box]
     boxes += [tracker.update(image, 0.04).box for image in images[1:]]
