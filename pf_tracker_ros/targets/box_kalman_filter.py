@@ -31,6 +31,8 @@ from numpy.typing import NDArray
 
 CENTER_STD = np.array([0.15, 0.1])
 """(2,) standard deviation of a detection's center, in widths and heights of its box."""
+IMAGE_CENTER_STD = np.array([0.3, 0.2])
+"""(2,) that of a center measured in the image."""
 # Those of the logarithms of its height and aspect ratio.
 _LOG_SIZE_STD = np.array([0.1, 0.2])
 # Seconds within which errors of the height correlate: people bend, and detectors repeat errors.

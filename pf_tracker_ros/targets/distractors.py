@@ -7,7 +7,9 @@ A target that crosses a similar object could be lost to it. So the object gets a
    It explains its own pixels, and its detections are not assigned to the target.
 3. Update: the track moves with its Kalman filter, corrected by the candidates near it, without a
    particle filter.
-4. Promote or end: a detection turns it into a target (`Initiator.promote_distractors`). Otherwise
+4. Exchange: where the boxes of target and distractor explain both better the other way round
+   (`are_exchanged`), they change places.
+5. Promote or end: a detection turns it into a target (`Initiator.promote_distractors`). Otherwise
    it ends far from the target, on another target, or unseen.
 
 Compare Zhu et al. 2018, "Distractor-aware Siamese Networks for Visual Object Tracking", which keeps
@@ -24,7 +26,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import as_box, is_truncated, pairwise_iou
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.lifecycle import Initiator
 from pf_tracker_ros.targets.tracks import DistractorCandidate, Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.state_operations import StateOperations
@@ -45,6 +47,9 @@ _FAR = 2.0
 _UNSEEN_FOR, _BESIDE, _VISIBLE_RATE = 2.0, 0.7, 6.0
 # Distractors at a time.
 _MAX_DISTRACTORS = 2
+# Slope of the log odds of an exchange over similarities to the exemplars, see `Confidence`, and their
+# minimum; largest squared distance from a prediction along an axis, standard deviations.
+_SIMILARITY_SLOPE, _EXCHANGED_ABOVE, _MAX_SQUARED = 20.0, 1.0, 9.0
 # Numbers of their keys begin above those of detections.
 _FIRST_NUMBER = 1_000_000
 
@@ -168,6 +173,33 @@ def _continues(distractor: Track, target: Track, others: Sequence[Track]) -> boo
         return False
     boxes = np.array([one.box for one in others]).reshape(-1, 4)
     return bool(pairwise_iou(distractor.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
+
+
+def are_exchanged(
+    target: Track, distractor: Track, boxes: NDArray[np.float64], frame: Frame
+) -> bool:
+    """Whether the target's box is on its distractor, and the other one on the target.
+
+    Both boxes are assigned at once, by their distances from both predicted centers and by their
+    similarities to the exemplars of both. The exemplars must prefer the exchange by themselves:
+    predictions are poor after an occlusion.
+
+    Args:
+        target: With its center predicted into the frame.
+        distractor: Likewise.
+        boxes: (2, 4) of target and distractor in the frame, pixels.
+        frame: The frame.
+    """
+    centers, noise = boxes[:, :2] + boxes[:, 2:] / 2, np.square(IMAGE_CENTER_STD * boxes[0, 2:])
+    motion, looks = 0.0, 0.0
+    for track, sign in ((target, 1.0), (distractor, -1.0)):
+        squared = np.square(centers - track.box_filter.center)
+        squared = squared / (track.box_filter.center_variance + noise)
+        own, other = -0.5 * np.minimum(squared, _MAX_SQUARED).sum(axis=1)
+        motion += sign * float(other - own)
+        own, other = track.filter_state.exemplars.similarities(frame, boxes)
+        looks += sign * _SIMILARITY_SLOPE * float(other - own)
+    return looks > 0.0 and motion + looks > _EXCHANGED_ABOVE
 
 
 def _are_within(one: NDArray[np.float64], other: NDArray[np.float64], sides: float) -> bool:

@@ -37,8 +37,9 @@ from pf_tracker_ros.boxes import (
     relative_center_distances,
 )
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD, BoxKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD, IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
+from pf_tracker_ros.targets.distractors import are_exchanged
 from pf_tracker_ros.targets.ground import Ground, fit_grounds
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -58,8 +59,6 @@ _OCCLUDER_WEIGHT, _FREE_COVERAGE = 30.0, 0.2
 # Share of the way to its detection that a box moves. It moves all of it below this intersection
 # over union, unless the confidence of the track is above the last value.
 _GAIN, _FAR_BELOW, _CONFIDENT_ABOVE = 0.5, 0.5, 0.9
-# Standard deviation of a center measured in the image, in the sides of the box.
-_IMAGE_STD = np.array([0.3, 0.2])
 # Seconds without a detection after which a track on the same object as its occluder is a duplicate.
 _DUPLICATE_AFTER = 0.2
 # Degrees of freedom of the image's distance from the predicted center.
@@ -159,8 +158,9 @@ class Updater:
                     is_challenged=is_challenged,
                 )
                 if assigned[index] is None and track.is_undetected:
-                    distractors = [one.distracted_key == track.key for one in tracks]
-                    track = self._check_switch(track, tracks[index], boxes[distractors])
+                    distractors = [one for one in tracks if one.distracted_key == track.key]
+                    track = self._check_switch(track, tracks[index], distractors)
+                    track = self._exchange(track, tracks[index], distractors, frame)
             updated[index] = track
             if not _is_place_unknown(track):
                 front.append(track)
@@ -303,7 +303,7 @@ class Updater:
         )
         return self._correct(track, frame, detection) if detection else track
 
-    def _check_switch(self, track: Track, before: Track, distractors: NDArray[np.float64]) -> Track:
+    def _check_switch(self, track: Track, before: Track, distractors: Sequence[Track]) -> Track:
         """Mark a track as occluded, and keep its Kalman filter, where it may be on a distractor.
 
         It may have switched once it jumps, while tracked, to the second peak of the last frame,
@@ -313,17 +313,18 @@ class Updater:
         Args:
             track: In this frame.
             before: After the last one, with its center predicted into this frame.
-            distractors: (K, 4) boxes of its distractors.
+            distractors: Its distractors, predicted likewise.
         """
         filter_state, box, last = track.filter_state, track.box, before.filter_state
         if last.status.state == "lost":
             return replace(track, may_have_switched=False)
-        overlaps = pairwise_iou(box[None], distractors)
+        boxes = np.array([one.predicted_box for one in distractors]).reshape(-1, 4)
+        overlaps = pairwise_iou(box[None], boxes)
         may_have_switched = bool(overlaps.max(initial=0.0) > _SWITCHED_ABOVE) or (
             filter_state.known_distractor is None and _has_jumped(last, box)
         )
         if not may_have_switched and before.may_have_switched:
-            variance = before.box_filter.center_variance + np.square(_IMAGE_STD * box[2:])
+            variance = before.box_filter.center_variance + np.square(IMAGE_CENTER_STD * box[2:])
             offset = box[:2] + box[2:] / 2 - before.box_filter.center
             may_have_switched = bool((np.square(offset) / variance).sum() > _SWITCH_GATE)
         if not may_have_switched:
@@ -336,6 +337,34 @@ class Updater:
             filter_state=filter_state,
             box_filter=before.box_filter,
             may_have_switched=True,
+        )
+
+    def _exchange(
+        self, track: Track, before: Track, distractors: Sequence[Track], frame: Frame
+    ) -> Track:
+        """A track whose box and that of a distractor are exchanged if that explains both better.
+
+        Args:
+            track: In this frame.
+            before: As of `_check_switch`.
+            distractors: As of `_check_switch`.
+            frame: This one.
+        """
+        other = track.filter_state.distractor_box
+        if other is None or track.is_occluded_by_other:
+            return track
+        boxes = np.stack([track.box, other])
+        if not any(are_exchanged(before, one, boxes, frame) for one in distractors):
+            return track
+        center, size = other[:2] + other[2:] / 2, track.box[2:]
+        filter_state = self._target_filter.operations.move_to(
+            track.filter_state, as_box([*(center - size / 2), *size])
+        )
+        return replace(
+            track,
+            filter_state=replace(filter_state, distractor_box=track.box),
+            box_filter=before.box_filter.correct_center(center, IMAGE_CENTER_STD * size),
+            may_have_switched=False,
         )
 
     def _reinitialize(
@@ -368,7 +397,7 @@ class Updater:
             is_sized: Whether the size comes from the image.
         """
         box, box_filter = np.array(filter_state.estimate.box), track.box_filter
-        center, std = box[:2] + box[2:] / 2, _IMAGE_STD * box[2:]
+        center, std = box[:2] + box[2:] / 2, IMAGE_CENTER_STD * box[2:]
         if track.is_undetected:
             count = min(filter_state.confidence / _FULL_CONFIDENCE, 1.0)
             std = std / max(count, _MIN_COUNT)
@@ -486,7 +515,7 @@ def _detection_likelihood(box: NDArray[np.float64]) -> ExternalLikelihood:
 def _motion_likelihood(track: Track) -> ExternalLikelihood:
     """Student's t distribution around the predicted center."""
     center, size = track.box_filter.center, track.box[2:]
-    variance = track.box_filter.center_variance + np.square(_IMAGE_STD * size)
+    variance = track.box_filter.center_variance + np.square(IMAGE_CENTER_STD * size)
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
         x, y, width, height = boxes
