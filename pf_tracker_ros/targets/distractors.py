@@ -47,8 +47,8 @@ _FAR = 2.0
 _UNSEEN_FOR, _BESIDE, _VISIBLE_RATE = 2.0, 0.7, 6.0
 # Distractors at a time.
 _MAX_DISTRACTORS = 2
-# Slope of the log odds of an exchange over similarities to the exemplars, see `Confidence`, and their
-# minimum; largest squared distance from a prediction along an axis, standard deviations.
+# Slope of the log odds of an exchange over similarities to the exemplars, see `Confidence`; minimum
+# of these odds; largest squared distance from a prediction along an axis, standard deviations.
 _SIMILARITY_SLOPE, _EXCHANGED_ABOVE, _MAX_SQUARED = 20.0, 1.0, 9.0
 # Numbers of their keys begin above those of detections.
 _FIRST_NUMBER = 1_000_000
