@@ -142,11 +142,15 @@ class CameraCalibration(Store):
             rectified: Whether the images are rectified.
 
         Raises:
+            NotYetError: There is none, but it may still arrive.
             ValueError: There is none, or it is invalid.
         """
         latest = self._latest
         if latest is None:
-            raise ValueError(f"no CameraInfo on {self._feed.topic}; remap camera_info")
+            reason = (
+                f"no CameraInfo on {self._feed.topic}; remap camera_info, or let the camera publish it"
+            )
+            raise (NotYetError if self.is_used else ValueError)(reason)
         key = (*_numbers(latest), image_size, rectified)
         if key != self._key:
             self._key = key
