@@ -147,9 +147,8 @@ class CameraCalibration(Store):
         """
         latest = self._latest
         if latest is None:
-            reason = (
-                f"no CameraInfo on {self._feed.topic}; remap camera_info, or let the camera publish it"
-            )
+            topic = self._feed.topic
+            reason = f"no CameraInfo on {topic}; remap camera_info, or let the camera publish it"
             raise (NotYetError if self.is_used else ValueError)(reason)
         key = (*_numbers(latest), image_size, rectified)
         if key != self._key:
