@@ -165,7 +165,7 @@ def read_depth(
         return DepthReading(None, math.nan, 0.5, nearer)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
-    mean = float(np.average(depths[inside], weights=weights[inside]))
+    mean = float(weights[inside] @ depths[inside] / weights[inside].sum())
     is_predicted = expected is not None and expected.is_prediction
     reference = expected.depth if expected is not None and is_predicted else max(mean, farthest)
     return DepthReading(
