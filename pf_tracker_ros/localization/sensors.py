@@ -215,7 +215,10 @@ class DepthImages(Store):
             )
             raise (NotYetError if offset < 0 and not self._feed.is_silent else ValueError)(reason)
         if self._decoded is None or self._decoded[0] != nearest[0]:
-            self._decoded = nearest[0], decode_depth(nearest[1], _MAX_PIXELS)
+            try:
+                self._decoded = nearest[0], decode_depth(nearest[1], _MAX_PIXELS)
+            except ValueError as error:
+                raise ValueError(f"depth {error}") from None
         return offset, self._decoded[1]
 
     def _take(self, stamp: int, frame_id: str, message: Any) -> None:
