@@ -11,7 +11,7 @@ from world_parts.errors import Array
 from world_parts.pets import FixedCamera, GroundTracks
 
 # Boxes of a fit and the height that is told, meters; number of fits.
-CASES, RUNS = ((50, 1.7), (100, 1.7), (200, 1.7), (50, 1.75)), 30
+CASES, RUNS = ((50, 1.7), (100, 1.7), (200, 1.7), (50, 1.75)), 300
 
 
 def plane_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgress) -> Table:

@@ -111,9 +111,9 @@ class FrameLocalizer:
             try:
                 sensed = self._sense(frame, parameters, probability, is_last_chance=is_last_chance)
                 targets = self._tracks.advance(frame, sensed, parameters)
-            except NotYetError:
-                raise
             except ValueError as error:
+                if isinstance(error, NotYetError) and not is_last_chance:
+                    raise
                 silence, sensed = str(error), None
             self._problems.set("frame", silence)
         if sensed:
@@ -215,8 +215,10 @@ class FrameLocalizer:
 
 def _silence(frame: TrackerFrame, targets: Sequence[LocatedTarget]) -> str:
     """Why the selected target has no pose; empty if it has."""
+    if not frame.selected and frame.targets:
+        return "no target is selected; select one on the tracker's topic ~/select"
     if not frame.selected:
-        return "no target is selected" if frame.targets else "the tracker has no target"
+        return "the tracker has no target"
     selected = next((one for one in targets if one.reported.id == frame.selected), None)
     return (
         selected.silence if selected else f"target {frame.selected} is not in the tracker's status"

@@ -142,11 +142,14 @@ class CameraCalibration(Store):
             rectified: Whether the images are rectified.
 
         Raises:
+            NotYetError: There is none, but it may still arrive.
             ValueError: There is none, or it is invalid.
         """
         latest = self._latest
         if latest is None:
-            raise ValueError(f"no CameraInfo on {self._feed.topic}; remap camera_info")
+            topic = self._feed.topic
+            reason = f"no CameraInfo on {topic}; remap camera_info, or let the camera publish it"
+            raise (NotYetError if self.is_used else ValueError)(reason)
         key = (*_numbers(latest), image_size, rectified)
         if key != self._key:
             self._key = key
@@ -212,7 +215,10 @@ class DepthImages(Store):
             )
             raise (NotYetError if offset < 0 and not self._feed.is_silent else ValueError)(reason)
         if self._decoded is None or self._decoded[0] != nearest[0]:
-            self._decoded = nearest[0], decode_depth(nearest[1], _MAX_PIXELS)
+            try:
+                self._decoded = nearest[0], decode_depth(nearest[1], _MAX_PIXELS)
+            except ValueError as error:
+                raise ValueError(f"depth {error}") from None
         return offset, self._decoded[1]
 
     def _take(self, stamp: int, frame_id: str, message: Any) -> None:

@@ -1,14 +1,12 @@
 """Size of targets from the ground that they share.
 
-On a level ground before a level camera, the height of a box is proportional to the distance of its
-lower edge from the horizon.
+The ground is that of `world/`, without a calibration: the heights of boxes are on a line over their
+lower edges.
 
-1. Fit a line of height over lower edge by least squares, to the targets with one label.
+1. Fit a `HeightLine` to the targets with one label.
 2. A target keeps the ratio of its own height to the line. Student's t distribution around that is
    the likelihood of a box, with the variance of a regression's prediction.
 3. The residuals set the variance, so that targets on no common ground have little effect.
-
-Source: Hoiem, Efros and Hebert 2008, "Putting Objects in Perspective".
 """
 
 from __future__ import annotations
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.targets.tracks import Track
+from pf_tracker_ros.world.height_line import HeightLine
 
 # Minimum number of targets of a ground.
 _MIN_TARGETS = 3
@@ -37,39 +36,26 @@ _MIN_HEIGHT = 0.25
 
 @dataclass(frozen=True)
 class Ground:
-    """Line of box height over lower edge, for targets with one label.
+    """Heights of the boxes of targets with one label.
 
     Attributes:
-        lower_edge: Mean of the targets, pixels.
-        height: Likewise.
-        slope: Of the height over the lower edge.
+        line: Over their lower edges.
         std: Standard deviation of a height from the line, pixels.
-        squares: Sum of the squared distances of the lower edges from their mean, px^2.
     """
 
-    lower_edge: float
-    height: float
-    slope: float
+    line: HeightLine
     std: float
-    squares: float
 
     @classmethod
     def fit(cls, boxes: NDArray[np.float64]) -> Ground | None:
         """The ground of (N, 4) boxes; None for fewer than three."""
         if len(boxes) < _MIN_TARGETS:
             return None
-        heights = boxes[:, 3]
-        lower_edges = boxes[:, 1] + heights
-        lower_edge, height = float(lower_edges.mean()), float(heights.mean())
-        offsets = lower_edges - lower_edge
-        # 1 px^2 more, since all lower edges may be equal.
-        squares = float(offsets @ offsets) + 1.0
-        slope = float(offsets @ heights) / squares
-        residuals = heights - height - slope * offsets
-        prior = _PRIOR_TARGETS * (_PRIOR_STD * height) ** 2
+        line = HeightLine.fit(boxes[:, 1] + boxes[:, 3], boxes[:, 3])
+        prior = _PRIOR_TARGETS * (_PRIOR_STD * line.height) ** 2
         # The line has two degrees of freedom.
-        variance = (prior + float(residuals @ residuals)) / (_PRIOR_TARGETS + len(boxes) - 2.0)
-        return cls(lower_edge, height, slope, variance**0.5, squares)
+        variance = (prior + line.residual_squares) / (_PRIOR_TARGETS + len(boxes) - 2.0)
+        return cls(line, variance**0.5)
 
     def log_likelihood(
         self, ground_box: NDArray[np.float64], boxes: BoxesByAxis
@@ -87,7 +73,7 @@ class Ground:
         lower_edges = boxes.y + boxes.height
         line = self._height(lower_edges)
         expected = ground_box[3] * line / self._height(last_edge)
-        distance = np.square(lower_edges - last_edge) / self.squares
+        distance = np.square(lower_edges - last_edge) / self.line.squares
         variance = np.square(_OWN_SHARE * self.std / line) * (1.0 + distance)
         squared = np.square(np.log(np.maximum(boxes.height, 1e-3) / expected)) / variance
         log_likelihoods: NDArray[np.float64] = (
@@ -97,8 +83,7 @@ class Ground:
 
     def _height(self, lower_edges: NDArray[np.float64] | float) -> NDArray[np.float64]:
         """Height of the line at lower edges, pixels."""
-        line = self.height + self.slope * (np.asarray(lower_edges) - self.lower_edge)
-        return np.maximum(line, _MIN_HEIGHT * self.height)
+        return np.maximum(self.line.at(lower_edges), _MIN_HEIGHT * self.line.height)
 
 
 def fit_grounds(tracks: Sequence[Track]) -> Mapping[str, Ground]:

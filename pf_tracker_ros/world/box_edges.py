@@ -19,8 +19,9 @@ from pf_tracker_ros.boxes import Box
 _CUT_WITHIN, _CUT_WITHIN_SHARE = 2.0, 0.02
 # Standard deviation of an edge's row and of the middle column of a detector's box, box heights.
 _EDGE_SD = 0.043
-# Half the width of a target and its standard deviation, box heights, where an edge is cut.
-_HALF_WIDTH, _HALF_WIDTH_SD = 0.2, 0.12
+# Half the width of a target whose edge is cut, and its standard deviation, box heights: wider than
+# most, since it walks or rides across the image.
+_HALF_WIDTH, _HALF_WIDTH_SD = 0.25, 0.18
 # Smallest standard deviation, pixels: boxes are rounded.
 _MIN_SD = 0.5
 # From center x, center y, width, height to middle column, lower edge, upper edge.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -34,13 +35,16 @@ class BoxSamples:
     down: NDArray[np.float64]
 
     @classmethod
-    def of(cls, box: Box, image_size: tuple[int, int], shape: tuple[int, ...]) -> BoxSamples:
+    @lru_cache(maxsize=1)
+    def of(cls, box: Box, image_size: tuple[int, int], shape: tuple[int, int]) -> BoxSamples:
         """Samples of a box and its ring, at most one a pixel.
+
+        The last are kept: those of depth and image are mostly the same.
 
         Args:
             box: In pixels of the camera's image, not outside of it.
             image_size: (width, height) of that.
-            shape: Of the array to sample, whose first axes are rows and columns.
+            shape: (rows, columns) of the array to sample.
         """
         x, y, width, height = box
         columns, of_box, across = _axis(x, width, image_size[0], shape[1], _COLUMNS)

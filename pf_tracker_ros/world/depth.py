@@ -9,7 +9,7 @@ A box contains the target, background beside it, occluders before it, and holes.
 4. Choose the mode with the most weight, contrast to the ring and likelihood of the predicted
    distance. The prediction chooses between modes only: weighting pixels within one would confirm
    itself.
-5. The distance is the weighted median of the pixels in the mode.
+5. The distance is the weighted mean of the pixels in the mode.
 
 The share of pixels that are clearly nearer than the target is evidence of an occlusion. Without a
 prediction, the target may also be in a mode behind the chosen one that scores nearly as high.
@@ -50,7 +50,7 @@ _PREDICTION_GATE = 4.0
 # Largest difference in aspect ratio between image and depth.
 _ASPECT_TOLERANCE = 0.02
 # Standard deviation of the distance: a person's thickness, meters, and a share of the distance.
-_THICKNESS_SD, _RELATIVE_SD = 0.07, 0.01
+_THICKNESS_SD, _RELATIVE_SD = 0.06, 0.006
 
 
 @dataclass(frozen=True)
@@ -165,12 +165,12 @@ def read_depth(
         return DepthReading(None, math.nan, 0.5, nearer)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
-    median = _weighted_median(depths[inside], weights[inside])
+    mean = float(weights[inside] @ depths[inside] / weights[inside].sum())
     is_predicted = expected is not None and expected.is_prediction
-    reference = expected.depth if expected is not None and is_predicted else max(median, farthest)
+    reference = expected.depth if expected is not None and is_predicted else max(mean, farthest)
     return DepthReading(
-        median,
-        math.hypot(_THICKNESS_SD, _RELATIVE_SD * median),
+        mean,
+        math.hypot(_THICKNESS_SD, _RELATIVE_SD * mean),
         float(samples.down[np.nonzero(is_in_box)[0][inside]].mean()),
         _share_nearer(depths, reference),
     )
@@ -270,12 +270,6 @@ def _window_sums(histogram: NDArray[np.float64]) -> NDArray[np.float64]:
     cumulated[0] = 0.0
     np.cumsum(histogram, out=cumulated[1:])
     return cumulated[_WINDOW_END] - cumulated[_WINDOW_START]
-
-
-def _weighted_median(values: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    order = np.argsort(values)
-    cumulated = np.cumsum(weights[order])
-    return float(values[order[np.searchsorted(cumulated, cumulated[-1] / 2.0)]])
 
 
 def _share_nearer(depths: NDArray[np.float64], depth: float) -> float:

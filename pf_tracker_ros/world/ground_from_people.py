@@ -10,6 +10,8 @@ height, e that of an edge, both relative; the foot's edge is in both terms. The 
 pitch and roll. The
 Levenberg-Marquardt method finds H, pitch and roll with the least sum of Huber's loss, within
 bounds: without any, boxes at similar distances also agree with a camera that looks straight down.
+It starts from the line of the heights over the lower edges (see `height_line`), which is the ground
+before a level camera.
 
 Where the direction down is known, as from gravity, each box gives H by itself. The result is the
 mean of the logarithms without outliers, each weighted by p, e and the effect of the tilt's error
@@ -30,6 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.world.box_edges import BoxEdges
 from pf_tracker_ros.world.camera_model import CameraModel
 from pf_tracker_ros.world.ground_plane import GroundPlane, default_tilt_sd
+from pf_tracker_ros.world.height_line import HeightLine
 
 MIN_BOXES = 50
 # Bounds of height (meters), pitch and roll (radians).
@@ -38,8 +41,6 @@ _BOUNDS = np.array([[math.log(0.2), -0.35, -0.26], [math.log(50.0), 1.2, 0.26]])
 _ROLL_SD = 0.1
 # Standard deviations of the logarithm of a person's height, and of a detector's edge, box heights.
 _PERSON_SD, _EDGE_SD = 0.05, 0.08
-# Starting values of the pitch, and of the height in meters.
-_PITCHES, _HEIGHT = (0.0, 0.25, 0.6), 2.0
 _STEPS, _TOLERANCE = 60, 1e-7
 # Smallest slope of a foot, and difference of slopes.
 _LEAST_SLOPE = 1e-3
@@ -134,14 +135,13 @@ def fit_ground_plane(
         )
     if down is not None:
         return _fit_height(rays, _directions(down, len(values))[is_whole], target_height)
-    fits = [_Fit.of(rays, target_height, pitch) for pitch in _PITCHES]
-    best = min(fits, key=lambda fit: fit.loss)
-    height_sd, pitch_sd = best.standard_deviations()[:2]
-    at_bound = (best.parameters <= _BOUNDS[0]) | (best.parameters >= _BOUNDS[1])
-    ratio = _distance_ratio(best.parameters, rays)
+    fit = _Fit.of(rays, target_height, camera.fy)
+    height_sd, pitch_sd = fit.standard_deviations()[:2]
+    at_bound = (fit.parameters <= _BOUNDS[0]) | (fit.parameters >= _BOUNDS[1])
+    ratio = _distance_ratio(fit.parameters, rays)
     if (
         at_bound.any()
-        or (np.array([height_sd, pitch_sd, best.scale]) > _LARGEST_SDS).any()
+        or (np.array([height_sd, pitch_sd, fit.scale]) > _LARGEST_SDS).any()
         or ratio < _LEAST_RATIO
     ):
         raise ValueError(
@@ -149,17 +149,17 @@ def fit_ground_plane(
             f"various distances, the far ones at least {_LEAST_RATIO:g} times as far as the near "
             f"ones (here {ratio:.2f} times)"
         )
-    log_height, pitch, roll = best.parameters.tolist()
+    log_height, pitch, roll = fit.parameters.tolist()
     height = math.exp(log_height)
     plane = GroundPlane.from_angles(height, pitch, roll)
     # Height and pitch correlate: at the boxes' distances their errors cancel, and each for itself
     # is as sure as with the other one known.
-    alone = 1.0 / np.sqrt(np.diagonal(best.information))
+    alone = 1.0 / np.sqrt(np.diagonal(fit.information))
     tilt_sd = math.hypot(plane.tilt_sd, float(alone[1]))
     height_sd = height * math.hypot(_MEAN_HEIGHT_SD, float(alone[0]))
     return PeopleGround(
         GroundPlane(plane.down, height, tilt_sd, height_sd),
-        int((np.abs(best.residuals) < _AGREES_WITHIN * best.scale).sum()),
+        int((np.abs(fit.residuals) < _AGREES_WITHIN * fit.scale).sum()),
     )
 
 
@@ -215,14 +215,12 @@ class _Fit:
         parameters: (3,) logarithm of the height, pitch, roll.
         residuals: (N,) in units of the expected standard deviation.
         scale: Standard deviation of a residual, from their median.
-        loss: Mean absolute residual, each at most 10, which compares minima.
         information: (3, 3) inverse of the parameters' covariance.
     """
 
     parameters: NDArray[np.float64]
     residuals: NDArray[np.float64]
     scale: float
-    loss: float
     information: NDArray[np.float64]
 
     @classmethod
@@ -230,11 +228,17 @@ class _Fit:
         cls,
         rays: tuple[NDArray[np.float64], NDArray[np.float64]],
         target_height: float,
-        pitch: float,
+        focal_length: float,
     ) -> _Fit:
-        """The minimum that is reached from a pitch."""
-        parameters = np.array([math.log(_HEIGHT), pitch, 0.0])
-        # A level camera at the height that the boxes ask for.
+        """The minimum that is reached from the line of the heights over the lower edges.
+
+        Args:
+            rays: To feet and heads.
+            target_height: Mean height of the people, meters.
+            focal_length: Pixels.
+        """
+        parameters = _before_level_camera(rays, target_height, focal_length)
+        # Outliers change the line, but hardly the median.
         parameters[0] -= float(np.median(_log_ratios(parameters, rays, target_height)))
         parameters = np.clip(parameters, *_BOUNDS)
         damping = 1e-3
@@ -264,8 +268,7 @@ class _Fit:
                     break
         jacobian = _jacobian(parameters, rays, target_height) / scale
         information = jacobian.T @ jacobian + np.diag(prior**2)
-        mean = float(np.minimum(np.abs(residuals), 10.0).mean())
-        return cls(parameters, residuals, scale, mean, information)
+        return cls(parameters, residuals, scale, information)
 
     def standard_deviations(self) -> NDArray[np.float64]:
         """(3,) of the parameters; huge where the boxes say nothing of one."""
@@ -288,6 +291,21 @@ def _rays(
     has_rays = np.isfinite(rays).all(axis=(1, 2))
     is_whole[is_whole] = has_rays
     return (rays[has_rays, 0], rays[has_rays, 1]), is_whole
+
+
+def _before_level_camera(
+    rays: tuple[NDArray[np.float64], NDArray[np.float64]],
+    target_height: float,
+    focal_length: float,
+) -> NDArray[np.float64]:
+    """(3,) parameters from the boxes that a level camera would see."""
+    foot, head = (focal_length * _slopes(one[:, 1]) for one in rays)
+    line = HeightLine.fit(foot, foot - head)
+    # The higher the camera, the less slope.
+    slope = max(line.slope, target_height / math.exp(_BOUNDS[1, 0]))
+    horizon = line.lower_edge - line.height / slope
+    start = math.log(target_height / slope), math.atan(-horizon / focal_length), 0.0
+    return np.clip(start, *_BOUNDS)
 
 
 def _distance_ratio(

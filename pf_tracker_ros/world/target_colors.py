@@ -40,7 +40,7 @@ def color_probability(
     is_array = isinstance(image, np.ndarray) and image.ndim == 3 and image.size > 0
     if not is_array or image.shape[2] != 3 or image.dtype != np.uint8:
         raise ValueError("image must be (H, W, 3) uint8 BGR, with pixels")
-    samples = BoxSamples.of(box, image_size, image.shape)
+    samples = BoxSamples.of(box, image_size, image.shape[:2])
     colors = _colors(samples.take(image))
     in_box = colors[samples.inside]
     is_inner = (np.abs(samples.down - 0.5) < _INNER / 2.0)[:, None] & (

@@ -98,7 +98,7 @@ def test_each_label_has_a_ground_of_its_own(start_walkers):
     (label, ground), *others = fit_grounds(start_walkers(["person"] * 3).tracks).items()
     assert (label, others) == ("person", [])
     # All have one height on three lower edges.
-    assert (ground.height, ground.slope) == pytest.approx((40.0, 0.0))
+    assert (ground.line.height, ground.line.slope) == pytest.approx((40.0, 0.0))
 
 
 def test_camera_motion_resets_the_ground(start_walkers):

@@ -40,11 +40,11 @@ def test_a_box_outside_the_image_has_no_edges(box):
 
 
 def test_a_box_cut_at_a_side_has_its_middle_where_a_whole_one_would():
-    # A person of 200 px height is about 80 px wide, of which 30 are visible at the left border.
-    left = BoxEdges.of((-50, 100, 80, 200), None, SIZE)
-    right = BoxEdges.of((610, 100, 80, 200), None, SIZE)
-    assert left.middle == pytest.approx(30 - 40)
-    assert right.middle == pytest.approx(610 + 40)
+    # One of 200 px height that crosses the image is about 100 px wide; 30 are visible.
+    left = BoxEdges.of((-70, 100, 100, 200), None, SIZE)
+    right = BoxEdges.of((610, 100, 100, 200), None, SIZE)
+    assert left.middle == pytest.approx(30 - 50)
+    assert right.middle == pytest.approx(610 + 50)
     whole = BoxEdges.of((300, 100, 80, 200), None, SIZE)
     assert left.covariance[0, 0] > 4.0 * whole.covariance[0, 0]
 

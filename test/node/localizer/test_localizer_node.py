@@ -18,6 +18,7 @@ from sensor_msgs.msg import CompressedImage, Image, Imu
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.node import graph_monitor
+from pf_tracker_ros.node.localizer import localizer_node
 from pf_tracker_ros.node.localizer.tracker_status import read_status
 
 STILL = {"camera__height": 1.5}
@@ -149,7 +150,7 @@ def test_it_is_silent_without_a_selected_target(scene, make_localizer, given):
     ]
     assert reasons == [
         "the tracker has no target",
-        "no target is selected",
+        "no target is selected; select one on the tracker's topic ~/select",
         "target 7 is not in the tracker's status",
         "the tracker skipped the image",
         "the image is not newer than the last one",
@@ -381,6 +382,17 @@ def test_what_is_wrong_with_the_calibration_is_told_and_it_goes_on(scene, make_l
     assert "not finite" in reason(2, given.camera_info(focal=math.nan))
     assert "calibration is for images of 320 x 240" in reason(3, given.camera_info(320, 240))
     assert reason(4, given.camera_info()) == ""
+
+
+def test_a_frame_waits_for_the_first_calibration(scene, make_localizer, given, monkeypatch):
+    monkeypatch.setattr(localizer_node, "_MAX_WAIT", 60.0)
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.publish(given.start, [given.target(box=given.box_at(6.0, 0.0))])
+    scene.wait_for(lambda: localizer._waiting, "waiting frame")
+    scene.calibrate(localizer)
+    (status,) = scene.wait_for(lambda: scene.statuses, "status")
+    assert status.values["pose"] == "published"
 
 
 def test_the_calibration_of_another_camera_is_told_of(scene, make_localizer, given):

@@ -53,7 +53,7 @@ def test_the_camera_moves_as_tf2_says_at_the_stamp_of_the_image(scene, move, giv
     buffer = tf2_ros.Buffer()
     listener = tf2_ros.TransformListener(buffer, scene)
     target = np.array([9.0, 1.0])
-    move(given.start - 10**9, -2.0, 0.0)
+    move(given.start - 10**9, -2.0, -0.3)
     for index in range(25):
         stamp = given.start + index * given.frame
         # Images are halfway between two transforms.
