@@ -223,13 +223,10 @@ def decode_image(message: RawImage | CompressedImage, max_pixels: float) -> Pixe
 
 
 def decode_raw(message: RawImage) -> Pixels:
-    """The image of a message.
+    """The image of a message in one of `ENCODINGS`.
 
     The sizes are checked against the data before memory is allocated. At most three times the size
     of the data is allocated. Data after the last row is ignored.
-
-    Args:
-        message: An image in one of `ENCODINGS`.
 
     Returns:
         (height, width, 3) uint8 BGR, (height, width) uint8, uint16 or, from 32FC1, float32 in
