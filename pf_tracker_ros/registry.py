@@ -205,11 +205,6 @@ def _in_one_line(error: Exception) -> str:
 
 
 def import_all(package: str, path: list[str]) -> None:
-    """Import every module of a package, so that its parts are registered.
-
-    Args:
-        package: Name of the package.
-        path: `__path__` of the package.
-    """
+    """Import every module of a package, so that its parts are registered."""
     for module in sorted(found.name for found in pkgutil.iter_modules(path)):
         importlib.import_module(f"{package}.{module}")

@@ -34,6 +34,8 @@ from pf_tracker_ros.cues.cue import (
 )
 from pf_tracker_ros.frames.region import Region, nearest_pixel
 
+# Levels of each of red, green and blue.
+_LEVELS = 16
 # Added to both histograms, so that unseen colors have probability 1/2.
 _PRIOR_SHARE = 1e-4
 
@@ -79,7 +81,6 @@ class ColorContrast(SearchableCue):
 
     Args:
         parameters: Its weight, which the fusion applies.
-        levels: Levels of each of red, green and blue, at most 32.
         ring: Width of the ring on each side of the box, box sides.
         sharpness: How fast the log likelihood falls with a falling contrast.
         keep: Share of the old template that an update keeps.
@@ -92,12 +93,10 @@ class ColorContrast(SearchableCue):
         self,
         parameters: ColorContrastParameters,
         *,
-        levels: int = 16,
         ring: float = 0.4,
         sharpness: float = 400.0,
         keep: float = 0.96,
     ) -> None:
-        self._levels = levels
         self._ring = ring
         self._sharpness = sharpness
         self._keep = keep
@@ -109,7 +108,7 @@ class ColorContrast(SearchableCue):
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> ContrastTemplate:
         """See `Cue.learn`."""
-        bins = region.color_bins(self._levels)
+        bins = region.color_bins(_LEVELS)
         top, _, left, _ = region.padding
         region_box = region.region_boxes(box[None]).T
         edges = self._edges(region_box[:2], region_box[2:])[..., 0]
@@ -183,13 +182,13 @@ class ColorContrast(SearchableCue):
         return -self._sharpness * missing
 
     def _counts(self, bins: NDArray[np.intp]) -> NDArray[np.intp]:
-        return np.bincount(bins.ravel(), minlength=self._levels**3)
+        return np.bincount(bins.ravel(), minlength=_LEVELS**3)
 
     def _integral(self, region: Region, template: ContrastTemplate) -> NDArray[np.float64]:
         """(h + 1, w + 1) integral image of the probabilities."""
 
         def integrate() -> NDArray[np.float64]:
-            probabilities = template.probabilities.take(region.color_bins(self._levels))
+            probabilities = template.probabilities.take(region.color_bins(_LEVELS))
             return cv2.integral(region.pad(probabilities), sdepth=cv2.CV_64F)
 
         return region.cached(template, integrate)

@@ -371,18 +371,10 @@ class CoarseCorrelationResponse(CorrelationResponse):
 
     Args:
         parameters: Features.
-        cells: Cells along each side of the window, even.
-        settling_frames: As for `CorrelationResponse`.
     """
 
-    def __init__(
-        self,
-        parameters: CoarseCorrelationResponseParameters,
-        *,
-        cells: int = 24,
-        settling_frames: int = 1,
-    ) -> None:
+    def __init__(self, parameters: CoarseCorrelationResponseParameters) -> None:
         windowed = CorrelationResponseParameters(
             features=parameters.features, of_features=parameters.of_features, window=_COARSE_WINDOW
         )
-        super().__init__(windowed, cells=cells, size_span=1.1, settling_frames=settling_frames)
+        super().__init__(windowed, cells=24, size_span=1.1, settling_frames=1)

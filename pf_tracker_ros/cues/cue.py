@@ -222,10 +222,6 @@ class Cue(Protocol):
     def log_odds(self, observation: Any, template: Any) -> dict[str, float]:
         """Log odds that the observed box is the target, as independent terms.
 
-        Args:
-            observation: Observation of the box.
-            template: Present template.
-
         Returns:
             Name of each term to its log odds, > 0 for the target; empty if the cue cannot decide.
         """

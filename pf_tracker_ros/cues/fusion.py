@@ -167,11 +167,7 @@ class CueFusion:
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
     def precompute(self, predicted_targets: Sequence[tuple[Region, Templates, float]]) -> None:
-        """Compute maps of several regions at once; see `Cue.precompute`.
-
-        Args:
-            predicted_targets: Region, templates and doubt of each target.
-        """
+        """Compute maps of several regions at once; see `Cue.precompute`."""
         for name, cue in self._cues.items():
             in_doubt = name in self._in_doubt
             with_template = [

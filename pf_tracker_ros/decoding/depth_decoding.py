@@ -17,11 +17,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from pf_tracker_ros.decoding.compressed_decoding import CompressedImage, decode_compressed
 from pf_tracker_ros.decoding.image_decoding import (
+    CompressedImage,
     ImageError,
     Pixels,
     RawImage,
+    decode_compressed,
     decode_raw,
     quote,
 )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, bounding_box
-from pf_tracker_ros.decoding.compressed_decoding import decode_image
+from pf_tracker_ros.decoding.image_decoding import decode_image
 from pf_tracker_ros.footage import (
     Footage,
     ImageBag,

@@ -99,9 +99,6 @@ class ConfidenceRun:
     def run(self, on_progress: OnProgress) -> CalibrationResult:
         """Track, and fit.
 
-        Args:
-            on_progress: Called with the number of runs that are done.
-
         Raises:
             EvaluationError: Fewer than two sequences can be evaluated.
             RecordingError: A Ray cluster cannot be reached, or has ended.

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sensor_msgs.msg import CompressedImage
 
-from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
-from pf_tracker_ros.decoding.image_decoding import ImageError
+from pf_tracker_ros.decoding.image_decoding import ImageError, decode_compressed
 
 LARGEST = 10_000
 

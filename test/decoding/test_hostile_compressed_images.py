@@ -17,8 +17,7 @@ from PIL import Image as Picture
 from PIL import ImageFile, PngImagePlugin
 from sensor_msgs.msg import CompressedImage
 
-from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
-from pf_tracker_ros.decoding.image_decoding import ImageError
+from pf_tracker_ros.decoding.image_decoding import ImageError, decode_compressed
 
 # The default of `max_image_pixels`.
 LARGEST = 2**24
@@ -299,7 +298,7 @@ MEASURE = """
 import json, pathlib, re, resource, sys
 from array import array
 from sensor_msgs.msg import CompressedImage
-from pf_tracker_ros.decoding.compressed_decoding import decode_compressed
+from pf_tracker_ros.decoding.image_decoding import decode_compressed
 from pf_tracker_ros.decoding.image_decoding import ImageError
 
 def peak():

@@ -7,8 +7,13 @@ from hypothesis import strategies as st
 from sensor_msgs.msg import Image
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.decoding.compressed_decoding import decode_image
-from pf_tracker_ros.decoding.image_decoding import ENCODINGS, LARGEST_SIDE, ImageError, decode_raw
+from pf_tracker_ros.decoding.image_decoding import (
+    ENCODINGS,
+    LARGEST_SIDE,
+    ImageError,
+    decode_image,
+    decode_raw,
+)
 
 
 def message(data, width, height, step, encoding, *, is_bigendian=0):

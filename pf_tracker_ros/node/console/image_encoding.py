@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import cv2
 from sensor_msgs.msg import CompressedImage, Image
 
-from pf_tracker_ros.decoding.compressed_decoding import decode_image
-from pf_tracker_ros.decoding.image_decoding import ImageError
+from pf_tracker_ros.decoding.image_decoding import ImageError, decode_image
 from pf_tracker_ros.frames.exposure import range_of, sample, to_8_bit
 
 # Pixels; screens show no more of a wider picture.

@@ -27,11 +27,15 @@ class Playback:
     `stop` ends every wait with `PlaybackStopped`. `seek` ends a wait for an item's due time or
     status with `SeekRequested`.
 
+    Attributes:
+        has_restarted: Whether the schedule restarted with the last item, as after a pause or a lag.
+
     Args:
         paused: Whether to start paused.
     """
 
     def __init__(self, *, paused: bool = False) -> None:
+        self.has_restarted = False
         self._changed = threading.Condition()
         self._paused = paused
         self._stopped = False
@@ -141,13 +145,14 @@ class Playback:
         """
         if self._last_time is not None:
             self._last_gap = max(0, item_time - self._last_time) / NANOSECONDS
-        lag = 0.0
+        lag, self.has_restarted = 0.0, False
         with self._changed:
             while True:
                 self._raise_request()
                 if self._paused:
                     self._last_due = None
                     if self._steps:
+                        self.has_restarted = True
                         self._steps -= 1
                         break
                     self._hold()
@@ -155,11 +160,13 @@ class Playback:
                 self._steps = 0
                 now = time.monotonic()
                 if rate is None or self._last_due is None:
+                    self.has_restarted = True
                     self._last_due = now
                     break
                 due = self._last_due + self._last_gap / rate()
                 if now >= due:
                     lag = now - due if now - due > TOLERATED_LAG else 0.0
+                    self.has_restarted = lag > 0.0
                     self._last_due = now if lag else due
                     break
                 # Short waits, so that a change of rate takes effect within a long gap.

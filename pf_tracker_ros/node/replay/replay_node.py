@@ -171,7 +171,6 @@ class ReplayNode(Node):
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.playback.paused = request.data
-        self._restamper.follow_clock()
         response.success = True
         published = counted(self._published, "frame")
         response.message = f"{'paused' if request.data else 'playing'}, {published} published"
@@ -277,8 +276,9 @@ class ReplayNode(Node):
             )
             return
         lag = self.playback.wait_until_due(item.time, lambda: self._rate)
-        if lag > 0:
+        if self.playback.has_restarted:
             self._restamper.follow_clock()
+        if lag > 0:
             self._log.warning(
                 f"fell {lag:.2f} s behind the source's time at frame {self._published}; "
                 f"the rate of {self._rate:g} is too high for this machine",

@@ -58,11 +58,12 @@ class SessionManager:
 
     Attributes:
         session: None before the first valid configuration.
+        detector_thread: None without a built-in detector.
     """
 
     def __init__(self) -> None:
         self.session: Session | None = None
-        self._detector_thread: DetectorThread | None = None
+        self.detector_thread: DetectorThread | None = None
         self._choice = _DetectorChoice()
 
     def check(self, values: ParameterValues) -> None:
@@ -103,7 +104,7 @@ class SessionManager:
         )
         if choice != self._choice:
             self._close_detector()
-            self._detector_thread = DetectorThread(detector, choice.rate) if detector else None
+            self.detector_thread = DetectorThread(detector, choice.rate) if detector else None
             self._choice = choice
 
     def forget(self) -> None:
@@ -122,10 +123,10 @@ class SessionManager:
 
     def take_detections(self) -> tuple[str, ...]:
         """Pass the built-in detector's new detections to the session; returns its errors."""
-        if self._detector_thread is None or self.session is None:
+        if self.detector_thread is None or self.session is None:
             return ()
         try:
-            found = self._detector_thread.take()
+            found = self.detector_thread.take()
         except Exception as error:
             # Any error of the detector's thread; the present frame is processed all the same.
             return (f"the detector '{self._choice.name}' failed: {error}",)
@@ -136,30 +137,17 @@ class SessionManager:
             return (f"detections refused: {error}",)
         return ()
 
-    def offer(self, image: Any, stamp: int, *, jumped_back: bool) -> None:
-        """Offer a processed frame to the built-in detector.
-
-        Args:
-            image: (H, W, 3) or (H, W); it must not change any more.
-            stamp: Of the frame, nanoseconds.
-            jumped_back: Whether time jumped back with it.
-        """
-        if self._detector_thread:
-            if jumped_back:
-                self._detector_thread.discard_pending()
-            self._detector_thread.offer(image, stamp)
-
     def skip(self, stamp: int) -> None:
         """Advance the clock by a skipped frame; `stamp` in nanoseconds."""
         if self.session:
             self.session.skip(stamp)
-        if self._detector_thread:
-            self._detector_thread.discard_pending()
+        if self.detector_thread:
+            self.detector_thread.discard_pending()
 
     def _close_detector(self) -> None:
-        if self._detector_thread:
-            self._detector_thread.close()
-        self._detector_thread, self._choice = None, _DetectorChoice()
+        if self.detector_thread:
+            self.detector_thread.close()
+        self.detector_thread, self._choice = None, _DetectorChoice()
 
 
 def _tracker_values(values: ParameterValues) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from rclpy.service import Service
 from sensor_msgs.msg import CompressedImage, Image
 from std_srvs.srv import SetBool, Trigger
 
-from pf_tracker_ros.decoding.compressed_decoding import decode_image
+from pf_tracker_ros.decoding.image_decoding import decode_image
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.messages import ERROR, OK, WARN
 from pf_tracker_ros.node.graph_monitor import GraphMonitor
@@ -341,34 +341,37 @@ class TrackerNode(ManagedNode):
         if session is None:
             self._decode(message)
             return _Processed("waiting")
-        for error in self._throttle.unrepeated(self._manager.take_detections()):
-            self._reporter.report(error)
+        if self._manager.detector_thread:
+            self._report_unrepeated(self._manager.take_detections())
         arrival = session.classify(stamp)
         if arrival in DROPPED_ARRIVALS:
             return _Processed(session.drop(arrival).frame)
         frame = Frame(self._decode(message), stamp)
         network_use = session.network_use
         outcome = session.process(frame, arrival)
-        if outcome.frame != "frozen":
-            self._manager.offer(frame.image, stamp, jumped_back=bool(outcome.jumped_back))
         result = self._frame_result(frame.image)
         if network_use is not None and session.network_use is not None:
             result = replace(result, network_use=session.network_use.since(network_use))
-        for error in (
-            *outcome.refused,
-            *outcome.ended,
-            *self._throttle.unrepeated(outcome.rejected_detections),
-        ):
-            self._reporter.report(error)
-        self._log_progress(outcome)
-        # A duplicate on which a target could start has no new result.
-        if self._frame_publishers and outcome.frame not in SKIPPED:
-            self._frame_publishers.publish(message.header, result)
-            if self._frame_publishers.has_subscribers("likelihood"):
-                result = replace(result, likelihood=session.map_likelihood())
-                self._frame_publishers.publish(message.header, result, ("likelihood",))
+        try:
+            # A duplicate on which a target could start has no new result.
+            if self._frame_publishers and outcome.frame not in SKIPPED:
+                self._frame_publishers.publish(message.header, result)
+                if self._frame_publishers.has_subscribers("likelihood"):
+                    result = replace(result, likelihood=session.map_likelihood())
+                    self._frame_publishers.publish(message.header, result, ("likelihood",))
+        finally:
+            # The log and the detector wait for the topics that robots act on.
+            self._log_outcome(outcome)
+            if (detector := self._manager.detector_thread) and outcome.frame != "frozen":
+                if outcome.jumped_back:
+                    detector.discard_pending()
+                detector.offer(frame.image, stamp)
         self._result = result
         return _Processed(outcome.frame, result)
+
+    def _report_unrepeated(self, errors: Sequence[str]) -> None:
+        for error in self._throttle.unrepeated(errors):
+            self._reporter.report(error)
 
     def _decode(self, message: Image | CompressedImage) -> NDArray[Any]:
         return decode_image(message, self._values["max_image_pixels"])
@@ -387,8 +390,11 @@ class TrackerNode(ManagedNode):
             image=image,
         )
 
-    def _log_progress(self, outcome: Outcome) -> None:
-        """Log time jumps, started targets, the list of targets and the selected one's state."""
+    def _log_outcome(self, outcome: Outcome) -> None:
+        """Report errors; log time jumps, started targets, all targets, the selected one's state."""
+        for error in (*outcome.refused, *outcome.ended):
+            self._reporter.report(error)
+        self._report_unrepeated(outcome.rejected_detections)
         if outcome.jumped_back:
             self._diagnostics.time_jumps += 1
             self._log_time_jump(outcome)

@@ -107,13 +107,7 @@ class ArchiveEntry:
 def make_tasks(
     recordings: Mapping[str, PathOrUrl], results: Results, options: argparse.Namespace
 ) -> list[ArchiveTask]:
-    """Make a task for each recording.
-
-    Args:
-        recordings: As `find_recordings` returns them.
-        results: Storage of the results.
-        options: Of the command line.
-    """
+    """Make a task for each recording."""
     return [
         ArchiveTask(name, source, results, options, __version__, _key(source, options))
         for name, source in recordings.items()
