@@ -107,6 +107,18 @@ def test_perfect_boxes_score_all(benchmark, folders):
     assert json.dumps(figures)
 
 
+def test_two_overlapping_boxes_of_two_people_are_no_second_ones(benchmark):
+    pytest.importorskip("trackeval")
+    targets = benchmark("targets")
+    boxes = np.array([[10.0, 10.0, 20.0, 40.0], [14.0, 10.0, 20.0, 40.0], [90.0, 10.0, 20.0, 40.0]])
+    two = targets.FrameTracks(np.arange(2), boxes[:2])
+    apart = targets.FrameTracks(np.arange(2), boxes[[0, 2]])
+    tracks = targets.FrameTracks(np.arange(3), boxes)
+    figures = targets.score([two, apart], targets.Run([tracks, tracks], 1.0))
+    assert figures["overlap %"] == pytest.approx(400 / 6)
+    assert figures["second %"] == pytest.approx(100 / 6)
+
+
 def test_a_later_run_adds_to_the_outcomes_of_an_earlier_one(benchmark, tmp_path):
     targets = benchmark("targets")
     first, again = (targets.Outcome("SORT", "drawn", 5, {"HOTA": hota}) for hota in (20.0, 30.0))
