@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames import check_image
 from pf_tracker_ros.frames.exposure import gray_range, to_8_bit
-from pf_tracker_ros.tracking.input_checks import check_box, check_image
+from pf_tracker_ros.tracking.input_checks import check_box
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]

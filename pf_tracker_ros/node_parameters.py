@@ -7,7 +7,7 @@ from typing import Any
 
 from pf_tracker_ros.parameters import declared, parts
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
-from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
+from pf_tracker_ros.tracking.frame_clock import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.tracking.parameters import TargetCountParameters
 from pf_tracker_ros.tracking.presets import PRESETS
 

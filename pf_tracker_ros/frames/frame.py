@@ -271,3 +271,20 @@ class Frame:
         # Rows first: they are copied as a whole.
         across = self.image[rows, columns[0] : columns[-1] + 1]
         return self._to_8_bit(across.take(columns - columns[0], axis=1))
+
+
+def check_image(image: NDArray[np.generic]) -> None:
+    """Check an image.
+
+    Raises:
+        ValueError: `image` is not (H, W, 3) uint8, or (H, W) uint8, uint16 or float32, or is empty.
+    """
+    allowed = "(H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32"
+    if not isinstance(image, np.ndarray):
+        raise ValueError(f"image is a {type(image).__name__}; allowed: an array {allowed}")
+    color = image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8
+    gray = image.ndim == 2 and image.dtype in (np.uint8, np.uint16, np.float32)
+    if not (color or gray):
+        raise ValueError(f"image is {image.shape} {image.dtype}; allowed: {allowed}")
+    if image.size == 0:
+        raise ValueError(f"image is {image.shape}, without pixels; allowed: {allowed}")

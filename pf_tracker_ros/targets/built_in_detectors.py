@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import pairwise_iou
-from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, default_numpy_errors
+from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
 from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
-from pf_tracker_ros.tracking.input_checks import check_image
+from pf_tracker_ros.tracking.target_filter import default_numpy_errors
 
 # Margin of the HOG window around a person, as shares of its width and height at each side. These
 # give the largest overlap with the boxes of PETS09-S2L1 and TUD-Stadtmitte.

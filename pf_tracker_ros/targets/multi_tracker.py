@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.association import require_scipy
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.out_of_sequence import StampedDetections
-from pf_tracker_ros.targets.track_manager import NOMINAL_INTERVAL, TrackManager
+from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
+from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
 from pf_tracker_ros.tracking.input_checks import (
     check_box,
-    check_image,
     check_interval,
     check_share,
 )

@@ -92,8 +92,10 @@ class TrackingPipeline:
         track_set = replace(track_set, tracks=tracks)
         if detections is not None:
             track_set = track_set.learn_growth()
-        track_set = self.initiator.promote_distractors(track_set, assigned)
-        track_set = self._deleter.delete_tracks(track_set, frame.size, interval)
+            track_set = self.initiator.promote_distractors(track_set, assigned)
+        # Only a user ends manual tracks.
+        if track_set.ended_tracks or not all(track.is_manual for track in track_set.tracks):
+            track_set = self._deleter.delete_tracks(track_set, frame.size, interval)
         track_set = self._distractors.update(track_set, interval)
         if detections is not None:
             used = {id(one) for one in assigned}

@@ -8,46 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.targets.frame_buffer import HistoryEntry
-from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
+from pf_tracker_ros.targets.tracks import LastSeen, Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import clamp_box, scaled_box, scaled_to
 from pf_tracker_ros.tracking.target_filter import TargetFilter
-
-
-class LastSeen(NamedTuple):
-    """Where a target was last tracked: neither occluded nor lost.
-
-    Attributes:
-        frame: The last such frame.
-        box: Of the target in it, pixels.
-    """
-
-    frame: Frame
-    box: Box
-
-
-def last_seen_after(
-    frame: Frame, track_set: TrackSet, before: Mapping[TrackKey, LastSeen]
-) -> dict[TrackKey, LastSeen]:
-    """Where each target was last seen, after a frame."""
-    last_seen: dict[TrackKey, LastSeen] = {}
-    for track in track_set.tracks:
-        estimate = track.filter_state.estimate
-        if estimate.state == "tracking":
-            last_seen[track.key] = LastSeen(frame, estimate.box)
-        elif track.key in before:
-            last_seen[track.key] = before[track.key]
-    return last_seen
 
 
 def needs_relearning(

@@ -19,13 +19,12 @@ from typing import Any, Literal
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues.cue import NetworkUse
-from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.association import require_scipy
 from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer
-from pf_tracker_ros.targets.frozen_images import FrozenImages
 from pf_tracker_ros.targets.requests import (
     DetectionQueue,
     ImageFormatGuard,
@@ -35,8 +34,8 @@ from pf_tracker_ros.targets.requests import (
 from pf_tracker_ros.targets.track_manager import FrameNotBufferedError, StartedTarget, TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.estimate import Estimate
-from pf_tracker_ros.tracking.frame_clock import FrameClock, TimePolicy, is_due
-from pf_tracker_ros.tracking.input_checks import check_box, check_image, check_share
+from pf_tracker_ros.tracking.frame_clock import FrameClock, FrozenImages, TimePolicy, is_due
+from pf_tracker_ros.tracking.input_checks import check_box, check_share
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 

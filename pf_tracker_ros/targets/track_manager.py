@@ -33,8 +33,6 @@ from pf_tracker_ros.targets.out_of_sequence import (
 )
 from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.relearning import (
-    LastSeen,
-    last_seen_after,
     needs_relearning,
     reconfigured,
     reconfigured_entry,
@@ -42,16 +40,21 @@ from pf_tracker_ros.targets.relearning import (
     resized,
 )
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
-from pf_tracker_ros.targets.tracks import Track, TrackIds, TrackKey, TrackSet
+from pf_tracker_ros.targets.tracks import (
+    LastSeen,
+    Track,
+    TrackIds,
+    TrackKey,
+    TrackSet,
+    last_seen_after,
+)
+from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
 from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.input_checks import check_box, check_seed
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import scaled_box, scaled_to
-from pf_tracker_ros.tracking.target_filter import TargetFilter
-
-NOMINAL_INTERVAL = 0.04
-"""Seconds between frames where the interval is unknown."""
+from pf_tracker_ros.tracking.target_filter import TargetFilter, default_numpy_errors
 
 # The frame of a manual target may have been lost; one at most this much later replaces it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
@@ -266,7 +269,9 @@ class TrackManager:
             )
             current = [one for one in detections if _is_current(one.stamp, frame.stamp, interval)]
             late = [one for one in detections if one not in current]
-            entries, rejected = insert_late(self.frames, late, frame.stamp, self._describe)
+            entries, rejected = (
+                insert_late(self.frames, late, frame.stamp, self._describe) if late else ([], [])
+            )
             track_set, revised = (
                 reprocess(self._pipeline, entries) if entries else (self._track_set, [])
             )
@@ -578,14 +583,6 @@ class TrackManager:
         self.clear()
         self.frames.clear()
         self._front_end = self._new_front_end()
-
-
-def default_numpy_errors() -> np.errstate:
-    """NumPy's default error handling, whatever the calling program has set.
-
-    Likelihoods far from the target underflow, an error under `numpy.seterr(all="raise")`.
-    """
-    return np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
 
 
 def _is_current(stamp: int, now: int, interval: float) -> bool:

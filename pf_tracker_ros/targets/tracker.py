@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.input_checks import (
     check_box,
-    check_image,
     check_interval,
     check_share,
 )

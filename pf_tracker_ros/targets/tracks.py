@@ -428,3 +428,29 @@ class TrackIds:
             self._ids = {
                 key: id for key, id in self._ids.items() if key in present or key.frame >= oldest
             }
+
+
+class LastSeen(NamedTuple):
+    """Where a target was last tracked: neither occluded nor lost.
+
+    Attributes:
+        frame: The last such frame.
+        box: Of the target in it, pixels.
+    """
+
+    frame: Frame
+    box: Box
+
+
+def last_seen_after(
+    frame: Frame, track_set: TrackSet, before: Mapping[TrackKey, LastSeen]
+) -> dict[TrackKey, LastSeen]:
+    """Where each target was last seen, after a frame."""
+    last_seen: dict[TrackKey, LastSeen] = {}
+    for track in track_set.tracks:
+        estimate = track.filter_state.estimate
+        if estimate.state == "tracking":
+            last_seen[track.key] = LastSeen(frame, estimate.box)
+        elif track.key in before:
+            last_seen[track.key] = before[track.key]
+    return last_seen

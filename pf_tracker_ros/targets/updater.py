@@ -125,7 +125,7 @@ class Updater:
             time_since_detection: Seconds since the last frame with detections.
         """
         updated = list(tracks)
-        grounds = fit_grounds(tracks)
+        grounds = fit_grounds(tracks) if len(tracks) > 1 else {}
         boxes = np.array([track.predicted_box for track in tracks]).reshape(-1, 4)
         front: list[Track] = []
         lower_edges = boxes[:, 1] + boxes[:, 3]

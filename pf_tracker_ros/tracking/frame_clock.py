@@ -1,4 +1,4 @@
-"""Order of the frames by their stamps, and checks of the stamps of detections and targets.
+"""Order of the frames by their stamps, frozen images, and checks of other stamps.
 
 1. A frame after the last one is "next"; one with the same stamp is a "duplicate".
 2. An older frame is "late" if it is at most a second older.
@@ -7,6 +7,10 @@
 4. The stamp of a detection or target must belong to a frame of the current time: not to the time
    before a jump, and not to another clock.
 
+5. Images are frozen if a camera driver repeats one of them under new stamps. The sensor noise makes
+   any two images of a real camera differ, also of a still scene. So images that are equal to the
+   bit for some time are not new ones. Generated scenes have no noise.
+
 Stamps are in nanoseconds; 0 means unknown.
 """
 
@@ -14,8 +18,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import LATE_WITHIN, NANOSECONDS
 
 FrameOrder = Literal["next", "duplicate", "late", "jump"]
@@ -212,3 +220,45 @@ class FrameClock:
                 f"its stamp is {behind / NANOSECONDS:.0f} s before that of the last frame, from "
                 "another clock; allowed: the stamp of the detector's frame, or 0 for the next one"
             )
+
+
+NOMINAL_INTERVAL = 0.04
+"""Seconds between frames where the interval is unknown."""
+
+DEFAULT_FROZEN_AFTER = 0.5
+"""Seconds of equal images after which they are frozen."""
+
+# Rows of the first comparison. Noise shows in them, so that few images are compared as a whole.
+_ROWS = 8
+
+
+class FrozenImages:
+    """Measures for how long the images have been equal to the bit, by their stamps."""
+
+    def __init__(self) -> None:
+        self._image: NDArray[Any] | None = None
+        self._stamp = 0
+        self._seconds = 0.0
+
+    def forget(self) -> None:
+        """Start anew with the next image, as after a jump of time."""
+        self._image = None
+
+    def seconds_unchanged(self, frame: Frame) -> float:
+        """Seconds from the first of the equal images to a frame, which must not change any more."""
+        image, stamp = frame.image, frame.stamp
+        if self._image is not None and _are_equal(self._image, image):
+            is_stamped = 0 not in (stamp, self._stamp)
+            elapsed = (stamp - self._stamp) / NANOSECONDS if is_stamped else NOMINAL_INTERVAL
+            self._seconds += elapsed
+        else:
+            self._seconds = 0.0
+        self._image, self._stamp = image, stamp
+        return self._seconds
+
+
+def _are_equal(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    if one.shape != other.shape or one.dtype != other.dtype:
+        return False
+    step = max(1, len(one) // _ROWS)
+    return np.array_equal(one[::step], other[::step]) and np.array_equal(one, other)

@@ -26,9 +26,8 @@ from pf_tracker_ros.filter import (
 )
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.assessment import Assessment
+from pf_tracker_ros.tracking.assessment import Assessment, ConfidenceCalibration
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
-from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.exemplars import Exemplars
 from pf_tracker_ros.tracking.filter_state import FilterState

@@ -35,9 +35,8 @@ from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.filter import KalmanFilter, ParticleSet, build_resampler
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.assessment import Assessment, Confidence
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence, ConfidenceCalibration
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
-from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
 from pf_tracker_ros.tracking.exemplars import Exemplars, gradient_cue
 from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
@@ -401,3 +400,11 @@ def _restored_after_flash(state: FilterState, frame: Frame, interval: float) -> 
     age = saved.age + interval
     is_flash = age < _LONGEST_FLASH
     return replace(state, saved_templates=replace(saved, age=age) if is_flash else None)
+
+
+def default_numpy_errors() -> np.errstate:
+    """NumPy's default error handling, whatever the calling program has set.
+
+    Likelihoods far from the target underflow, an error under `numpy.seterr(all="raise")`.
+    """
+    return np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")

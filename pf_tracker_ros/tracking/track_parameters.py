@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.calibration import LARGEST
+from pf_tracker_ros.tracking.assessment import LARGEST
 from pf_tracker_ros.tracking.estimate import TrackThresholds
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 

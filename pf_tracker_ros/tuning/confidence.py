@@ -8,7 +8,7 @@
    the mean squared error of the probability, which is proper, so that only the truth gives the
    least.
 
-Source: Platt 1999; see `pf_tracker_ros/tracking/calibration.py`. Expected calibration error: Naeini
+Source: Platt 1999; see `pf_tracker_ros/tracking/assessment.py`. Expected calibration error: Naeini
 et al. 2015, "Obtaining well calibrated probabilities using Bayesian binning".
 """
 
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.tracking.calibration import (
+from pf_tracker_ros.tracking.assessment import (
     LARGEST,
     LEAST_SCALE,
     ConfidenceCalibration,

@@ -9,7 +9,7 @@ import numpy as np
 from pf_tracker_ros.evaluation.reports.page import fill
 from pf_tracker_ros.evaluation.reports.svg_plots import reliability_plot
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
+from pf_tracker_ros.tracking.assessment import ConfidenceCalibration
 from pf_tracker_ros.tuning.confidence import (
     CalibrationResult,
     calibration_error,

@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
+from pf_tracker_ros.tracking.assessment import ConfidenceCalibration
 
 PARAMETER = "track.confidence_calibration"
 

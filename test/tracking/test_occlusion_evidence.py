@@ -6,7 +6,7 @@ from pf_tracker_ros import MultiTracker, Tracker
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.out_of_sequence import reprocess
 from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.tracking.occlusion_evidence import NO_EVIDENCE, OcclusionEvidence
+from pf_tracker_ros.tracking.filter_state import NO_EVIDENCE, OcclusionEvidence
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 SECOND = 1_000_000_000

@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError
 from pf_tracker_ros.parameter_files import read_parameter_file
-from pf_tracker_ros.tracking.calibration import ConfidenceCalibration
+from pf_tracker_ros.tracking.assessment import ConfidenceCalibration
 from pf_tracker_ros.tuning import __main__
 
 optuna = pytest.importorskip("optuna")

@@ -11,7 +11,7 @@ pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
 from pf_tracker_ros.node.console import target_requester, tracker_services
 from pf_tracker_ros.node.console.console_node import ConsoleNode
-from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
+from pf_tracker_ros.tracking.frame_clock import DEFAULT_FROZEN_AFTER
 
 PAGE_DEADLINE = 60_000.0
 POLL = 20.0

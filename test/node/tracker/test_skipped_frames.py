@@ -8,8 +8,8 @@ import pytest
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.targets.built_in_detectors import DetectorThread
-from pf_tracker_ros.targets.frozen_images import DEFAULT_FROZEN_AFTER
 from pf_tracker_ros.targets.track_manager import TrackManager
+from pf_tracker_ros.tracking.frame_clock import DEFAULT_FROZEN_AFTER
 
 pytestmark = pytest.mark.usefixtures("fast_reports")
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
