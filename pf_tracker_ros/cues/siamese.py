@@ -7,7 +7,7 @@
        r(X) = max_i s_i exp(-d_i(X)^2 / 2)
 
    d_i is the distance of the center, in box sides, and of the logarithms of width and height, each
-   in its standard deviation. Differences of a few pixels are none: of a small target, the network
+   in its standard deviation. For a small target, differences of a few pixels are none: the network
    sees magnified pixels, and the other cues have the better box. The log likelihood falls linearly
    with the response.
 3. A share of the particles is moved to the candidates (`Search.propose_boxes`).
@@ -58,8 +58,9 @@ if TYPE_CHECKING:
 _COMPARED = 12
 # Standard deviations of a candidate's center, box sides, and of the logarithms of its sides.
 _CENTER_STD, _SIZE_STD = 0.35, 0.6
-# Difference of centers and sides that counts as none, pixels of the frame.
-_TOLERANCE = 6.0
+# Difference of centers and sides that counts as none for a target of up to the second value, pixels
+# of the frame; there is no such difference from twice that size on.
+_TOLERANCE, _SMALL = 6.0, 32.0
 # Distance from the middle of the crop, box sides, within which the network sees a box whole.
 _SEEN_WITHIN = 2.0
 # How fast the log likelihood falls with the response: in the most doubt, where the other cues are
@@ -271,10 +272,12 @@ def _log_likeness(
     x, y, width, height = boxes
     dimensions = np.broadcast(*boxes).ndim
     left, top, widths, heights = (values.reshape(-1, *[1] * dimensions) for values in candidates.T)
-    across = np.abs(x + width / 2 - left - widths / 2) - _TOLERANCE
-    down = np.abs(y + height / 2 - top - heights / 2) - _TOLERANCE
-    wider = np.abs(np.log(width / widths)) - _TOLERANCE / width
-    higher = np.abs(np.log(height / heights)) - _TOLERANCE / height
+    size = np.sqrt(width * height)
+    tolerance = _TOLERANCE * np.clip(2.0 - size / _SMALL, 0.0, 1.0)
+    across = np.abs(x + width / 2 - left - widths / 2) - tolerance
+    down = np.abs(y + height / 2 - top - heights / 2) - tolerance
+    wider = np.abs(np.log(width / widths)) - tolerance / width
+    higher = np.abs(np.log(height / heights)) - tolerance / height
     across, down = across / (_CENTER_STD * width), down / (_CENTER_STD * height)
     squared = np.zeros(np.broadcast(across, down).shape)
     for difference in (across, down, wider / size_std, higher / size_std):

@@ -61,17 +61,17 @@ def make_region(model, picture):
 def test_the_response_is_highest_at_the_candidate_and_falls_as_a_gaussian(make_region):
     cue, template, region = make_region()
     there = np.array([130.0, 100.0, 40.0, 40.0])
-    beside = there + [0.0, 20.0, 0.0, 0.0]
+    beside = there + [0.0, 18.5, 0.0, 0.0]
     larger = np.array([126.0, 96.0, 48.0, 48.0])
-    close = there + [5.0, -5.0, 0.0, 5.0]
+    close = there + [4.0, -4.0, 0.0, 3.0]
     boxes = np.array([there, beside, larger, close])
     at, off, wide, as_close = cue.response(region, boxes, template)
     assert at > 0.95
     assert as_close == at
-    # 6 of 20 px are tolerated, and 14 px are one standard deviation of .35 sides; both sides are
-    # larger by ln 1.2, of which 6 of 48 px are tolerated.
+    # The tolerance of 6 px falls to 4.5 px at 40 px, and to 3 px at 48 px. 14 px are one standard
+    # deviation of .35 sides; both sides are larger by ln 1.2.
     assert off / at == pytest.approx(np.exp(-0.5), abs=1e-6)
-    assert wide / at == pytest.approx(np.exp(-(((np.log(1.2) - 6 / 48) / 0.6) ** 2)), abs=1e-6)
+    assert wide / at == pytest.approx(np.exp(-(((np.log(1.2) - 3 / 48) / 0.6) ** 2)), abs=1e-6)
     assert cue.log_likelihood(region, there[None], template) == pytest.approx(-400 * (1 - at))
 
 
