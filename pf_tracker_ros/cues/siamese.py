@@ -7,10 +7,13 @@
        r(X) = max_i s_i exp(-d_i(X)^2 / 2)
 
    d_i is the distance of the center, in box sides, and of the logarithms of width and height, each
-   in its standard deviation. The log likelihood falls linearly with the response.
+   in its standard deviation. For a small target, differences of a few pixels are none: the network
+   sees magnified pixels, and the other cues have the better box. The log likelihood falls linearly
+   with the response.
 3. A share of the particles is moved to the candidates (`Search.propose_boxes`).
 4. Low log odds of the candidate at the estimate lower the confidence. High ones confirm a target
-   that has been followed all along, until there is a rival (`assessment.recognition_odds`).
+   that has been followed all along, until there is a rival (`assessment.recognition_odds`). Boxes
+   elsewhere in the crop, which a redetection may find, are judged by the same candidates.
 
 The weight of the cue grows with the doubt about the last estimate: where the other cues are sure of
 it, they have the better box; where they are not, the network often still knows the target. The
@@ -34,7 +37,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxesByAxis, BoxGrid
+from pf_tracker_ros.boxes import BoxesByAxis, BoxGrid, relative_center_distances
 from pf_tracker_ros.cues.cue import (
     CUES,
     CueParameters,
@@ -55,6 +58,11 @@ if TYPE_CHECKING:
 _COMPARED = 12
 # Standard deviations of a candidate's center, box sides, and of the logarithms of its sides.
 _CENTER_STD, _SIZE_STD = 0.35, 0.6
+# Difference of centers and sides that counts as none for a target of up to the second value, pixels
+# of the frame; there is no such difference from twice that size on.
+_TOLERANCE, _SMALL = 6.0, 32.0
+# Distance from the middle of the crop, box sides, within which the network sees a box whole.
+_SEEN_WITHIN = 2.0
 # How fast the log likelihood falls with the response: in the most doubt, where the other cues are
 # about as sharp, a candidate outweighs them.
 _SHARPNESS = 400.0
@@ -94,8 +102,15 @@ class SiameseTemplate:
     suits: bool
 
 
+class _Found(NamedTuple):
+    """What the network found in a frame, and the (4,) box around which it did, pixels."""
+
+    candidates: Candidates
+    center_box: NDArray[np.float64]
+
+
 class SiameseObservation(NamedTuple):
-    """The box of an observation, and its region, which holds what the network found.
+    """The box of an observation, and its region, whose frame holds what the network found.
 
     Attributes:
         region: Region of the frame.
@@ -155,14 +170,14 @@ class Siamese(SearchableCue):
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """See `Cue.precompute`; without it, or where no cell has a box, the cue is silent."""
         for one in predicted_targets:
+            region, likeliest = one.region, None
             if one.doubt > 0.0 or not self._only_in_doubt:
-                region = one.region
                 start = time.perf_counter()
                 found = self._network.find(region.frame, one.template.network, region.center_box)
                 seconds = self._use.seconds + time.perf_counter() - start
                 self._use = NetworkUse(self._use.runs + 1, seconds)
                 if len(found.boxes):
-                    region.store(_key(one.template), found.likeliest(_COMPARED))
+                    likeliest = _Found(found.likeliest(_COMPARED), region.center_box)
                 elif not self._has_told:
                     self._has_told = True
                     logging.getLogger(__name__).warning(
@@ -170,6 +185,7 @@ class Siamese(SearchableCue):
                         "such frames (told once)",
                         self._network.description.name,
                     )
+            region.frame.store(_key(one.template), likeliest)
 
     def responds(self, region: Region, template: SiameseTemplate) -> bool:
         """See `SearchableCue.responds`."""
@@ -234,11 +250,12 @@ class Siamese(SearchableCue):
 
 
 def _odds_at(observation: SiameseObservation, template: SiameseTemplate) -> float | None:
-    """Log odds of the best candidate at the observed box; None where the cue is silent."""
-    found = _found(observation.region, template)
-    if found is None:
+    """Log odds of the best candidate at the observed box; None where the network sees none."""
+    stored, box = _found_in_frame(observation.region, template), observation.box
+    if stored is None or relative_center_distances(box, stored.center_box) > _SEEN_WITHIN:
         return None
-    log_likeness = _log_likeness(found.boxes, BoxesByAxis(*observation.box), _SIZE_STD)
+    found = stored.candidates
+    log_likeness = _log_likeness(found.boxes, BoxesByAxis(*box), _SIZE_STD)
     return float((found.log_odds + log_likeness).max())
 
 
@@ -255,21 +272,34 @@ def _log_likeness(
     x, y, width, height = boxes
     dimensions = np.broadcast(*boxes).ndim
     left, top, widths, heights = (values.reshape(-1, *[1] * dimensions) for values in candidates.T)
-    across = (x + width / 2 - left - widths / 2) / (_CENTER_STD * width)
-    down = (y + height / 2 - top - heights / 2) / (_CENTER_STD * height)
-    wider = np.log(width / widths) / size_std
-    higher = np.log(height / heights) / size_std
-    squared = np.square(across) + np.square(down) + np.square(wider) + np.square(higher)
+    size = np.sqrt(width * height)
+    tolerance = _TOLERANCE * np.clip(2.0 - size / _SMALL, 0.0, 1.0)
+    across = np.abs(x + width / 2 - left - widths / 2) - tolerance
+    down = np.abs(y + height / 2 - top - heights / 2) - tolerance
+    wider = np.abs(np.log(width / widths)) - tolerance / width
+    higher = np.abs(np.log(height / heights)) - tolerance / height
+    across, down = across / (_CENTER_STD * width), down / (_CENTER_STD * height)
+    squared = np.zeros(np.broadcast(across, down).shape)
+    for difference in (across, down, wider / size_std, higher / size_std):
+        squared += np.square(np.maximum(difference, 0.0))
     log_likeness: NDArray[np.float64] = -0.5 * squared
     return log_likeness
 
 
 def _found(region: Region, template: SiameseTemplate) -> Candidates | None:
     """What the network found in a region; None where it did not run."""
-    found: Candidates | None = region.cached(_key(template), lambda: None)
-    return found
+    stored = _found_in_frame(region, template)
+    if stored is None or stored.center_box is not region.center_box:
+        return None
+    return stored.candidates
+
+
+def _found_in_frame(region: Region, template: SiameseTemplate) -> _Found | None:
+    """What the network found anywhere in the frame of a region; None where it did not run."""
+    stored: _Found | None = region.frame.cached(_key(template), lambda: None)
+    return stored
 
 
 def _key(template: SiameseTemplate) -> object:
-    """Key of the candidates in a region's cache."""
+    """Key of the candidates in a frame's cache."""
     return "siamese candidates", template

@@ -61,13 +61,17 @@ def make_region(model, picture):
 def test_the_response_is_highest_at_the_candidate_and_falls_as_a_gaussian(make_region):
     cue, template, region = make_region()
     there = np.array([130.0, 100.0, 40.0, 40.0])
-    beside = there + [0.0, 14.0, 0.0, 0.0]
+    beside = there + [0.0, 18.5, 0.0, 0.0]
     larger = np.array([126.0, 96.0, 48.0, 48.0])
-    at, off, wide = cue.response(region, np.array([there, beside, larger]), template)
+    close = there + [4.0, -4.0, 0.0, 3.0]
+    boxes = np.array([there, beside, larger, close])
+    at, off, wide, as_close = cue.response(region, boxes, template)
     assert at > 0.95
-    # 14 px are one standard deviation of .35 sides; both sides are larger by ln 1.2.
+    assert as_close == at
+    # The tolerance of 6 px falls to 4.5 px at 40 px, and to 3 px at 48 px. 14 px are one standard
+    # deviation of .35 sides; both sides are larger by ln 1.2.
     assert off / at == pytest.approx(np.exp(-0.5), abs=1e-6)
-    assert wide / at == pytest.approx(np.exp(-((np.log(1.2) / 0.6) ** 2)), abs=1e-6)
+    assert wide / at == pytest.approx(np.exp(-(((np.log(1.2) - 3 / 48) / 0.6) ** 2)), abs=1e-6)
     assert cue.log_likelihood(region, there[None], template) == pytest.approx(-400 * (1 - at))
 
 
@@ -84,10 +88,24 @@ def test_candidates_are_proposed_and_only_their_absence_lowers_the_confidence(ma
     assert proposed.boxes[0] == pytest.approx([130, 100, 40, 40])
     at, away = (
         cue.log_odds(cue.observe(region, box), template)["score"]
-        for box in (proposed.boxes[0], proposed.boxes[0] + [120, 0, 0, 0])
+        for box in (proposed.boxes[0], proposed.boxes[0] + [69, 69, 0, 0])
     )
     assert at == 0.0
     assert away == -2.5
+
+
+def test_another_window_of_the_frame_is_judged_by_the_same_candidates(make_region):
+    cue, template, region = make_region()
+    box = cue.propose(region, template).boxes[0]
+    window = Region(region.frame, box[None], center_box=box)
+    odds = [
+        cue.log_odds(cue.observe(window, box + [offset, offset, 0, 0]), template)
+        for offset in (0.0, 69.0, 120.0)
+    ]
+    # The last box is beyond what the network saw.
+    assert odds == [{"score": 0.0}, {"score": -2.5}, {}]
+    assert cue.propose(window, template) is None
+    assert not cue.responds(window, template)
 
 
 def test_a_candidate_is_recognized(make_region):
