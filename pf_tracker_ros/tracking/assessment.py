@@ -174,7 +174,7 @@ _NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.582, 6.6
 # The a of a rival, and the slope of the log odds over the logarithm of the share beside it.
 _RIVAL_SLOPE, _SHARE_ODDS_SLOPE = 20.0, 1.3
 # Slope of the log odds over the logarithm of the number of looks.
-_LOOKS_ODDS_SLOPE = 0.6
+_LOOKS_ODDS_SLOPE = 0.65
 # Log odds of a perfect recognition, the log odds of a rival below which the target may have been
 # confused with it, and the confidence from which on it has not been.
 _RECOGNITION_ODDS, _CONFUSED_BELOW, _SURELY_SEEN = 1.6, -2.0, 0.8
