@@ -115,13 +115,6 @@ def test_the_examples_of_the_library_run_as_they_are_written(number, moving_squa
     assert len(done.stdout.splitlines()) >= len(moving_square.images) - 1
 
 
-def test_a_clip_of_the_demo_in_the_readme_is_one_that_it_leaves():
-    clips = (ROOT / "demo" / "clips.py").read_text()
-    assert 'CACHE = FOLDER / "cache"' in (ROOT / "demo" / "run.py").read_text()
-    for name in re.findall(r"demo/cache/(\w+\.mp4)", README):
-        assert f"/{name}" in clips
-
-
 def test_the_readme_fits_on_three_screens():
     assert len(README.splitlines()) <= 120
 
