@@ -29,7 +29,7 @@ _DEFAULT: dict[str, Any] = {
     "cues": ("color_contrast", "correlation_response"),
     "template.update_above": 0.0,
     "template.similarity_above": 0.33,
-    "track.wrong_box_cost": 1.6,
+    "track.wrong_box_cost": 1.75,
     "track.occlusion_policy": "keep_tracking",
 }
 _LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
