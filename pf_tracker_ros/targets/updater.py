@@ -160,7 +160,10 @@ class Updater:
                 if assigned[index] is None and track.is_undetected:
                     distractors = [one for one in tracks if one.distracted_key == track.key]
                     track = self._check_switch(track, tracks[index], distractors)
-                    track = self._exchange(track, tracks[index], distractors, frame)
+                    others = [
+                        one for one in tracks if not (one.is_distractor or one.key == track.key)
+                    ]
+                    track = self._exchange(track, tracks[index], distractors, others, frame)
             updated[index] = track
             if not _is_place_unknown(track):
                 front.append(track)
@@ -340,18 +343,30 @@ class Updater:
         )
 
     def _exchange(
-        self, track: Track, before: Track, distractors: Sequence[Track], frame: Frame
+        self,
+        track: Track,
+        before: Track,
+        distractors: Sequence[Track],
+        targets: Sequence[Track],
+        frame: Frame,
     ) -> Track:
         """A track whose box and that of a distractor are exchanged if that explains both better.
+
+        The box of another target is not exchanged. What was learned from the distractor's box is
+        forgotten, and the target counts as occluded in this frame.
 
         Args:
             track: In this frame.
             before: As of `_check_switch`.
             distractors: As of `_check_switch`.
+            targets: The other targets, predicted likewise.
             frame: This one.
         """
         other = track.filter_state.distractor_box
         if other is None or track.is_occluded_by_other:
+            return track
+        places = np.array([one.predicted_box for one in targets]).reshape(-1, 4)
+        if pairwise_iou(other[None], places).max(initial=0.0) > _SWITCHED_ABOVE:
             return track
         boxes = np.stack([track.box, other])
         if not any(are_exchanged(before, one, boxes, frame) for one in distractors):
@@ -360,9 +375,16 @@ class Updater:
         filter_state = self._target_filter.operations.move_to(
             track.filter_state, as_box([*(center - size / 2), *size])
         )
+        filter_state = replace(
+            filter_state,
+            templates=before.filter_state.templates,
+            exemplars=before.filter_state.exemplars,
+            distractor_box=track.box,
+            estimate=replace(filter_state.estimate, state="occluded", reacquired_for=None),
+        )
         return replace(
             track,
-            filter_state=replace(filter_state, distractor_box=track.box),
+            filter_state=filter_state,
             box_filter=before.box_filter.correct_center(center, IMAGE_CENTER_STD * size),
             may_have_switched=False,
         )

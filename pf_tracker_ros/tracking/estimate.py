@@ -206,7 +206,7 @@ class TrackThresholds:
     wrong_box_cost: float = declared(
         0.82,
         "Cost c of a wrong box, relative to that of none. A target is tracked while its confidence "
-        "is at least c / (1 + c), and otherwise occluded or lost; 0 keeps it tracked.",
+        "is at least c / (1 + c), and otherwise occluded or lost; 0 asks for no confidence.",
         minimum=0.0,
         maximum=1e6,
     )

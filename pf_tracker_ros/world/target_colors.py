@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.world.box_samples import BoxSamples
 
 # Levels of a channel.
@@ -40,7 +40,7 @@ def color_probability(
     is_array = isinstance(image, np.ndarray) and image.ndim == 3 and image.size > 0
     if not is_array or image.shape[2] != 3 or image.dtype != np.uint8:
         raise ValueError("image must be (H, W, 3) uint8 BGR, with pixels")
-    samples = BoxSamples.of(box, image_size, image.shape[:2])
+    samples = BoxSamples.of(as_box(box), image_size, image.shape[:2])
     colors = _colors(samples.take(image))
     in_box = colors[samples.inside]
     is_inner = (np.abs(samples.down - 0.5) < _INNER / 2.0)[:, None] & (
