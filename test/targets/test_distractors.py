@@ -133,6 +133,29 @@ def test_two_boxes_are_exchanged_where_both_looks_say_so_and_motion_does_not_obj
     assert not decide(track(second, first), track(second, second))
 
 
+def test_an_exchange_forgets_what_was_learned_and_takes_no_other_target(
+    passing, make_tracker, monkeypatch
+):
+    monkeypatch.setattr("pf_tracker_ros.targets.updater.are_exchanged", lambda *_: True)
+    tracker = make_tracker()
+    number = begin_distractor(tracker, passing)
+    frame, boxes = Frame(passing.images[number]), passing.boxes[number]
+    (distractor,) = distractors(tracker)
+    (before,) = (one for one in tracker._manager._track_set.tracks if not one.is_distractor)
+    learned = {name: object() for name in before.filter_state.templates}
+    filter_state = replace(before.filter_state, distractor_box=boxes[1], templates=learned)
+    track = replace(before, filter_state=filter_state)
+    exchange = tracker._manager._pipeline._updater._exchange
+    after = exchange(track, before, [distractor], [], frame)
+    assert np.allclose(after.box[:2] + after.box[2:] / 2, boxes[1][:2] + boxes[1][2:] / 2)
+    assert np.array_equal(after.filter_state.distractor_box, track.box)
+    assert after.filter_state.templates is before.filter_state.templates
+    assert after.filter_state.estimate.state == "occluded"
+    # There is another target.
+    assert exchange(track, before, [distractor], [distractor], frame) is track
+    assert exchange(track, before, [], [], frame) is track
+
+
 def test_distractors_do_not_count_as_targets(passing, make_tracker):
     tracker = make_tracker(max_targets=2)
     number = begin_distractor(tracker, passing) + 1
