@@ -42,13 +42,14 @@ from pf_tracker_ros.tracking.box_covariance import (
     COEFFICIENTS,
     SIZE_CORRELATION,
     box_features,
-    peak_std,
 )
 
 ON_TARGET = 0.1
 SHARES = (0.5, 0.9, 0.99)
 # Errors beyond are those of a few frames; they would set the scale of all.
 _LARGEST_ERROR = 1.0
+# The errors on footage that is not in the fit are larger; factor of their variance.
+_UNSEEN = 1.25
 # Keeps slopes of features without an effect near 0.
 _SHRINKAGE = 1e-3
 
@@ -57,7 +58,7 @@ class Errors(NamedTuple):
     """Tracked frames of a sequence, all seeds.
 
     Attributes:
-        features: (F, 5) from `box_features`.
+        features: (F, 4) from `box_features`.
         errors: (F, 4) of the center, in box widths and heights, and of log width and log height.
         edges: (F,) error of the lower edge, box heights.
     """
@@ -83,17 +84,19 @@ def measure(footage: Footage, preset: str, seeds: int) -> Errors:
                     overlap(box[None], true[None])[0] >= ON_TARGET
                 )
                 if is_on and estimate.state == "tracking":
-                    std = peak_std(box, estimate.particle_boxes, estimate.weights)
-                    features.append(box_features(box, estimate.confidence, std))
+                    features.append(box_features(box, estimate.confidence))
                     offset = true[:2] + true[2:] / 2 - box[:2] - box[2:] / 2
                     errors.append([*(offset / box[2:]), *np.log(true[2:] / box[2:])])
                     edges.append((true[1] + true[3] - box[1] - box[3]) / box[3])
             last = frame.stamp
-    return Errors(np.reshape(features, (-1, 5)), np.reshape(errors, (-1, 4)), np.array(edges))
+    return Errors(np.reshape(features, (-1, 4)), np.reshape(errors, (-1, 4)), np.array(edges))
 
 
 def fit(measured: Sequence[Errors]) -> NDArray[np.float64]:
-    """(4, 5) coefficients of maximum likelihood; a sequence counts with the root of its frames."""
+    """(4, 4) coefficients of maximum likelihood, wider by what unseen footage asks for.
+
+    A sequence counts with the root of its number of frames.
+    """
     features = np.concatenate([one.features for one in measured])
     errors = np.concatenate([one.errors for one in measured])
     counts = [len(one.edges) for one in measured]
@@ -114,7 +117,9 @@ def fit(measured: Sequence[Errors]) -> NDArray[np.float64]:
         start[0] = np.log(weights @ squared) / 2
         return minimize(loss, start, jac=True, method="L-BFGS-B").x
 
-    return np.array([column(one) for one in errors.T])
+    coefficients = np.array([column(one) for one in errors.T])
+    coefficients[:, 0] += np.log(_UNSEEN) / 2
+    return coefficients
 
 
 def squared_errors(

@@ -37,11 +37,9 @@ from pf_tracker_ros.filter import ParticleSet, ProposalParameters, SearchableMot
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.tracking.assessment import AssessedBox, Assessment
 from pf_tracker_ros.tracking.box_covariance import (
-    NO_PEAK,
     box_covariance,
     box_features,
     particle_covariance,
-    peak_std,
 )
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.prediction import Prediction
@@ -457,7 +455,6 @@ class SearchingMeasurer(Measurer):
             return super().covariance(state, measurement, assessment, time_since_seen)
         box, confidence = assessment.box, assessment.confidence
         if assessment.status.state == "tracking":
-            std = peak_std(box, assessment.boxes, assessment.particles.weights)
-            return box_covariance(box, box_features(box, confidence, std))
+            return box_covariance(box, box_features(box, confidence))
         random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
-        return box_covariance(box, box_features(box, 0.0, NO_PEAK), random_walk_std)
+        return box_covariance(box, box_features(box, 0.0), random_walk_std)

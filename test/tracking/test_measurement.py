@@ -10,7 +10,7 @@ from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.frames import Foreground, Frame
 from pf_tracker_ros.tracking.assessment import Assessment
-from pf_tracker_ros.tracking.box_covariance import NO_PEAK, box_covariance, box_features, peak_std
+from pf_tracker_ros.tracking.box_covariance import box_covariance, box_features
 from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.measurement import Measurer, SearchingMeasurer
 from pf_tracker_ros.tracking.prediction import Prediction
@@ -224,15 +224,15 @@ def test_the_covariance_of_a_search_is_that_of_the_box_and_grows_while_hidden(st
     measurement = measure(searching, state, Frame(couple.images[1]), prediction_for(state))
     box, particles = measurement.box, measurement.particles
     seen = Assessment(box, 0.75, TrackStatus(), particles, measurement.boxes)
-    features = box_features(box, 0.75, peak_std(box, measurement.boxes, particles.weights))
     np.testing.assert_array_equal(
-        searching.covariance(state, measurement, seen, 5.0), box_covariance(box, features)
+        searching.covariance(state, measurement, seen, 5.0),
+        box_covariance(box, box_features(box, 0.75)),
     )
     # The random walk of the preset's position noise, .6 box sizes in a second, for 4 s.
     hidden = replace(seen, status=TrackStatus("lost", 9.0))
     np.testing.assert_allclose(
         searching.covariance(state, measurement, hidden, 4.0),
-        box_covariance(box, box_features(box, 0.0, NO_PEAK), 1.2),
+        box_covariance(box, box_features(box, 0.0), 1.2),
     )
 
 
