@@ -47,9 +47,10 @@ _FAR = 2.0
 _UNSEEN_FOR, _BESIDE, _VISIBLE_RATE = 2.0, 0.7, 6.0
 # Distractors at a time.
 _MAX_DISTRACTORS = 2
-# Slope of the log odds of an exchange over similarities to the exemplars, see `Confidence`; minimum
-# of these odds; largest squared distance from a prediction along an axis, standard deviations.
-_SIMILARITY_SLOPE, _EXCHANGED_ABOVE, _MAX_SQUARED = 20.0, 1.0, 9.0
+# Slope of log odds over similarities to the exemplars, see `Confidence`; minimum of these odds for
+# an exchange, and for a target told apart from its distractors (equal objects differ by up to 1.3);
+# largest squared distance from a prediction along an axis, standard deviations.
+_SIMILARITY_SLOPE, _EXCHANGED_ABOVE, _TOLD_APART_ABOVE, _MAX_SQUARED = 20.0, 1.0, 1.5, 9.0
 # Numbers of their keys begin above those of detections.
 _FIRST_NUMBER = 1_000_000
 
@@ -200,6 +201,24 @@ def are_exchanged(
         own, other = track.filter_state.exemplars.similarities(frame, boxes)
         looks += sign * _SIMILARITY_SLOPE * float(other - own)
     return looks > 0.0 and motion + looks > _EXCHANGED_ABOVE
+
+
+def is_told_apart(
+    target: Track, distractors: Sequence[Track], box: NDArray[np.float64], frame: Frame
+) -> bool:
+    """Whether a box looks like a target and like none of its distractors, by all exemplars.
+
+    Args:
+        target: The target.
+        distractors: Those of the target; without any, nothing is told.
+        box: (4,) in the frame, pixels.
+        frame: The frame.
+    """
+    own, *others = (
+        float(track.filter_state.exemplars.similarities(frame, box[None])[0])
+        for track in (target, *distractors)
+    )
+    return bool(others) and _SIMILARITY_SLOPE * (own - max(others)) > _TOLD_APART_ABOVE
 
 
 def _are_within(one: NDArray[np.float64], other: NDArray[np.float64], sides: float) -> bool:

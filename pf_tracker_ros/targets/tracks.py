@@ -93,7 +93,7 @@ class Track:
         is_confirmed: Whether it had enough hits to be reported.
         is_occluded_by_other: Whether another target is in front of it.
         is_duplicate: Whether, meanwhile, its box is on the same object as that of the other one.
-        may_have_switched: Whether it may have jumped to a distractor.
+        switched_for: Seconds since it may have jumped to a distractor; None where it has not.
         distracted_key: Key of the track that this distractor looks like; None for targets.
         unseen_for: Seconds for which a distractor was not seen; they count more where it should
             have been visible.
@@ -118,7 +118,7 @@ class Track:
     is_confirmed: bool = False
     is_occluded_by_other: bool = False
     is_duplicate: bool = False
-    may_have_switched: bool = False
+    switched_for: float | None = None
     distracted_key: TrackKey | None = None
     unseen_for: float = 0.0
     distractor_candidate: DistractorCandidate | None = None

@@ -39,7 +39,7 @@ from pf_tracker_ros.boxes import (
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD, IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.distractors import are_exchanged
+from pf_tracker_ros.targets.distractors import are_exchanged, is_told_apart
 from pf_tracker_ros.targets.ground import Ground, fit_grounds
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -73,8 +73,9 @@ _LEARN_EVERY = 0.4
 # Seconds without detections after which sizes are estimated in the image.
 _SILENT_AFTER = 2.0
 # A target with an intersection over union with its distractor above this may have switched. It is
-# itself again within this squared Mahalanobis distance of its predicted center.
-_SWITCHED_ABOVE, _SWITCH_GATE = 0.3, 6.0
+# itself again within this squared Mahalanobis distance of its predicted center, or after this many
+# seconds.
+_SWITCHED_ABOVE, _SWITCH_GATE, _SWITCHED_FOR = 0.3, 6.0, 2.0
 # Seconds without detections after which there is no detector.
 _NO_DETECTOR_AFTER = 10.0
 # Existence log odds: what a detection adds, their minimum before that, and their maximum.
@@ -159,7 +160,7 @@ class Updater:
                 )
                 if assigned[index] is None and track.is_undetected:
                     distractors = [one for one in tracks if one.distracted_key == track.key]
-                    track = self._check_switch(track, tracks[index], distractors)
+                    track = self._check_switch(track, tracks[index], distractors, frame, interval)
                     others = [
                         one for one in tracks if not (one.is_distractor or one.key == track.key)
                     ]
@@ -306,32 +307,46 @@ class Updater:
         )
         return self._correct(track, frame, detection) if detection else track
 
-    def _check_switch(self, track: Track, before: Track, distractors: Sequence[Track]) -> Track:
+    def _check_switch(
+        self,
+        track: Track,
+        before: Track,
+        distractors: Sequence[Track],
+        frame: Frame,
+        interval: float,
+    ) -> Track:
         """Mark a track as occluded, and keep its Kalman filter, where it may be on a distractor.
 
         It may have switched once it jumps, while tracked, to the second peak of the last frame,
         unless the filter knows that as a distractor, or once it overlaps a distractor. That ends
-        near the predicted center, and once the target is lost: redetection then decides.
+        near the predicted center, where it looks more like itself than like its distractors, and
+        after some time: the confidence then decides, or redetection once the target is lost.
 
         Args:
             track: In this frame.
             before: After the last one, with its center predicted into this frame.
             distractors: Its distractors, predicted likewise.
+            frame: This one.
+            interval: Seconds since the last frame.
         """
         filter_state, box, last = track.filter_state, track.box, before.filter_state
+        itself = replace(track, switched_for=None)
         if last.status.state == "lost":
-            return replace(track, may_have_switched=False)
+            return itself
         boxes = np.array([one.predicted_box for one in distractors]).reshape(-1, 4)
         overlaps = pairwise_iou(box[None], boxes)
-        may_have_switched = bool(overlaps.max(initial=0.0) > _SWITCHED_ABOVE) or (
+        switched_for: float | None = None
+        if overlaps.max(initial=0.0) > _SWITCHED_ABOVE or (
             filter_state.known_distractor is None and _has_jumped(last, box)
-        )
-        if not may_have_switched and before.may_have_switched:
+        ):
+            switched_for = 0.0
+        elif before.switched_for is not None and before.switched_for < _SWITCHED_FOR:
             variance = before.box_filter.center_variance + np.square(IMAGE_CENTER_STD * box[2:])
             offset = box[:2] + box[2:] / 2 - before.box_filter.center
-            may_have_switched = bool((np.square(offset) / variance).sum() > _SWITCH_GATE)
-        if not may_have_switched:
-            return replace(track, may_have_switched=False)
+            if (np.square(offset) / variance).sum() > _SWITCH_GATE:
+                switched_for = before.switched_for + interval
+        if switched_for is None or is_told_apart(before, distractors, box, frame):
+            return itself
         if filter_state.estimate.state == "tracking":
             estimate = replace(filter_state.estimate, state="occluded", reacquired_for=None)
             filter_state = replace(filter_state, estimate=estimate)
@@ -339,7 +354,7 @@ class Updater:
             track,
             filter_state=filter_state,
             box_filter=before.box_filter,
-            may_have_switched=True,
+            switched_for=switched_for,
         )
 
     def _exchange(
@@ -386,7 +401,7 @@ class Updater:
             track,
             filter_state=filter_state,
             box_filter=before.box_filter.correct_center(center, IMAGE_CENTER_STD * size),
-            may_have_switched=False,
+            switched_for=None,
         )
 
     def _reinitialize(

@@ -8,7 +8,7 @@ import pytest
 from pf_tracker_ros import Detections, Tracker
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
-from pf_tracker_ros.targets.distractors import are_exchanged
+from pf_tracker_ros.targets.distractors import are_exchanged, is_told_apart
 from pf_tracker_ros.tracking.exemplars import Exemplars
 
 INTERVAL = 0.1
@@ -105,21 +105,31 @@ def test_a_distractor_ends_once_the_detector_does_not_find_it(passing, make_trac
     assert not distractors(tracker)
 
 
-def test_two_boxes_are_exchanged_where_both_looks_say_so_and_motion_does_not_object(
-    passing, make_tracker
-):
-    """Waves across two directions beside each other: the looks of target and distractor."""
-    tracker = make_tracker()
-    begin_distractor(tracker, passing)
+@pytest.fixture
+def waves():
+    """Waves across two directions, beside each other, and a box on each."""
     y, x = np.mgrid[:80, :80]
     frame = Frame(np.uint8(np.rint(127 + 100 * np.sin(np.hstack([x, x + y]) / 3.0))))
-    first, second = boxes = np.array([[10.0, 10.0, 60.0, 60.0], [90.0, 10.0, 60.0, 60.0]])
+    return frame, np.array([[10.0, 10.0, 60.0, 60.0], [90.0, 10.0, 60.0, 60.0]])
+
+
+def with_looks(track, frame, box, place=None):
+    """A track that looks as a box of a frame does, and is at a place."""
+    filter_state = replace(track.filter_state, exemplars=Exemplars.of(frame, box))
+    box_filter = BoxKalmanFilter.initiate(box if place is None else place)
+    return replace(track, filter_state=filter_state, box_filter=box_filter)
+
+
+def test_two_boxes_are_exchanged_where_both_looks_say_so_and_motion_does_not_object(
+    passing, make_tracker, waves
+):
+    tracker = make_tracker()
+    begin_distractor(tracker, passing)
+    frame, boxes = waves
+    first, second = boxes
 
     def track(looks, place):
-        track = distractors(tracker)[0]
-        filter_state = replace(track.filter_state, exemplars=Exemplars.of(frame, looks))
-        box_filter = BoxKalmanFilter.initiate(place)
-        return replace(track, filter_state=filter_state, box_filter=box_filter)
+        return with_looks(distractors(tracker)[0], frame, looks, place)
 
     def decide(target, distractor):
         return are_exchanged(target, distractor, boxes, frame)
@@ -131,6 +141,39 @@ def test_two_boxes_are_exchanged_where_both_looks_say_so_and_motion_does_not_obj
     assert not decide(track(first, second), track(first, first))
     # Looks count against motion: each is 1.33 side deviations of 0.3 sides away, which are bounded.
     assert not decide(track(second, first), track(second, second))
+
+
+def test_a_target_on_its_distractor_is_told_apart_by_looks_or_waited_for(
+    passing, make_tracker, waves
+):
+    """For 2 s, the first box may be the distractor, unless it looks like the target alone."""
+    tracker = make_tracker()
+    begin_distractor(tracker, passing)
+    frame, (first, second) = waves
+    target, twin, other = (
+        with_looks(distractors(tracker)[0], frame, box) for box in (first, first, second)
+    )
+    assert is_told_apart(target, [other], first, frame)
+    assert not is_told_apart(target, [other], second, frame)
+    assert not is_told_apart(target, [other, twin], first, frame)
+    assert not is_told_apart(target, [], first, frame)
+
+    updater = tracker._manager._pipeline._updater
+    moved = updater._target_filter.operations.move_to(target.filter_state, tuple(first))
+    track = replace(target, filter_state=moved)
+
+    def check(before, others):
+        after = updater._check_switch(track, before, others, frame, INTERVAL)
+        return after.switched_for, after.filter_state.estimate.state
+
+    assert check(target, [with_looks(other, frame, second, first)]) == (None, "tracking")
+    assert check(target, [twin]) == (0.0, "occluded")
+    # Without the distractor it stays so, far from where it was expected.
+    away = replace(target, box_filter=BoxKalmanFilter.initiate(second))
+    assert check(replace(away, switched_for=0.0), []) == (INTERVAL, "occluded")
+    assert check(replace(away, switched_for=1.95), []) == (1.95 + INTERVAL, "occluded")
+    assert check(replace(away, switched_for=2.0), []) == (None, "tracking")
+    assert check(replace(target, switched_for=0.0), []) == (None, "tracking")
 
 
 def test_an_exchange_forgets_what_was_learned_and_takes_no_other_target(
