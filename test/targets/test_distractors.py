@@ -115,8 +115,11 @@ def waves():
 
 def with_looks(track, frame, box, place=None):
     """A track that looks as a box of a frame does, and is at a place."""
-    filter_state = replace(track.filter_state, exemplars=Exemplars.of(frame, box))
-    box_filter = BoxKalmanFilter.initiate(box if place is None else place)
+    place = box if place is None else place
+    estimate = replace(track.filter_state.estimate, box=tuple(place))
+    exemplars = Exemplars.of(frame, box)
+    filter_state = replace(track.filter_state, exemplars=exemplars, estimate=estimate)
+    box_filter = BoxKalmanFilter.initiate(place)
     return replace(track, filter_state=filter_state, box_filter=box_filter)
 
 
@@ -159,11 +162,9 @@ def test_a_target_on_its_distractor_is_told_apart_by_looks_or_waited_for(
     assert not is_told_apart(target, [], first, frame)
 
     updater = tracker._manager._pipeline._updater
-    moved = updater._target_filter.operations.move_to(target.filter_state, tuple(first))
-    track = replace(target, filter_state=moved)
 
     def check(before, others):
-        after = updater._check_switch(track, before, others, frame, INTERVAL)
+        after = updater._check_switch(target, before, others, frame, INTERVAL)
         return after.switched_for, after.filter_state.estimate.state
 
     assert check(target, [with_looks(other, frame, second, first)]) == (None, "tracking")
