@@ -27,6 +27,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.node import graph_monitor
+from pf_tracker_ros.node.localizer import localizer_status
 from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.node.tracker import diagnostics
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
@@ -445,7 +446,8 @@ def image_message():
 @pytest.fixture
 def fast_reports(monkeypatch):
     """Nodes in this process report on /diagnostics, and poll the graph, five times as often."""
-    monkeypatch.setattr(diagnostics, "PERIOD", diagnostics.PERIOD / 5)
+    for module, name in ((diagnostics, "PERIOD"), (localizer_status, "_PERIOD")):
+        monkeypatch.setattr(module, name, getattr(module, name) / 5)
     monkeypatch.setattr(graph_monitor, "_PERIOD", graph_monitor._PERIOD / 5)
 
 

@@ -176,7 +176,7 @@ def test_ctrl_c_keeps_the_finished_recordings(archive, start_track, watch, tmp_p
     process = start_track("--archive", archive, "--output", output, *QUICK)
     watch.wait_for_results(output, 1)
     process.send_signal(signal.SIGINT)
-    said, errors = process.communicate(timeout=30)
+    said, errors = process.communicate(timeout=60)
     assert (process.returncode, said) == (130, "")
     assert "track: error: interrupted; unfinished files were discarded\n" in errors
     watch.assert_whole(output)

@@ -596,6 +596,7 @@ def test_its_health_names_the_tracker_that_is_missing(scene, make_localizer):
     assert {"camera_info_rate", "depth_rate", "odom_rate", "imu_rate"} <= values.keys()
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_a_second_tracker_on_the_status_is_named(scene, make_localizer, graph, monkeypatch):
     monkeypatch.setattr(graph_monitor, "_PERIOD", 0.02)
     make_localizer(**STILL)

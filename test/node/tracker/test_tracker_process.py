@@ -9,7 +9,7 @@ from generate import generated_files
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 @pytest.mark.parametrize("preset", SELF_CONTAINED)
