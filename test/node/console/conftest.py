@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 
 pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
-from pf_tracker_ros.node.console import player, target_requester, tracker_services
+from pf_tracker_ros.node.console import target_requester, tracker_services
 from pf_tracker_ros.node.console.console_node import ConsoleNode
 from pf_tracker_ros.tracking.frame_clock import DEFAULT_FROZEN_AFTER
 
@@ -20,10 +20,8 @@ WITH_BOX = ("tracking", "occluded")
 
 
 @pytest.fixture
-def start_console(graph, monkeypatch):
+def start_console(graph):
     """A function that starts a console on a free port and returns its node."""
-    # The first frame of a recording is published before there is a page to show it.
-    monkeypatch.setattr(player, "_FIRST_FRAME_INTERVAL", 0.2)
 
     def start(**parameters):
         overrides = {"port": 0} | parameters
