@@ -119,7 +119,12 @@ class FrameLocalizer:
         if sensed:
             silence = _silence(frame, targets)
             if silence and frame.selected:
-                self._problems.tell("pose", f"no pose: {silence}")
+                since = frame.stamp / NANOSECONDS
+                self._problems.tell(
+                    "pose",
+                    f"no pose from the image at {since:.3f} s on: {silence}; the status of the "
+                    "localizer says so for each image",
+                )
         return self.located(frame, silence, waited, sensed, targets)
 
     def located(

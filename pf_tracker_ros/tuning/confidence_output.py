@@ -66,12 +66,14 @@ class CalibrationFiles(ParametersAndPage):
             f"{calibration_error(result.before):.3f} to {calibration_error(result.left_out):.3f}"
         )
         area = roc_area(result.before)
-        told = (
-            f"The area under the ROC curve stays {area:.3f}."
-            if np.isfinite(area)
-            else "All frames are right, or all are wrong, so that nothing can be fitted; check the "
-            "ground truth."
-        )
+        told = f"The area under the ROC curve stays {area:.3f}."
+        if not np.isfinite(area):
+            told = "No box is right, so that nothing can be fitted; check the ground truth."
+            if result.before[0].is_right.any():
+                told = (
+                    "Every box is right, so that nothing can be fitted; add footage on which the "
+                    "target is hidden or lost."
+                )
         if result.is_better:
             return f"The calibrated confidence is better: {figures}. {told}"
         return f"A calibration is not better by more than chance: {figures}. {told}"

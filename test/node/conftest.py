@@ -1,5 +1,6 @@
 """Real nodes over real DDS: a tracker in a thread or a process, and its client."""
 
+import itertools
 import os
 import signal
 import subprocess
@@ -26,6 +27,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
 from pf_tracker_ros.node import graph_monitor
+from pf_tracker_ros.node.localizer import localizer_status
 from pf_tracker_ros.node.running import spin_until_shutdown
 from pf_tracker_ros.node.tracker import diagnostics
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
@@ -153,6 +155,9 @@ class Client(Node):
             return self.statuses and self.targets.get_subscription_count()
 
         self.wait_for(is_connected, "status of the process")
+        # A node discovers the endpoints of another in the order of their creation: one that
+        # responds to the client of the parameters has discovered the subscriptions before it.
+        self.get_parameters("particles")
 
     def show(self, image, stamp, encoding="bgr8"):
         """Publish an image and return its status."""
@@ -347,36 +352,18 @@ class Graph:
 
         self._closing.append(close)
 
-    def introduce(self, client, node):
-        outward = [publisher for publisher in node.publishers if "pf_tracker" in publisher.topic]
-        expected = sum(
-            publisher.topic_name == subscription.topic_name
-            for publisher in outward
-            for subscription in client.subscriptions
-        )
+    @staticmethod
+    def introduce(client, *nodes):
+        """Wait until all endpoints of nodes on common topics are connected, as both sides see it.
 
-        health = [publisher for publisher in node.publishers if "diagnostics" in publisher.topic]
-        images = client.images.topic_name
-        takes_images = any(images == s.topic_name for s in node.subscriptions)
-        shared = {end.topic_name for end in [*node.publishers, *node.subscriptions]} & {
-            end.topic_name for end in [*client.publishers, *client.subscriptions]
-        }
+        A writer may discover its reader before the reader discovers it: best-effort messages are
+        lost then. In the other order, all messages are.
+        """
 
-        def is_connected():
-            return (
-                client.images.get_subscription_count() == takes_images
-                and client.targets.get_subscription_count()
-                and sum(publisher.get_subscription_count() for publisher in outward) == expected
-                and all(publisher.get_subscription_count() for publisher in health)
-                # A writer may discover its reader before the reader discovers it: best-effort
-                # messages are lost then.
-                and all(s.get_publisher_count() for s in _subscriptions_to(client, node))
-                and all(s.get_publisher_count() for s in _subscriptions_to(node, client))
-                # The other side may count a replaced endpoint for a while.
-                and _endpoints(client, shared) == _endpoints(node, shared)
-            )
+        def are_connected():
+            return all(_have_met(*pair) for pair in itertools.permutations((client, *nodes), 2))
 
-        client.wait_for(is_connected, "connection of client and tracker")
+        client.wait_for(are_connected, "connection of the nodes")
 
     def process(self, *arguments, module="pf_tracker_ros.node.tracker.tracker_node"):
         """Start a node as a process."""
@@ -402,10 +389,16 @@ class Graph:
             close()
 
 
-def _subscriptions_to(publishing, subscribing):
-    """The subscriptions of a node to the topics of another one."""
-    topics = {publisher.topic_name for publisher in publishing.publishers}
-    return [s for s in subscribing.subscriptions if s.topic_name in topics]
+def _have_met(one, other):
+    """Whether the publishers of a node and the subscriptions of another one are connected."""
+    publishers, subscriptions = [*one.publishers], [*other.subscriptions]
+    shared = {p.topic_name for p in publishers} & {s.topic_name for s in subscriptions}
+    return (
+        all(p.get_subscription_count() for p in publishers if p.topic_name in shared)
+        and all(s.get_publisher_count() for s in subscriptions if s.topic_name in shared)
+        # The other side may count a replaced endpoint for a while.
+        and _endpoints(one, shared) == _endpoints(other, shared)
+    )
 
 
 def _endpoints(observer, topics):
@@ -453,7 +446,8 @@ def image_message():
 @pytest.fixture
 def fast_reports(monkeypatch):
     """Nodes in this process report on /diagnostics, and poll the graph, five times as often."""
-    monkeypatch.setattr(diagnostics, "PERIOD", diagnostics.PERIOD / 5)
+    for module, name in ((diagnostics, "PERIOD"), (localizer_status, "_PERIOD")):
+        monkeypatch.setattr(module, name, getattr(module, name) / 5)
     monkeypatch.setattr(graph_monitor, "_PERIOD", graph_monitor._PERIOD / 5)
 
 

@@ -156,7 +156,7 @@ def test_superseded_parameters_of_unused_cues_are_not_reported(graph, tmp_path, 
     assert client.tunables() == preset_parameters("li2007")
     assert client.show(images[0], client.at(0)).values["frame"] == "waiting"
     process.send_signal(signal.SIGINT)
-    log, _ = process.communicate(timeout=30)
+    log, _ = process.communicate(timeout=60)
     assert "hog.sharpness" not in log
     assert f"{others} has nothing for /pf_tracker, only for /left/pf_tracker" in log
     (line,) = (line for line in log.splitlines() if "'wings.span'" in line)

@@ -333,6 +333,6 @@ def interrupt():
 
     def end(process):
         process.send_signal(signal.SIGINT)
-        return process.wait(timeout=15)
+        return process.wait(timeout=60)
 
     return end

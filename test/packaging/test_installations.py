@@ -32,9 +32,9 @@ def remote_parameters(ros_domain):
 
     def ask(name, parameters):
         client = AsyncParameterClient(node, name)
-        assert client.wait_for_services(timeout_sec=20.0), f"no answer from {name}"
+        assert client.wait_for_services(timeout_sec=60.0), f"no answer from {name}"
         # An answer that is sent before the node knows this client as well is lost.
-        for _ in range(10):
+        for _ in range(30):
             future = client.get_parameters(parameters)
             executor.spin_until_future_complete(future, timeout_sec=2.0)
             if future.done():

@@ -191,7 +191,9 @@ class Watch:
         """Kill a process below the driver that has a name in its command line."""
         found = []
         cls.wait_until(lambda: found.extend(cls.below(driver.pid, name)) or found)
-        os.kill(found[0], signal.SIGKILL)
+        # It may have ended in between.
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(found[0], signal.SIGKILL)
 
     @classmethod
     def below(cls, pid, name):

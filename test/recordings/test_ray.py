@@ -57,13 +57,18 @@ def test_killed_workers_and_a_killed_driver_cost_only_the_recordings_in_progress
     driver.communicate()
     watch.assert_whole(output)
     done = watch.boxes(output)
+    # A damaged recording has boxes as well, and is tried again.
+    whole = [
+        name for name in done if not json.loads((output / name / "done.json").read_text())["error"]
+    ]
     assert driver.returncode == -signal.SIGKILL
     driver = start_on_ray(output)
     said, errors = driver.communicate(timeout=120)
     assert driver.returncode == 1
     tracked, before = re.search(r"(\d+) tracked, (\d+) up to date, 3 failed", said).groups()
     assert int(tracked) + int(before) == 10
-    assert int(before) >= len(done) >= 5
+    assert int(before) >= len(whole) > 0
+    assert len(done) >= 5
     assert watch.boxes(output) == watch.boxes(serial[0])
     assert done.items() <= watch.boxes(output).items()
     assert sorted(line for line in errors.splitlines() if line.startswith("track: ")) == sorted(

@@ -342,7 +342,7 @@ def test_killed_processes_leave_only_complete_objects(serial, bucket, start_trac
     driver = start_track(*arguments, *QUICK)
     said, _ = driver.communicate(timeout=120)
     assert driver.returncode == 1
-    assert re.search(r"13 recordings: \d tracked, \d up to date, 3 failed", said)
+    assert re.search(r"13 recordings: \d+ tracked, \d+ up to date, 3 failed", said)
     bucket.invalidate_cache()
     assert stored(bucket, "bucket/boxes") == expected
     assert len(json.loads(bucket.cat_file("bucket/boxes/archive.json"))) == 13

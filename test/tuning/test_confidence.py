@@ -14,6 +14,7 @@ pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
 confidence = pytest.importorskip("pf_tracker_ros.tuning.confidence")
 run = pytest.importorskip("pf_tracker_ros.tuning.confidence_run")
+output = pytest.importorskip("pf_tracker_ros.tuning.confidence_output")
 
 PLAIN = ConfidenceCalibration()
 PLANTED = ConfidenceCalibration(0.5, 1.0)
@@ -169,3 +170,11 @@ def test_a_journal_of_a_search_is_refused(folder):
         request = run.ConfidenceRequest("li2007", {}, seeds=1, folds=2)
         with pytest.raises(EvaluationError, match="of another run"):
             run.ConfidenceRun(request, [], storage, None)
+
+
+@pytest.mark.parametrize(("is_right", "remedy"), [(True, "add footage"), (False, "check the gr")])
+def test_footage_that_fits_nothing_is_reported_with_the_remedy(tmp_path, is_right, remedy):
+    one = confidence.LabeledConfidences("all", np.full((1, 9), 0.9), np.full((1, 9), is_right))
+    request = run.ConfidenceRequest("li2007", {}, seeds=1, folds=2)
+    files = output.CalibrationFiles(tmp_path / "mine.yaml", request)
+    assert remedy in files.verdict(confidence.calibrate([one, one], folds=2))

@@ -299,7 +299,8 @@ class ReplayNode(Node):
         interval = _WARNING_INTERVAL
         while missing := self._missing():
             self._wait_reason = _waiting_for(missing)
-            if not self.playback.wait_for(lambda: not self._missing(), interval):
+            # The reason must not outlive a change of what is missing.
+            if not self.playback.wait_for(lambda: self._missing() != missing, interval):
                 self._log.warning(f"{self._wait_reason}{self._outputs.other_topic_hint()}")
                 interval = min(2.0 * interval, _MAX_WARNING_INTERVAL)
         self._wait_reason = ""

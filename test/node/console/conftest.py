@@ -15,7 +15,7 @@ from pf_tracker_ros.tracking.frame_clock import DEFAULT_FROZEN_AFTER
 
 PAGE_DEADLINE = 60_000.0
 POLL = 20.0
-FIRST_TIMEOUT = 1.0
+FIRST_TIMEOUT = 0.25
 WITH_BOX = ("tracking", "occluded")
 
 

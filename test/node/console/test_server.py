@@ -38,7 +38,7 @@ def ask():
 
     def send(link, path="/", method="GET", **headers):
         parts = urlsplit(link)
-        connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=10)
+        connection = http.client.HTTPConnection("127.0.0.1", parts.port, timeout=DEADLINE)
         connections.append(connection)
         names = {name.replace("_", "-"): value for name, value in headers.items()}
         connection.request(method, path, headers=names)
@@ -135,7 +135,7 @@ def test_the_token_is_on_the_terminal_once_with_a_warning(ros_domain):
     process.terminate()
     lines += process.stderr.readlines()
     process.stderr.close()
-    assert process.wait(30) == 0
+    assert process.wait(DEADLINE) == 0
     assert len(re.findall(r"\?token=[\w-]{32,}", "".join(lines))) == 1
 
 

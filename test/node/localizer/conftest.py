@@ -143,15 +143,15 @@ def parsed(message):
 class Scene(Node):
     """Publishes what a tracker and sensors would, and stores what the localizer publishes."""
 
-    def __init__(self, context):
-        super().__init__("scene", context=context)
+    def __init__(self, graph):
+        super().__init__("scene", context=(context := graph.context()))
+        self._graph = graph
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self)
         self.statuses, self.poses, self.health = [], [], []
         self._tracker = self.create_publisher(DiagnosticArray, "pf_tracker/status", 10)
-        self._senders = {
-            "camera_info": self.create_publisher(CameraInfo, "camera_info", 10),
-        }
+        self._senders = {}
+        self.add_sensor(CameraInfo, "camera_info")
         self.listen(PoseStamped, "localizer/pose", self.poses.append)
         self.listen(DiagnosticArray, "localizer/status", lambda m: self.statuses.append(parsed(m)))
 
@@ -163,25 +163,8 @@ class Scene(Node):
 
     def meet(self, localizer):
         """Wait until all endpoints of both are connected."""
-        own = {s.topic_name: s for s in self._all_senders}
-        theirs = [s for s in localizer.subscriptions if s.topic_name in own]
-        taken = [own[s.topic_name] for s in theirs]
-        listened = {s.topic_name for s in self.subscriptions}
-        outward = [p for p in localizer.publishers if p.topic_name in listened - {"/diagnostics"}]
-
-        def is_connected():
-            return (
-                all(p.get_subscription_count() for p in taken)
-                and all(s.get_publisher_count() for s in theirs)
-                and all(p.get_subscription_count() for p in outward)
-                and all(s.get_publisher_count() for s in self.subscriptions)
-            )
-
-        self.wait_for(is_connected, "connection")
-
-    @property
-    def _all_senders(self):
-        return [self._tracker, *self._senders.values()]
+        self._graph.introduce(self, localizer)
+        self._inputs = localizer._inputs
 
     def wait_for(self, condition, what):
         end = time.monotonic() + DEADLINE
@@ -191,14 +174,16 @@ class Scene(Node):
         return result
 
     def send(self, topic, message):
-        """Publish a sensor's message."""
+        """Publish a sensor's message, and wait until the localizer has it."""
+        inputs = (*self._inputs.sensors, self._inputs.probability)
+        (arrivals,) = [one.arrivals for one in inputs if one.topic == f"/{topic}"]
+        before = arrivals.count
         self._senders[topic].publish(message)
+        self.wait_for(lambda: arrivals.count > before, topic)
 
-    def calibrate(self, localizer, info=None):
-        """Send a calibration, and wait until the localizer has it."""
-        before = localizer._inputs.camera_info.arrivals.count
+    def calibrate(self, info=None):
+        """Send a calibration."""
         self.send("camera_info", info or camera_info())
-        self.wait_for(lambda: localizer._inputs.camera_info.arrivals.count > before, "calibration")
 
     def publish(self, stamp, targets, selected=1, **values):
         """Send a frame of the tracker."""
@@ -252,6 +237,6 @@ def make_localizer(graph):
 @pytest.fixture
 def scene(graph):
     """A scene."""
-    scene = Scene(graph.context())
+    scene = Scene(graph)
     yield scene
     scene.close()

@@ -174,7 +174,7 @@ def test_it_survives_any_mixture_and_then_goes_on(scene, make_localizer, given):
 
     # With sound messages of a later time, all is well again.
     start = given.start + 10**6 * SECOND
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.wait_for(lambda: not localizer._waiting, "end of waiting")
     for index in range(10):
         stamp = start + index * given.frame

@@ -18,7 +18,7 @@ from sensor_msgs.msg import CompressedImage, Image, Imu
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pf_tracker_ros.node import graph_monitor
-from pf_tracker_ros.node.localizer import localizer_node
+from pf_tracker_ros.node.localizer import inputs, localizer_node
 from pf_tracker_ros.node.localizer.tracker_status import read_status
 
 STILL = {"camera__height": 1.5}
@@ -54,7 +54,7 @@ def walk(index):
 def test_a_walker_before_a_still_camera(scene, make_localizer, listened, given):
     localizer = make_localizer(**STILL, method="ground")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     statuses = scene.show_all(given, 50, walk)
     stamp = given.start + 49 * given.frame
     last = scene.wait_for(lambda: [p for p in scene.poses if given.stamp_of(p) == stamp], "pose")[0]
@@ -109,7 +109,7 @@ def test_it_is_silent_about_a_target_that_is_not_trusted(
     change, reason = doubt
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.show_all(given, 10, walk)
     for index in range(10, 15):
         target = given.target(box=given.box_at(*walk(index)), **change)
@@ -136,7 +136,7 @@ def test_it_is_silent_about_a_target_that_is_not_trusted(
 def test_it_is_silent_without_a_selected_target(scene, make_localizer, given):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     reasons = [
         scene.show(given.start, [], selected=0, state="idle").values["reason"],
         *(
@@ -161,7 +161,7 @@ def test_it_is_silent_without_a_selected_target(scene, make_localizer, given):
 def test_a_jump_of_the_box_is_not_followed_at_once(scene, make_localizer, given):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.show_all(given, 25, walk)
     jumped = scene.show_all(given, 1, lambda index: (12.0, 3.0), start=25)[0]
     assert jumped.values["pose"] == "silent"
@@ -171,12 +171,16 @@ def test_a_jump_of_the_box_is_not_followed_at_once(scene, make_localizer, given)
     assert back.values["pose"] == "published"
 
 
-def test_a_moving_robot_is_taken_at_the_stamp_of_the_image(scene, make_localizer, given):
+def test_a_moving_robot_is_taken_at_the_stamp_of_the_image(
+    scene, make_localizer, given, monkeypatch
+):
     """It drives along x at 2 m/s and turns; images are between the poses."""
+    # Odometry is waited for also where this machine is slow.
+    monkeypatch.setattr(inputs, "_SILENT_AFTER", 60.0)
     scene.add_sensor(Odometry, "odom")
     localizer = make_localizer(**STILL, method="ground")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
 
     def pose_at(seconds):
         return 2.0 * seconds, 0.0, 0.5 * seconds
@@ -189,7 +193,6 @@ def test_a_moving_robot_is_taken_at_the_stamp_of_the_image(scene, make_localizer
         x, y, yaw = pose_at(seconds)
         rotation = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
         forward, left = rotation.T @ (target - [x, y])
-        # The pose after the image comes after its status, as from a slower driver.
         for later in (-0.013, 0.017):
             message = given.odometry(stamp + int(later * 1e9), *pose_at(seconds + later))
             scene.send("odom", message)
@@ -215,7 +218,7 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer
     scene.add_sensor(Image, "depth")
     localizer = make_localizer(**STILL, method="depth")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     depth = np.full((given.height, given.width), 9.0)
     box = given.box_at(6.0, 0.0)
     x, y, width, height = (int(value) for value in box)
@@ -224,9 +227,7 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer
     values = (depth * 1e3).astype(kind) if kind is np.uint16 else depth.astype(kind)
     if kind is np.float32:
         values[1::7], values[2::7] = np.nan, np.inf
-    before = localizer._inputs.depth.arrivals.count
     scene.send("depth", given.depth(given.start + 20_000_000, values))
-    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count > before, "depth")
     near = scene.show(given.start, [given.target(box=box)])
     assert near.targets[1]["method"] == "depth"
     assert float(near.values["depth_offset"]) == pytest.approx(0.02)
@@ -245,7 +246,7 @@ def test_the_covered_share_of_a_box_is_told_also_of_an_occluded_target(
     scene.add_sensor(Image, "depth")
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     box = given.box_at(6.0, 0.0)
     x, y, width, height = (int(value) for value in box)
     depth = np.full((given.height, given.width), 9.0, np.float32)
@@ -257,8 +258,6 @@ def test_the_covered_share_of_a_box_is_told_also_of_an_occluded_target(
             depth[: y + 3 * height // 4] = 3.0
         stamp = given.start + index * given.frame
         scene.send("depth", given.depth(stamp, depth))
-        arrivals = localizer._inputs.depth.arrivals
-        scene.wait_for(lambda before=index, of=arrivals: of.count > before, "depth")
         status = scene.show(stamp, [given.target(box=box, state=state)], state=state)
         shares.append(float(status.targets[1]["covered_share"]))
     assert shares == pytest.approx([0.0, 0.0, 0.75, 0.75], abs=0.03)
@@ -269,9 +268,8 @@ def test_depth_of_another_shape_leaves_ground_and_height(scene, make_localizer, 
     scene.add_sensor(Image, "depth")
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.send("depth", given.depth(given.start, np.full((100, 640), 5.0, np.float32)))
-    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count, "depth")
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert status.targets[1]["method"] == "ground+height"
     assert "depth is 640 x 100 px and the image 640 x 480" in status.message
@@ -281,12 +279,11 @@ def test_depth_that_is_compressed_is_used(scene, make_localizer, given):
     scene.add_sensor(CompressedImage, "depth/compressedDepth")
     localizer = make_localizer(**STILL, method="depth", depth_transport="compressedDepth")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     png = cv2.imencode(".png", np.full((48, 64), 5500, np.uint16))[1].tobytes()
     message = CompressedImage(format="16UC1; compressedDepth png", data=array("B", bytes(12) + png))
     message.header = given.odometry(given.start).header
     scene.send("depth/compressedDepth", message)
-    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count, "depth")
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert status.targets[1]["method"] == "depth"
     assert float(status.targets[1]["x"]) == pytest.approx(5.5, abs=0.2)
@@ -298,7 +295,7 @@ def test_of_two_depths_in_a_box_that_of_the_targets_colors_counts(scene, make_lo
     scene.add_sensor(Image, "pf_tracker/target_probability")
     localizer = make_localizer(**STILL, method="depth")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     box = given.box_at(6.0, 0.0)
     depth = np.full((given.height, given.width), 9.0, np.float32)
     middle, half = int(box[0] + box[2] / 2), int(0.2 * box[2])
@@ -307,22 +304,12 @@ def test_of_two_depths_in_a_box_that_of_the_targets_colors_counts(scene, make_lo
     probability[:, 6:14] = 243
     # The first depth makes it subscribe to the colors.
     scene.send("depth", given.depth(given.start, depth))
-    scene.wait_for(lambda: localizer._inputs.depth.arrivals.count, "depth")
     scene.show(given.start, [given.target(box=box, state="occluded")])
-    colors = localizer._inputs.probability
     scene.meet(localizer)
     for index in range(1, 4):
         stamp = given.start + index * given.frame
-        before = localizer._inputs.depth.arrivals.count, colors.arrivals.count
         scene.send("depth", given.depth(stamp, depth))
         scene.send("pf_tracker/target_probability", given.gray(stamp, probability))
-        scene.wait_for(
-            lambda before=before: (
-                localizer._inputs.depth.arrivals.count > before[0]
-                and colors.arrivals.count > before[1]
-            ),
-            "depth and colors",
-        )
         status = scene.show(stamp, [given.target(id=index, box=box)], selected=index)
         assert float(status.targets[index]["x"]) == pytest.approx(6.0, abs=0.3)
 
@@ -332,11 +319,10 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
     scene.add_sensor(Imu, "imu")
     localizer = make_localizer(**STILL, method="ground")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     pitch = 0.2
     up = (0.0, -math.cos(pitch), -math.sin(pitch))
     scene.send("imu", given.imu(given.start, up))
-    scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count, "gravity")
     target = given.target(box=(310.0, 140.0, 20.0, 100.0))
     status = scene.show(given.start, [target])
     assert status.values["camera_mounting"] == "imu"
@@ -348,7 +334,6 @@ def test_gravity_gives_the_tilt_of_the_camera(scene, make_localizer, given):
     assert scene.show(given.start + 2 * 10**9, [target]).values["camera_mounting"] == "imu"
     later = given.start + 2 * 10**9 + given.frame
     scene.send("imu", given.imu(later, up, frame="base_link"))
-    scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count > 1, "gravity")
     other = scene.show(later, [target])
     if util.find_spec("tf2_ros") is None:
         assert "gravity is in the frame 'base_link'" in other.values["reason"]
@@ -360,9 +345,8 @@ def test_gravity_of_the_opposite_sign_is_named_where_there_is_no_range(
     scene.add_sensor(Imu, "imu")
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.send("imu", given.imu(given.start, (0.0, 1.0, 0.0)))
-    scene.wait_for(lambda: localizer._inputs.gravity.arrivals.count, "gravity")
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert "gives no range; gravity on the topic imu says" in status.values["reason"]
 
@@ -374,7 +358,7 @@ def test_what_is_wrong_with_the_calibration_is_told_and_it_goes_on(scene, make_l
 
     def reason(index, info=None):
         if info:
-            scene.calibrate(localizer, info)
+            scene.calibrate(info)
         return scene.show(given.start + index * given.frame, [target]).values.get("reason", "")
 
     assert "no CameraInfo on /camera_info" in reason(0)
@@ -390,7 +374,7 @@ def test_a_frame_waits_for_the_first_calibration(scene, make_localizer, given, m
     scene.meet(localizer)
     scene.publish(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     scene.wait_for(lambda: localizer._waiting, "waiting frame")
-    scene.calibrate(localizer)
+    scene.calibrate()
     (status,) = scene.wait_for(lambda: scene.statuses, "status")
     assert status.values["pose"] == "published"
 
@@ -404,7 +388,7 @@ def test_the_calibration_of_another_camera_is_told_of(scene, make_localizer, giv
     ):
         info = given.camera_info()
         info.header.frame_id = frame_id
-        scene.calibrate(localizer, info)
+        scene.calibrate(info)
         status = scene.show(given.start + index * given.frame, [target])
         assert status.values["pose"] == "published"
         assert ("/camera_info is of the frame 'rear_camera'" in status.message) == is_other
@@ -414,7 +398,7 @@ def test_the_calibration_of_another_camera_is_told_of(scene, make_localizer, giv
 def test_time_that_goes_back_starts_anew(scene, make_localizer, given):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.show_all(given, 10, walk)
     scene.show(given.start + 3600 * 10**9, [given.target(box=given.box_at(9.0, 1.0))])
     first = scene.show_all(given, 1, lambda index: (12.0, 3.0))[0]
@@ -426,7 +410,7 @@ def test_time_that_goes_back_starts_anew(scene, make_localizer, given):
 def test_several_targets_have_their_ids(scene, make_localizer, listened, given):
     localizer = make_localizer(**STILL, method="ground")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     places = {3: (5.0, 1.0), 8: (8.0, -2.0)}
     for index in range(3):
         targets = [given.target(id=id, box=given.box_at(*one)) for id, one in places.items()]
@@ -443,7 +427,7 @@ def test_several_targets_have_their_ids(scene, make_localizer, listened, given):
 def test_absurd_numbers_of_a_target_do_not_cost_the_others(scene, make_localizer, given):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     targets = [
         given.target(id=1, box=given.box_at(6.0, 0.0)),
         given.target(id=2, box=(0.0, 0.0, 1.0, 1e200)),
@@ -460,7 +444,7 @@ def test_detections_in_three_dimensions(scene, make_localizer, given):
     scene.listen(messages.Detection3DArray, "localizer/detections_3d", received.append)
     localizer = make_localizer(**STILL, method="ground")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.show_all(given, 3, lambda index: (6.0, 0.0))
     scene.wait_for(lambda: len(received) == 3, "detections")
     (detection,) = received[-1].detections
@@ -473,7 +457,7 @@ def test_detections_in_three_dimensions(scene, make_localizer, given):
 def test_the_ground_is_learned_from_people_where_nobody_gives_it(scene, make_localizer, given):
     localizer = make_localizer()
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     generator = np.random.default_rng(2)
     statuses = []
     for index in range(11):
@@ -492,7 +476,7 @@ def test_the_ground_is_learned_from_people_where_nobody_gives_it(scene, make_loc
 def test_parameters_apply_at_run_time_and_wrong_ones_are_refused(scene, make_localizer, given):
     localizer = make_localizer(**STILL, method="height")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     target = given.target(box=given.box_at(6.0, 0.0))
     assert scene.show(given.start, [target]).targets[1]["method"] == "height"
     for name, value in (("camera.height", math.nan), ("fixed_frame", "")):
@@ -508,7 +492,7 @@ def test_with_an_invalid_parameter_it_says_why_there_is_no_position(scene, make_
     localizer = make_localizer(camera__height=-1.0)
     scene.listen(DiagnosticArray, "/diagnostics", scene.health.append)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     status = scene.show(given.start, [given.target(box=given.box_at(6.0, 0.0))])
     assert "parameter 'camera.height' is -1.0; allowed: float, 0 to 1000" in status.values["reason"]
     scene.wait_for(lambda: [one for one in scene.health if one.status[0].level == b"\x02"], "error")
@@ -535,7 +519,7 @@ def test_a_target_that_cannot_be_read_does_not_cost_the_others(given, key, value
 def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given, capfd):
     localizer = make_localizer(**STILL)
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     scene.publish_message(DiagnosticArray())
     scene.publish(given.start, [], selected="first")
     scene.publish(given.start, [], image_width="wide")
@@ -576,7 +560,7 @@ def test_it_works_only_while_it_is_active(scene, make_localizer, services_of, gi
     for index in range(2):
         change(Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
         scene.meet(localizer)
-        scene.calibrate(localizer)
+        scene.calibrate()
         status = scene.show(given.start + index * given.frame, [target])
         assert status.values["pose"] == "published"
         change(Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP)
@@ -612,6 +596,7 @@ def test_its_health_names_the_tracker_that_is_missing(scene, make_localizer):
     assert {"camera_info_rate", "depth_rate", "odom_rate", "imu_rate"} <= values.keys()
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_a_second_tracker_on_the_status_is_named(scene, make_localizer, graph, monkeypatch):
     monkeypatch.setattr(graph_monitor, "_PERIOD", 0.02)
     make_localizer(**STILL)

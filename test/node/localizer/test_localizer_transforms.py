@@ -29,7 +29,7 @@ def move(scene, make_localizer, given):
     )
     localizer = make_localizer(method="ground", fixed_frame="map")
     scene.meet(localizer)
-    scene.calibrate(localizer)
+    scene.calibrate()
     # The optical frame of REP 103: z forward, x right, in a body 0.3 m before the base.
     optical = (-0.5, 0.5, -0.5, 0.5)
     static.sendTransform(

@@ -145,7 +145,7 @@ def replay(graph):
 
     def start(spectator=None, **parameters):
         # On a busy machine a status may be slow; frames must not be sent twice.
-        parameters = {"lockstep_timeout": 5.0, **parameters}
+        parameters = {"lockstep_timeout": 60.0, **parameters}
         node = ReplayNode(
             spectator=spectator,
             context=graph.context(),

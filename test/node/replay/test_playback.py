@@ -2,12 +2,13 @@
 
 import contextlib
 import threading
-import time
+from types import SimpleNamespace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from pf_tracker_ros.node.replay import playback as module
 from pf_tracker_ros.node.replay.playback import (
     TOLERATED_LAG,
     Playback,
@@ -16,71 +17,78 @@ from pf_tracker_ros.node.replay.playback import (
 )
 
 MILLISECOND = 1_000_000
-ROUNDING = 1e-9
 
 
-def play(playback, times, rate):
+@pytest.fixture(scope="module")
+def clock():
+    """A clock of whole playbacks, which passes only while they wait; its time in seconds."""
+    with pytest.MonkeyPatch.context() as patch:
+        clock = SimpleNamespace(now=0.0)
+        patch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock.now))
+        yield clock
+
+
+def play(clock, times, rate):
     """Wait for all times in turn; returns when each was due, in seconds from now."""
-    began, due = time.monotonic(), []
+    playback, began, due = timed(clock), clock.now, []
     for item_time in times:
         playback.wait_until_due(item_time, rate)
-        due.append(time.monotonic() - began)
+        due.append(clock.now - began)
     return due
 
 
-@settings(max_examples=10)
+def timed(clock):
+    """A playback that waits by the clock."""
+
+    def wait(seconds):
+        clock.now += seconds
+
+    playback = Playback()
+    playback._changed.wait = wait
+    return playback
+
+
 @given(
     st.lists(st.integers(0, 30), min_size=1, max_size=4),
     st.floats(0.5, 10.0),
 )
-def test_no_item_is_due_early(gaps, rate):
+def test_every_item_is_due_at_its_time(clock, gaps, rate):
     times = [5 * MILLISECOND]
     for gap in gaps:
         times.append(times[-1] + gap * MILLISECOND)
-    due = play(Playback(), times, lambda: rate)
-    for moment, item_time in zip(due, times, strict=True):
-        assert moment >= (item_time - times[0]) * 1e-9 / rate - ROUNDING
+    due = play(clock, times, lambda: rate)
+    expected = [(item_time - times[0]) * 1e-9 / rate for item_time in times]
+    assert due == pytest.approx(expected, abs=1e-9)
 
 
-def test_the_average_rate_is_kept():
-    times = [index * 20 * MILLISECOND for index in range(10)]
-    due = play(Playback(), times, lambda: 2.0)
-    assert due[-1] >= 0.09 - ROUNDING
+def test_without_a_rate_everything_is_due_at_once(clock):
+    assert play(clock, [0, 10**12, 10**15], None) == [0.0] * 3
 
 
-def test_without_a_rate_everything_is_due_at_once():
-    began = time.monotonic()
-    play(Playback(), [0, 10**12, 10**15], None)
-    assert time.monotonic() - began < 5.0
-
-
-def test_an_item_with_an_earlier_time_is_due_at_once():
-    began = time.monotonic()
-    play(Playback(), [10**15, 0, 1], lambda: 1.0)
-    assert time.monotonic() - began < 5.0
+def test_an_item_with_an_earlier_time_is_due_at_once(clock):
+    assert play(clock, [10**15, 0, 1], lambda: 1.0) == pytest.approx([0.0, 0.0, 1e-9])
 
 
 @pytest.mark.parametrize("resumed", [True, False])
-def test_a_delayed_item_is_no_lag_of_the_next(monkeypatch, resumed):
-    now, playback = [0.0], Playback()
-    monkeypatch.setattr("pf_tracker_ros.node.replay.playback.time.monotonic", lambda: now[0])
+def test_a_delayed_item_is_no_lag_of_the_next(clock, resumed):
+    playback = timed(clock)
     playback.wait_until_due(0, lambda: 1.0)
-    now[0] = 5.0
+    clock.now += 5.0
     if resumed:
         playback.restart_schedule()
-    now[0] = 5.02
+    clock.now += 0.02
     lag = playback.wait_until_due(20 * MILLISECOND, lambda: 1.0)
     assert lag == pytest.approx(0.0 if resumed else 5.0)
 
 
-def test_the_next_pass_starts_one_interval_after_the_last_item():
-    playback = Playback()
+def test_the_next_pass_starts_one_interval_after_the_last_item(clock):
+    playback = timed(clock)
     playback.wait_until_due(0, lambda: 1.0)
     playback.wait_until_due(60 * MILLISECOND, lambda: 1.0)
     playback.begin_pass()
-    began = time.monotonic()
+    began = clock.now
     playback.wait_until_due(0, lambda: 1.0)
-    assert time.monotonic() - began >= 0.06 - TOLERATED_LAG / 2
+    assert clock.now - began == pytest.approx(0.06)
 
 
 def test_cancelled_steps_publish_nothing():
@@ -93,14 +101,15 @@ def test_cancelled_steps_publish_nothing():
         playback.wait_until_due(1, None)
 
 
-def test_a_lag_is_reported_and_not_caught_up():
-    playback = Playback()
+def test_a_lag_is_reported_and_not_caught_up(clock):
+    playback = timed(clock)
     playback.wait_until_due(0, lambda: 1.0)
-    time.sleep(0.2 + TOLERATED_LAG)
-    assert playback.wait_until_due(MILLISECOND, lambda: 1.0) >= TOLERATED_LAG
-    began = time.monotonic()
+    clock.now += 0.2 + TOLERATED_LAG
+    lag = playback.wait_until_due(MILLISECOND, lambda: 1.0)
+    assert lag == pytest.approx(0.199 + TOLERATED_LAG)
+    began = clock.now
     playback.wait_until_due(51 * MILLISECOND, lambda: 1.0)
-    assert time.monotonic() - began >= 0.04
+    assert clock.now - began == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize(

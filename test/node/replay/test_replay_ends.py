@@ -10,7 +10,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from rclpy.parameter import Parameter
 
-DEADLINE = 30.0
+DEADLINE = 60.0
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,8 @@ def test_a_truncated_video_is_played_as_far_as_it_goes(
 )
 def test_it_can_be_stopped_in_every_state(pictures, replay_process, number, state):
     process = replay_process(source=pictures.folder, **state)
-    assert "replaying pictures" in process.stdout.readline()
+    # Fast DDS may tell first what killed processes left in shared memory.
+    assert any("replaying pictures" in line for line in process.stdout)
     process.send_signal(number)
     log, _ = process.communicate(timeout=DEADLINE)
     assert process.returncode == 0, log

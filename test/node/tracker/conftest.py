@@ -43,7 +43,7 @@ def _send(client, node, topic, message):
         lambda: publisher.get_subscription_count() and subscription.get_publisher_count(), topic
     )
     publisher.publish(message)
-    assert publisher.wait_for_all_acked(Duration(seconds=10))
+    assert publisher.wait_for_all_acked(Duration(seconds=60))
     client.destroy_publisher(publisher)
 
 
@@ -84,7 +84,7 @@ class Detector:
 
     def send(self, message):
         self._publisher.publish(message)
-        assert self._publisher.wait_for_all_acked(Duration(seconds=10))
+        assert self._publisher.wait_for_all_acked(Duration(seconds=60))
 
     @staticmethod
     def message(boxes, stamp, labels=None, scores=None):

@@ -2,6 +2,7 @@
 
 import itertools
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ def health(client, condition):
 
 def test_a_report_has_rate_age_times_state_and_confidence(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK)
-    now = client.get_clock().now().nanoseconds
+    began, now = time.monotonic(), client.get_clock().now().nanoseconds
     for index in range(4):
         client.show(images[index], now + index * 1_000_000)
     report = health(client, lambda h: h.values["frames"] == "4")
@@ -27,8 +28,9 @@ def test_a_report_has_rate_age_times_state_and_confidence(graph, client, images,
     assert (report.level, report.message) == ("OK", "tracking")
     values = report.values
     assert 0.5 < float(values["input_rate"]) <= 4.0
-    assert 0.0 < float(values["seconds_since_image"]) < 3.0
-    assert -10.0 < float(values["image_age_ms"]) < 5000.0
+    elapsed = time.monotonic() - began
+    assert 0.0 < float(values["seconds_since_image"]) <= elapsed
+    assert -10.0 < float(values["image_age_ms"]) <= 1e3 * elapsed
     assert 0.0 < float(values["processing_time_ms"]) <= float(values["processing_time_max_ms"])
     assert values["state"] == "tracking"
     assert values["lifecycle"] == "active"
@@ -38,11 +40,9 @@ def test_a_report_has_rate_age_times_state_and_confidence(graph, client, images,
     assert values["last_error"] == ""
 
 
-def test_reports_come_once_a_second(graph, client):
-    graph.tracker(client, **QUICK)
-    client.wait_for(lambda: len(client.health) >= 3, "three reports")
-    stamps = [report.stamp for report in client.health]
-    assert [round((b - a) / 1e9) for a, b in itertools.pairwise(stamps)] == [1, 1]
+def test_reports_come_once_a_second(graph):
+    # Other tests receive several, at a shorter period.
+    assert graph.tracker(**QUICK)._diagnostics._timer.timer_period_ns == 10**9
 
 
 @pytest.mark.usefixtures("fast_reports")
@@ -101,10 +101,14 @@ def test_lost_frames_are_reported_with_the_remedy(graph, client, images):
     process = graph.process("-p", "preset:=li2007", "-p", "image_reliability:=reliable")
     client.meet()
     client.show(images[0], client.at(0))
+    # The longer it stands still, the more is lost by that: only what must be happens there.
+    message = client.message(np.tile(images[0], (8, 8, 1)))
     process.send_signal(signal.SIGSTOP)
     # Of so many, the publisher keeps the last ten for a tracker that does not read.
     for index in range(1, 40):
-        client.images.publish(client.message(np.tile(images[0], (8, 8, 1)), client.at(index)))
+        seconds, nanoseconds = divmod(client.at(index), 10**9)
+        message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
+        client.images.publish(message)
     process.send_signal(signal.SIGCONT)
     report = health(client, lambda h: "lost on the way" in h.message)
     assert report.level == "WARN"

@@ -5,7 +5,6 @@ from array import array
 import cv2
 import numpy as np
 import pytest
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS
@@ -98,18 +97,9 @@ def test_the_target_is_tracked_in_every_encoding(graph, client, moving_square):
 class Compressed:
     """Sends compressed images to the tracker of a client."""
 
-    def __init__(self, client, topic="image/compressed"):
+    def __init__(self, client):
         self._client = client
-        profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-        self._publisher = client.create_publisher(CompressedImage, topic, profile)
-
-    def meet(self, node):
-        def is_connected():
-            found = [s for s in node.subscriptions if s.topic_name == self._publisher.topic_name]
-            return found and found[0].get_publisher_count()
-
-        self._client.wait_for(is_connected, "subscription to compressed images")
-        self._client.wait_for(self._publisher.get_subscription_count, "its discovery")
+        self._publisher = client.create_publisher(CompressedImage, "image/compressed", 10)
 
     def show(self, data, stamp, image_format="jpeg"):
         message = CompressedImage(format=image_format, data=array("B", bytes(data)))
@@ -138,14 +128,11 @@ def test_compressed_images_give_the_boxes_of_the_same_raw_ones(
     node = graph.tracker(client, **QUICK)
     kinds = {"color": images[:4], "thermal": (images[:4].mean(axis=3) * 250).astype(np.uint16)}
     for kind, frames in kinds.items():
-        client.set_parameters(image_transport="raw")
-        graph.introduce(client, node)
         boxes = []
         for transport in ("raw", "compressed"):
             client.boxes.clear()
             client.set_parameters(image_transport=transport, target_box=[*box])
-            if transport == "compressed":
-                compressed.meet(node)
+            graph.introduce(client, node)
             for index, frame in enumerate(frames):
                 if transport == "raw":
                     client.show(frame, client.at(index), "bgr8" if kind == "color" else "mono16")
@@ -158,8 +145,7 @@ def test_compressed_images_give_the_boxes_of_the_same_raw_ones(
 
 def test_jpeg_is_tracked_and_damaged_data_refused(graph, client, compressed, moving_square):
     target_box = list(moving_square.boxes[0])
-    node = graph.tracker(client, target_box=target_box, image_transport="compressed", **QUICK)
-    compressed.meet(node)
+    graph.tracker(client, target_box=target_box, image_transport="compressed", **QUICK)
     jpegs = [cv2.imencode(".jpg", image)[1].tobytes() for image in moving_square.images[:6]]
     faults = [b"", b"\0" * 100, jpegs[1][:200], jpegs[1][:-50], png(np.zeros((9, 9), np.uint8))]
     bomb = bytearray(jpegs[1])
@@ -177,8 +163,7 @@ def test_jpeg_is_tracked_and_damaged_data_refused(graph, client, compressed, mov
 
 
 def test_the_limit_of_compressed_images_can_change_at_run_time(graph, client, compressed, images):
-    node = graph.tracker(client, image_transport="compressed", max_image_pixels=100, **QUICK)
-    compressed.meet(node)
+    graph.tracker(client, image_transport="compressed", max_image_pixels=100, **QUICK)
     status = compressed.show(png(images[0]), client.at(0))
     assert "160 x 120 px; allowed: 100 px in all" in status.message
     assert client.set_parameters(max_image_pixels=160 * 120).successful

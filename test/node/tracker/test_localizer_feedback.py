@@ -48,21 +48,10 @@ def test_the_tracker_takes_the_share_that_a_localizer_measures(
     infos = client.create_publisher(CameraInfo, "camera_info", 10)
     depths = client.create_publisher(Image, "depth", 10)
     node = graph.tracker(client, target_box=box, image_reliability="reliable")
-    topics = {"/camera_info", "/depth", "/pf_tracker/status", "/localizer/status"}
-
-    def connects():
-        readers = [s for s in localizer.subscriptions if s.topic_name in topics]
-        readers += [s for s in node.subscriptions if s.topic_name == "/localizer/status"]
-        writers = [infos, depths]
-        writers += [p for p in localizer.publishers if p.topic_name == "/localizer/status"]
-        # A writer may discover its reader before the reader discovers it: messages are lost then.
-        return (
-            len(readers) == len(topics)
-            and all(reader.get_publisher_count() for reader in readers)
-            and all(writer.get_subscription_count() for writer in writers)
-        )
-
-    client.wait_for(connects, "connection")
+    client.wait_for(
+        lambda: "/localizer/status" in [s.topic_name for s in node.subscriptions], "localizer"
+    )
+    graph.introduce(client, localizer, node)
     k = [80.0, 0.0, 79.5, 0.0, 80.0, 59.5, 0.0, 0.0, 1.0]
     infos.publish(CameraInfo(width=160, height=120, distortion_model="plumb_bob", d=[0.0] * 5, k=k))
     client.wait_for(lambda: localizer._inputs.camera_info.arrivals.count, "calibration")

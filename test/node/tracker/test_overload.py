@@ -11,11 +11,12 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
+from pf_tracker_ros.node.tracker import image_subscription
 from pf_tracker_ros.node.tracker.image_subscription import ImageSubscription
 
 DEADLINE = 60.0
 BUSY = 0.02
-PAIRS = 24
+PAIRS = 8
 
 
 class Overload:
@@ -83,13 +84,14 @@ def overload(graph):
         one.close()
 
 
-def test_the_newest_pending_image_is_processed(overload):
+def test_the_newest_pending_image_is_processed(overload, monkeypatch):
+    # So that no pause of a busy machine counts as one between two images.
+    monkeypatch.setattr(image_subscription, "_QUEUED_WITHIN", DEADLINE / BUSY)
     found = overload()
     found.run()
     behind = [last - number for last, number in zip(found.published, found.processed, strict=True)]
-    # The first few may be from a hold-up, and more where this machine is busy.
-    assert set(behind) == {0, 1}
-    assert behind.count(0) > PAIRS / 2
+    # The first few may be from a hold-up.
+    assert behind == [0, 1, 1, *[0] * (PAIRS - 3)]
 
 
 def test_an_overridden_depth_keeps_images_pending(overload):

@@ -141,7 +141,7 @@ def slow(monkeypatch):
 
     def wait_and_draw(*arguments, **options):
         started.release()
-        assert resume.acquire(timeout=5.0)
+        assert resume.acquire(timeout=DEADLINE)
         return draw(*arguments, **options)
 
     monkeypatch.setattr(topics, "draw_tracked", wait_and_draw)

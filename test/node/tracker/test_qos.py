@@ -42,6 +42,7 @@ def test_images_are_requested_reliably_without_a_camera(graph):
     assert profile.durability == DurabilityPolicy.VOLATILE
 
 
+@pytest.mark.usefixtures("fast_reports")
 def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
     reliable = graph.client()
     node = graph.tracker(reliable)

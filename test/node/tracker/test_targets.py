@@ -3,8 +3,7 @@
 import math
 
 import pytest
-from geometry_msgs.msg import PointStamped
-from rclpy.duration import Duration
+from geometry_msgs.msg import Point, PointStamped
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros import Tracker
@@ -22,17 +21,12 @@ def boxes(moving_square):
     return [tuple(float(value) for value in box) for box in moving_square.boxes]
 
 
-def click(client, node, x, y):
-    publisher = client.create_publisher(PointStamped, "pf_tracker/click", 1)
-    (subscription,) = [s for s in node.subscriptions if s.topic_name == "/pf_tracker/click"]
-    client.wait_for(
-        lambda: publisher.get_subscription_count() and subscription.get_publisher_count(), "click"
+@pytest.fixture
+def click(client, send):
+    """A function that clicks at a point; the tracker receives it before the next image."""
+    return lambda node, x, y: send(
+        client, node, "pf_tracker/click", PointStamped(point=Point(x=float(x), y=float(y)))
     )
-    message = PointStamped()
-    message.point.x, message.point.y = float(x), float(y)
-    publisher.publish(message)
-    assert publisher.wait_for_all_acked(Duration(seconds=10))
-    client.destroy_publisher(publisher)
 
 
 def corners(message):
@@ -86,22 +80,22 @@ def test_a_target_with_a_stamp_of_another_clock_is_refused(graph, client, images
     assert "target refused: its stamp is 1000 s after that of the last frame" in status.message
 
 
-def test_a_click_starts_on_the_square_around_it(graph, client, images, boxes):
+def test_a_click_starts_on_the_square_around_it(graph, client, images, click):
     node = graph.tracker(client, click_size=20.0, **QUICK)
-    click(client, node, 50, 60)
+    click(node, 50, 60)
     assert client.show(images[0], client.at(0)).values["frame"] == "started"
     assert corners(client.box_at(client.at(0))) == (40, 50, 20, 20)
     client.set_parameters(click_size=30.0)
-    click(client, node, 50, 60)
+    click(node, 50, 60)
     client.show(images[0], client.at(1))
     assert corners(client.box_at(client.at(1))) == (35, 45, 30, 30)
 
 
-def test_an_invalid_click_is_refused(graph, client, images):
+def test_an_invalid_click_is_refused(graph, client, images, click):
     node = graph.tracker(client, **QUICK)
     clicks = [(math.nan, 5, "not finite"), (1, math.inf, "not finite"), (900, 5, "outside")]
     for index, (x, y, reason) in enumerate(clicks):
-        click(client, node, x, y)
+        click(node, x, y)
         status = client.show(images[0], client.at(index))
         assert (status.level, status.values["state"]) == ("WARN", "idle")
         assert status.message.startswith("target refused: ")

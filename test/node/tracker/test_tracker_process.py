@@ -9,15 +9,15 @@ from generate import generated_files
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
 
-DEADLINE = 20.0
+DEADLINE = 60.0
 
 
 @pytest.mark.parametrize("preset", SELF_CONTAINED)
 def test_a_preset_file_is_a_valid_ros_parameter_file(graph, client, images, tmp_path, preset):
     path = tmp_path / "preset.yaml"
     path.write_text(generated_files()[f"config/{preset}.yaml"])
-    graph.process("--params-file", str(path), "-p", "image_reliability:=reliable")
-    client.meet()
+    arguments = ["--ros-args", "--params-file", str(path), "-p", "image_reliability:=reliable"]
+    graph.tracker(client, cli_args=arguments)
     assert client.tunables() == preset_parameters(preset)
     assert client.get_parameters("preset") == [preset]
     status = client.show(images[0], client.at(0))
