@@ -22,7 +22,6 @@ _PERIOD = 0.5
 # Consecutive polls before a report: an endpoint may be replaced, its node's name is discovered
 # later, and a crashed node stays in the graph for 20 s.
 _POLLS, _POLLS_UNNAMED, _POLLS_NODE = 2, 8, 60
-_UNNAMED = "a node"
 # Every node publishes it; rclpy reports its mismatches.
 _EVENTS = "/parameter_events"
 _POLICIES = ("reliability", "durability", "deadline", "liveliness", "liveliness_lease_duration")
@@ -82,7 +81,7 @@ class GraphMonitor:
                 continue
             for other in others:
                 if fault := self._mismatch(topic, mine[0], other, publishes=publishes):
-                    yield fault, _POLLS_UNNAMED if _node_of(other) == _UNNAMED else _POLLS
+                    yield fault, _POLLS_UNNAMED if "UNKNOWN" in other.node_name else _POLLS
 
     def _mismatch(self, topic: str, mine: Endpoint, other: Endpoint, *, publishes: bool) -> str:
         """Why two endpoints cannot match, with the remedy; empty if they can."""
@@ -120,7 +119,7 @@ def _differing_policy(offered: QoSProfile, requested: QoSProfile) -> str:
 def _node_of(endpoint: Endpoint) -> str:
     """Full name of an endpoint's node, or "a node" before it is discovered."""
     if "UNKNOWN" in endpoint.node_name:
-        return _UNNAMED
+        return "a node"
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 
