@@ -63,9 +63,8 @@ class GraphMonitor:
                 self._report(fault)
 
     def _second_node(self) -> Iterator[tuple[str, int]]:
-        # By publishers: an ended node may stay among the names of nodes for long.
-        publishers = self._node.get_publishers_info_by_topic(_EVENTS)
-        if [_node_of(one) for one in publishers].count(self._me) > 1:
+        # By a service of each: an ended node may stay among the names of nodes for long.
+        if self._node.count_services(f"{self._me}/get_parameters") > 1:
             fault = f"another node is named {self._me}, and the topics of both are mixed: end it, "
             yield f"{fault}or rename this one (-r __node:=another_name)", _POLLS_NODE
 
@@ -74,12 +73,13 @@ class GraphMonitor:
         ends = [(one.topic_name, True, one.get_subscription_count()) for one in node.publishers]
         ends += [(one.topic_name, False, one.get_publisher_count()) for one in node.subscriptions]
         for topic, publishes, matched in ends:
+            count = node.count_subscribers if publishes else node.count_publishers
+            if topic == _EVENTS or count(topic) <= matched:
+                continue
             sides = node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic
             own, others = (side(topic) for side in (sides if publishes else sides[::-1]))
             mine = [one for one in own if _node_of(one) == self._me]
-            if topic == _EVENTS or not mine or len(others) <= matched:
-                continue
-            for other in others:
+            for other in others if mine else ():
                 if fault := self._mismatch(topic, mine[0], other, publishes=publishes):
                     yield fault, _POLLS_UNNAMED if "UNKNOWN" in other.node_name else _POLLS
 
@@ -95,8 +95,7 @@ class GraphMonitor:
                 remedy = f"receive them with {subscription_arguments(topic, topic, COMPRESSED)}"
             return f"{them}, which {they} {types[1]}, but {self._me} {we} {types[0]}; {remedy}"
         profiles = mine.qos_profile, other.qos_profile
-        policy = _differing_policy(*(profiles if publishes else profiles[::-1]))
-        if not policy:
+        if not (policy := _differing_policy(*(profiles if publishes else profiles[::-1]))):
             return ""
         values = [getattr(profile, policy) for profile in profiles]
         ours, theirs = (f"{policy.upper()} {getattr(value, 'name', value)}" for value in values)
