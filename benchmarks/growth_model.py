@@ -34,9 +34,7 @@ import numpy as np
 from intervals import Interval
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
+from tables import Table
 
 from pf_tracker_ros.filter import (
     EffectiveSampleSizeResampler,
@@ -46,6 +44,7 @@ from pf_tracker_ros.filter import (
     propose_from_transition,
 )
 from pf_tracker_ros.filter.resampling import MultinomialResampler
+from pf_tracker_ros.progress import progress_bar
 
 FIRST_STATE = 0.1
 STEPS = 100
@@ -226,13 +225,15 @@ def run_all(runs: int, first_seed: int = 0) -> list[Outcome]:
     chosen = filters()
     errors = {name: np.empty(runs) for name in chosen}
     times = {name: np.empty(runs) for name in chosen}
-    for run in track(range(runs), "runs", console=Console(stderr=True), transient=True):
-        states, measurements = simulate(first_seed + run)
-        for name, estimate in chosen.items():
-            before = time.process_time()
-            estimates = estimate(measurements, first_seed + run)
-            times[name][run] = 1000 * (time.process_time() - before) / STEPS
-            errors[name][run] = np.sqrt(np.mean((estimates - states) ** 2))
+    with progress_bar(runs, "runs") as on_progress:
+        for run in range(runs):
+            states, measurements = simulate(first_seed + run)
+            for name, estimate in chosen.items():
+                before = time.process_time()
+                estimates = estimate(measurements, first_seed + run)
+                times[name][run] = 1000 * (time.process_time() - before) / STEPS
+                errors[name][run] = np.sqrt(np.mean((estimates - states) ** 2))
+            on_progress("", 1)
     return [Outcome(name, errors[name], times[name]) for name in chosen]
 
 
@@ -243,9 +244,9 @@ def difference(outcomes: Sequence[Outcome]) -> Interval | None:
     return None if library is None else intervals.mean(errors["bootstrap"] - library)
 
 
-def rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
-    """Headings, then a row for each filter."""
-    lines = [("filter", "RMSE", "95 % interval", "CPU ms a step", "95 % interval")]
+def table_of(outcomes: Sequence[Outcome]) -> Table:
+    """A row for each filter."""
+    lines = []
     for outcome in outcomes:
         error, cost = intervals.mean(outcome.errors), intervals.mean(outcome.milliseconds)
         lines.append(
@@ -257,7 +258,9 @@ def rows(outcomes: Sequence[Outcome]) -> list[tuple[str, ...]]:
                 f"{cost.low:.3f} to {cost.high:.3f}",
             )
         )
-    return lines
+    headings = ("filter", "RMSE", "95 % interval", "CPU ms a step", "95 % interval")
+    runs = len(outcomes[0].errors)
+    return Table(f"Growth model, {runs} runs of {STEPS} steps", headings, [lines])
 
 
 def agreement(outcomes: Sequence[Outcome]) -> str:
@@ -275,9 +278,8 @@ def agreement(outcomes: Sequence[Outcome]) -> str:
 def write(folder: Path, outcomes: Sequence[Outcome]) -> None:
     """Write the table as Markdown and the RMSE of all runs as a plot."""
     folder.mkdir(parents=True, exist_ok=True)
-    heading, *body = rows(outcomes)
-    lines = [f"# Growth model, {len(outcomes[0].errors)} runs of {STEPS} steps", ""]
-    lines += ["| " + " | ".join(line) + " |" for line in (heading, ["---"] * len(heading), *body)]
+    table = table_of(outcomes)
+    lines = [f"# {table.title}", "", *table.markdown()]
     lines += ["", agreement(outcomes), "", f"Zhang Bo reports a mean RMSE of {PAPER_RMSE}.", ""]
     (folder / "growth_model.md").write_text("\n".join(lines), encoding="utf-8")
 
@@ -308,13 +310,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options_of.add_folder(parser)
     options = parser.parse_args(arguments)
     outcomes = run_all(options.runs)
-    table = Table(title=f"Growth model, {options.runs} runs of {STEPS} steps")
-    heading, *body = rows(outcomes)
-    for title in heading:
-        table.add_column(title)
-    for line in body:
-        table.add_row(*line)
-    Console().print(table)
+    table_of(outcomes).show()
     print(agreement(outcomes))
     try:
         write(options.output, outcomes)

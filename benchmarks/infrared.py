@@ -25,11 +25,10 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 import arguments as options_of
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 from scene_footage import SceneFootage
 from scenes import InfraredScene
 from scenes.infrared import FRAME_INTERVAL
+from tables import Table
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
@@ -142,15 +141,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, (preset, parameters) in TRACKERS.items():
             make = functools.partial(Tracker.from_preset, preset, parameters=parameters)
             rows.append(row(name, evaluate_sequence(one, make, range(options.seeds))))
-    table = Table(*TITLES)
-    for line in rows:
-        table.add_row(*cells(line))
-    Console().print(table)
+    table = Table("Infrared", TITLES, [[cells(one) for one in rows]], names=2)
+    table.show()
     if options.output is not None:
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        lines = [TITLES, ["---"] * len(TITLES), *map(cells, rows)]
-        text = "\n".join("| " + " | ".join(line) + " |" for line in lines)
-        options.output.write_text(text + "\n", encoding="utf-8")
+        options.output.write_text("\n".join([*table.markdown(), ""]), encoding="utf-8")
     return 0
 
 

@@ -19,8 +19,8 @@ import os
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from contextlib import closing
+from functools import partial
 from typing import Any
 
 # One thread for linear algebra; read when NumPy is imported.
@@ -30,14 +30,14 @@ import arguments as options_of
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from scenes import UmbrellaScene
 from scenes.umbrellas import FRAME_INTERVAL
 from umbrella_runs import PAPER_FRAMES, SETTINGS, Run, Setting
 from umbrellas_report import print_table, write_csv, write_frames, write_plot, write_table
 
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
+from pf_tracker_ros.evaluation.parallel import WorkerEnded, run_parallel
+from pf_tracker_ros.progress import progress_bar
 
 SECOND = 25
 """Frames in one second."""
@@ -141,13 +141,11 @@ def run_all(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> li
     Returns:
         The runs in the order of the seeds, then of the settings.
     """
-    columns = (TextColumn("scenes"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     runs: list[Run] = []
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("scenes", total=len(seeds))
+    with progress_bar(len(seeds), "scenes") as on_progress:
         for scene_runs in _scenes(seeds, overrides, jobs):
             runs += scene_runs
-            progress.advance(task)
+            on_progress("", 1)
     names = [setting.name for setting in SETTINGS]
     return sorted(runs, key=lambda run: (run.seed, names.index(run.setting)))
 
@@ -156,10 +154,11 @@ def _scenes(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> It
     if jobs == 1:
         yield from (run_scene(seed, overrides) for seed in seeds)
         return
-    # Forked processes would inherit OpenCV's threads in an undefined state.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        futures = [pool.submit(run_scene, seed, overrides) for seed in seeds]
-        yield from (future.result() for future in as_completed(futures))
+    with closing(run_parallel(partial(run_scene, overrides=overrides), seeds, jobs)) as results:
+        for number, result in results:
+            if isinstance(result, WorkerEnded):
+                sys.exit(f"umbrellas.py: error: scene {seeds[number]}: {result.reason}")
+            yield result
 
 
 def _longest_stretch(flags: NDArray[np.bool_]) -> int:

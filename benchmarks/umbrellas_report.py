@@ -14,9 +14,8 @@ from intervals import Interval
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 from scenes import UmbrellaScene
+from tables import Table
 from umbrella_runs import PAPER_FRAMES, Run
 
 HEADINGS = (
@@ -39,15 +38,8 @@ NOTE = (
 
 def print_table(runs: Sequence[Run]) -> None:
     """Print the table on standard output."""
-    table = Table(title=f"Umbrellas, {_scenes(runs)}", title_justify="left")
-    rows = _rows(runs)
-    for heading in ("", *(row[0] for row in rows)):
-        table.add_column(heading, justify="right" if heading else "left")
-    for heading, *cells in list(zip(HEADINGS, *rows, strict=True))[1:]:
-        table.add_row(heading, *cells)
-    console = Console()
-    console.print(table)
-    console.print(_comparison(runs))
+    _table(runs).show()
+    print(_comparison(runs))
 
 
 def write_table(path: Path, runs: Sequence[Run], overrides: Mapping[str, Any]) -> None:
@@ -56,9 +48,7 @@ def write_table(path: Path, runs: Sequence[Run], overrides: Mapping[str, Any]) -
     if overrides:
         changes = ", ".join(f"`{name}` = {value}" for name, value in overrides.items())
         lines += [f"Parameters over the preset's: {changes}.", ""]
-    lines += [_line(HEADINGS), _line(["---"] * len(HEADINGS))]
-    lines += [_line(row) for row in _rows(runs)]
-    lines += ["", _comparison(runs), "", NOTE, ""]
+    lines += [*_table(runs).markdown(), "", _comparison(runs), "", NOTE, ""]
     path.write_text("\n".join(lines), encoding="utf-8")
 
 
@@ -198,7 +188,7 @@ def _draw_errors(axes: Axes, settings: Mapping[str, list[Run]]) -> None:
     axes.legend(loc="upper left")
 
 
-def _rows(runs: Sequence[Run]) -> list[list[str]]:
+def _table(runs: Sequence[Run]) -> Table:
     rows = []
     for name, of_setting in _by_setting(runs).items():
         held = [run for run in of_setting if run.outcome == "held"]
@@ -213,7 +203,7 @@ def _rows(runs: Sequence[Run]) -> list[list[str]]:
                 f"{np.median([run.milliseconds for run in of_setting]):.2f}",
             ]
         )
-    return rows
+    return Table(f"Umbrellas, {_scenes(runs)}", HEADINGS, [rows])
 
 
 def _comparison(runs: Sequence[Run]) -> str:
@@ -246,10 +236,6 @@ def _cell(figure: Interval, factor: float = 1.0, digits: int = 1) -> str:
         f"{factor * number:.{digits}f}" for number in (figure.value, figure.low, figure.high)
     )
     return value if np.isnan(figure.low) else f"{value} ({low}-{high})"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
 
 
 def _by_setting(runs: Sequence[Run]) -> dict[str, list[Run]]:

@@ -26,12 +26,11 @@ import arguments as options_of
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.progress import track
-from rich.table import Table
+from tables import Table
 
 from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.footage import Footage, FootageError, read_sequence
+from pf_tracker_ros.progress import progress_bar
 
 HEADINGS = (
     "sequence",
@@ -104,20 +103,19 @@ def measure(footage: Footage, begin: BeginModel, skip: int) -> Outcome:
     image = next(frames).image
     model = begin(image)
     milliseconds, counts = [], []
-    for index, frame in enumerate(
-        track(frames, footage.name, len(boxes) - 1, console=Console(stderr=True), transient=True),
-        start=1,
-    ):
-        before = time.process_time()
-        mask = model.update(frame.image)
-        milliseconds.append(1000 * (time.process_time() - before))
-        if index < skip or np.isnan(boxes[index]).any():
-            continue
-        box = boxes[index] / model.reduction
-        x, y, width, height = box
-        around = np.array([x - width / 2, y - height / 2, 2 * width, 2 * height])
-        inside, area = count_inside(mask, box)
-        counts.append((inside, count_inside(mask, around)[0], np.count_nonzero(mask), area))
+    with progress_bar(len(boxes) - 1) as on_progress:
+        for index, frame in enumerate(frames, start=1):
+            on_progress(footage.name, 1)
+            before = time.process_time()
+            mask = model.update(frame.image)
+            milliseconds.append(1000 * (time.process_time() - before))
+            if index < skip or np.isnan(boxes[index]).any():
+                continue
+            box = boxes[index] / model.reduction
+            x, y, width, height = box
+            around = np.array([x - width / 2, y - height / 2, 2 * width, 2 * height])
+            inside, area = count_inside(mask, box)
+            counts.append((inside, count_inside(mask, around)[0], np.count_nonzero(mask), area))
     return Outcome(
         footage.name,
         (image.shape[1], image.shape[0]),
@@ -155,18 +153,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rows.append(measure(footage, begin, options.skip).row())
     except FootageError as error:
         parser.error(str(error))
-    table = Table(title="ViBe, one thread")
-    for heading in HEADINGS:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
+    table = Table("ViBe, one thread", HEADINGS, [rows])
+    table.show()
     if options.output:
-        lines = [HEADINGS, ("---",) * len(HEADINGS), *rows]
         options.output.parent.mkdir(parents=True, exist_ok=True)
-        options.output.write_text(
-            "".join("| " + " | ".join(line) + " |\n" for line in lines), encoding="utf-8"
-        )
+        options.output.write_text("\n".join([*table.markdown(), ""]), encoding="utf-8")
     return 0
 
 

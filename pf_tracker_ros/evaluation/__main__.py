@@ -21,11 +21,13 @@ from pf_tracker_ros.evaluation.command_line import (
     run_command,
 )
 from pf_tracker_ros.evaluation.labeled_sequences import open_labeled_sequences
+from pf_tracker_ros.evaluation.one_pass import TrackerFactory
 from pf_tracker_ros.evaluation.reports.evaluation_report import EvaluationReport
 from pf_tracker_ros.evaluation.result_files import ResultFiles
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
 from pf_tracker_ros.evaluation.sequences import frame_count, open_sequences
 from pf_tracker_ros.evaluation.summary import print_table
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.targets.tracker import Tracker
 from pf_tracker_ros.tracking.presets import ActivePreset
@@ -71,6 +73,36 @@ def _run(options: argparse.Namespace) -> int:
         for failure in unopened:
             _complain(failure.error)
         return REFUSED
+    results = _evaluate(options, sequences, make_tracker, outputs)
+    for failure in unopened:
+        _complain(f"{failure.error}; the figures are without this sequence")
+    if not results:
+        _complain("no sequence could be evaluated")
+        return INCOMPLETE
+    evaluated = [(sequences[number], results[number]) for number in sorted(results)]
+    report_error = report.write(summary, parameters, evaluated) if report else None
+    if report_error is not None:
+        _complain(report_error)
+    all_evaluated = not unopened and len(results) == len(sequences)
+    is_complete = all_evaluated and outputs.are_written and report_error is None
+    runs = "1 seed" if options.seeds == 1 else f"mean of {options.seeds} seeds"
+    try:
+        print_table(f"preset {summary}; {runs}", _in_order(results))
+    except BrokenPipeError:
+        return NO_READER if is_complete else INCOMPLETE
+    except OSError as error:
+        _complain(f"the table cannot be printed ({error.strerror})")
+        return INCOMPLETE
+    return SUCCESS if is_complete else INCOMPLETE
+
+
+def _evaluate(
+    options: argparse.Namespace,
+    sequences: Sequence[Footage],
+    make_tracker: TrackerFactory,
+    outputs: ResultFiles,
+) -> dict[int, SequenceResult]:
+    """Results by the index of their sequences; the outputs are written after each of them."""
     results: dict[int, SequenceResult] = {}
     with (
         progress_bar(frame_count(sequences)) as on_progress,
@@ -85,26 +117,7 @@ def _run(options: argparse.Namespace) -> int:
             results[number] = result
             for problem in outputs.write(_in_order(results)):
                 _complain(problem)
-    for failure in unopened:
-        _complain(f"{failure.error}; the figures are without this sequence")
-    if not results:
-        _complain("no sequence could be evaluated")
-        return INCOMPLETE
-    evaluated = [(sequences[number], results[number]) for number in sorted(results)]
-    report_error = report.write(summary, parameters, evaluated) if report else None
-    if report_error is not None:
-        _complain(report_error)
-    runs = "1 seed" if options.seeds == 1 else f"mean of {options.seeds} seeds"
-    all_evaluated = not unopened and len(results) == len(sequences)
-    is_complete = all_evaluated and outputs.are_written and report_error is None
-    try:
-        print_table(f"preset {summary}; {runs}", _in_order(results))
-    except BrokenPipeError:
-        return NO_READER if is_complete else INCOMPLETE
-    except OSError as error:
-        _complain(f"the table cannot be printed ({error.strerror})")
-        return INCOMPLETE
-    return SUCCESS if is_complete else INCOMPLETE
+    return results
 
 
 def _in_order(results: dict[int, SequenceResult]) -> list[SequenceResult]:

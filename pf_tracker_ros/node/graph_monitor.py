@@ -1,7 +1,6 @@
-"""Monitors the ROS graph for incompatible endpoints, a second node of the same name, and others.
+"""Polls the ROS graph for incompatible endpoints, a second node of the same name, and others.
 
-rclpy's event of incompatible QoS names neither the other node nor its end, with Fast DDS reports no
-other types, and costs time with each message. Polling the graph has none of these faults.
+rclpy's event of incompatible QoS names neither the other node nor its end, and no other types.
 """
 
 from __future__ import annotations
@@ -12,24 +11,19 @@ from copy import copy
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
-from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.topic_endpoint_info import TopicEndpointInfo as Endpoint
 
+from pf_tracker_ros.node.image_topics import COMPRESSED, RAW, subscription_arguments
 from pf_tracker_ros.node.qos import OVERRIDE_PREFIX, ErrorCallback
 
 # Seconds between polls.
 _PERIOD = 0.5
 # Consecutive polls before a report: an endpoint may be replaced, its node's name is discovered
 # later, and a crashed node stays in the graph for 20 s.
-_POLLS, _POLLS_UNNAMED, POLLS_NODE = 2, 8, 60
-_UNNAMED = "a node"
-# Names in a report.
-_MAX_LISTED = 4
+_POLLS, _POLLS_UNNAMED, _POLLS_NODE = 2, 8, 60
 # Every node publishes it; rclpy reports its mismatches.
 _EVENTS = "/parameter_events"
-_RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _POLICIES = ("reliability", "durability", "deadline", "liveliness", "liveliness_lease_duration")
 
 
@@ -42,8 +36,7 @@ class GraphMonitor:
     Args:
         node: The node whose publishers, subscriptions and name are checked.
         report: Called with a sentence for each fault, again if it returns.
-        remedy: Returns the remedy for a topic and a policy, where it is not a QoS override; empty
-            otherwise.
+        remedy: Returns the remedy for a topic and a policy, empty where it is a QoS override.
         further: Returns further faults, each with the consecutive polls before its report.
     """
 
@@ -54,91 +47,62 @@ class GraphMonitor:
         remedy: Callable[[str, str], str] = lambda *_: "",
         further: Callable[[], Iterable[tuple[str, int]]] = tuple,
     ) -> None:
-        self._node = node
-        self._further = further
-        self._report = report
-        self._remedy = remedy
+        self._node, self._report, self._remedy, self._further = node, report, remedy, further
+        self._me = node.get_fully_qualified_name()
         # Consecutive polls with each fault.
         self._polls: dict[str, int] = {}
         self.lasting: tuple[str, ...] = ()
         node.create_timer(_PERIOD, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _poll(self) -> None:
-        needed = dict(self._faults())
+        needed = dict([*self._second_node(), *self._further(), *self._mismatches()])
         self._polls = {fault: self._polls.get(fault, 0) + 1 for fault in needed}
         self.lasting = tuple(one for one, polls in self._polls.items() if polls >= needed[one])
         for fault in self.lasting:
             if self._polls[fault] == needed[fault]:
                 self._report(fault)
 
-    def _faults(self) -> Iterator[tuple[str, int]]:
-        """Each fault, with the number of consecutive polls before its report."""
-        node, me = self._node, self._node.get_fully_qualified_name()
-        names = node.get_node_names_and_namespaces()
-        # An ended node may stay among the names for long, but has no publishers.
-        if names.count((node.get_name(), node.get_namespace())) > 1 and (
-            [node_name_of(one) for one in node.get_publishers_info_by_topic(_EVENTS)].count(me) > 1
-        ):
-            yield (
-                f"another node is named {me}, and the topics of both are mixed: end it, or rename "
-                "this one (-r __node:=another_name)",
-                POLLS_NODE,
-            )
-        yield from self._further()
-        endpoints: list[Publisher | Subscription] = [*node.publishers, *node.subscriptions]
-        for topic, publishes in dict.fromkeys(
-            (one.topic_name, isinstance(one, Publisher))
-            for one in endpoints
-            if self._has_unmatched(one)
-        ):
+    def _second_node(self) -> Iterator[tuple[str, int]]:
+        # By a service of each: an ended node may stay among the names of nodes for long.
+        if self._node.count_services(f"{self._me}/get_parameters") > 1:
+            fault = f"another node is named {self._me}, and the topics of both are mixed: end it, "
+            yield f"{fault}or rename this one (-r __node:=another_name)", _POLLS_NODE
+
+    def _mismatches(self) -> Iterator[tuple[str, int]]:
+        node = self._node
+        ends = [(one.topic_name, True, one.get_subscription_count()) for one in node.publishers]
+        ends += [(one.topic_name, False, one.get_publisher_count()) for one in node.subscriptions]
+        for topic, publishes, matched in ends:
+            count = node.count_subscribers if publishes else node.count_publishers
+            if topic == _EVENTS or count(topic) <= matched:
+                continue
             sides = node.get_publishers_info_by_topic, node.get_subscriptions_info_by_topic
             own, others = (side(topic) for side in (sides if publishes else sides[::-1]))
-            for mine in [one for one in own if node_name_of(one) == me][:1]:
-                for other in others:
-                    if fault := self._mismatch(topic, mine, other, publishes=publishes):
-                        yield fault, _POLLS_UNNAMED if node_name_of(other) == _UNNAMED else _POLLS
+            mine = [one for one in own if _node_of(one) == self._me]
+            for other in others if mine else ():
+                if fault := self._mismatch(topic, mine[0], other, publishes=publishes):
+                    yield fault, _POLLS_UNNAMED if "UNKNOWN" in other.node_name else _POLLS
 
-    def _has_unmatched(self, endpoint: Publisher | Subscription) -> bool:
-        """Whether the topic has more endpoints on the other side than are matched."""
-        topic = endpoint.topic_name
-        if isinstance(endpoint, Publisher):
-            unmatched = self._node.count_subscribers(topic) - endpoint.get_subscription_count()
-        else:
-            unmatched = self._node.count_publishers(topic) - endpoint.get_publisher_count()
-        return topic != _EVENTS and unmatched > 0
-
-    def _mismatch(
-        self, topic: str, mine: TopicEndpointInfo, other: TopicEndpointInfo, *, publishes: bool
-    ) -> str:
+    def _mismatch(self, topic: str, mine: Endpoint, other: Endpoint, *, publishes: bool) -> str:
         """Why two endpoints cannot match, with the remedy; empty if they can."""
         where = f"{topic} does not reach" if publishes else f"nothing arrives on {topic} from"
-        me, them = node_name_of(mine), f"{where} {node_name_of(other)}"
-        if mine.topic_type != other.topic_type:
+        them = f"{where} {_node_of(other)}"
+        types = mine.topic_type, other.topic_type
+        if types[0] != types[1]:
             they, we = ("expects", "publishes") if publishes else ("publishes", "expects")
-            remedy = "remap one of the two"
-            if not publishes and (mine.topic_type, other.topic_type) == (_RAW, _COMPRESSED):
-                base = topic.removesuffix("/compressed")
-                remapping = "" if base == topic else f" -r image:={base}"
-                remedy = f"receive them with -p image_transport:=compressed{remapping}"
-            elif not publishes:
-                remedy = f"publish {mine.topic_type}, or {remedy}"
-            types = f"{they} {other.topic_type}, but {me} {we} {mine.topic_type}"
-            return f"{them}, which {types}; {remedy}"
+            remedy = f"{'' if publishes else f'publish {types[0]}, or '}remap one of the two"
+            if types == (RAW, COMPRESSED) and not publishes:
+                remedy = f"receive them with {subscription_arguments(topic, topic, COMPRESSED)}"
+            return f"{them}, which {they} {types[1]}, but {self._me} {we} {types[0]}; {remedy}"
         profiles = mine.qos_profile, other.qos_profile
-        policy = _differing_policy(*(profiles if publishes else profiles[::-1]))
-        if not policy:
+        if not (policy := _differing_policy(*(profiles if publishes else profiles[::-1]))):
             return ""
-        ours, theirs = (
-            f"{policy.upper()} {getattr(value, 'name', value)}"
-            for value in (getattr(profile, policy) for profile in profiles)
-        )
-        override = (
-            f"{OVERRIDE_PREFIX}{topic}.{'publisher' if publishes else 'subscription'}.{policy}"
-        )
-        remedy = self._remedy(topic, policy) or (
-            f"; change it there, or here with the parameter {override}"
-        )
-        return f"{them} ({theirs}), but {me} {'offers' if publishes else 'requests'} {ours}{remedy}"
+        values = [getattr(profile, policy) for profile in profiles]
+        ours, theirs = (f"{policy.upper()} {getattr(value, 'name', value)}" for value in values)
+        offers, side = ("offers", "publisher") if publishes else ("requests", "subscription")
+        by_override = f"with the parameter {OVERRIDE_PREFIX}{topic}.{side}.{policy}"
+        remedy = self._remedy(topic, policy) or f"change it there, or here {by_override}"
+        return f"{them} ({theirs}), but {self._me} {offers} {ours}; {remedy}"
 
 
 def _differing_policy(offered: QoSProfile, requested: QoSProfile) -> str:
@@ -151,34 +115,22 @@ def _differing_policy(offered: QoSProfile, requested: QoSProfile) -> str:
     return ""
 
 
-def node_name_of(endpoint: TopicEndpointInfo) -> str:
+def _node_of(endpoint: Endpoint) -> str:
     """Full name of an endpoint's node, or "a node" before it is discovered."""
     if "UNKNOWN" in endpoint.node_name:
-        return _UNNAMED
+        return "a node"
     return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
 
 
 def surplus_publishers(node: Node, topic: str, message_type: str) -> Iterator[tuple[str, int]]:
-    """That a topic with a single source has several publishers, as for `GraphMonitor`.
-
-    Args:
-        node: The subscribing node.
-        topic: Full name of the topic.
-        message_type: Its type, as `sensor_msgs/msg/Image`.
-    """
-    publishers = [
-        node_name_of(one)
-        for one in node.get_publishers_info_by_topic(topic)
-        if one.topic_type == message_type
-    ]
-    if len(publishers) > 1:
-        yield (
-            f"{topic} has {len(publishers)} publishers, {listed(publishers)}; end all but one, or "
-            "remap them to topics of their own",
-            POLLS_NODE,
-        )
+    """That a topic of a single source has several publishers of a type, for `GraphMonitor`."""
+    publishers = node.get_publishers_info_by_topic(topic)
+    names = [_node_of(one) for one in publishers if one.topic_type == message_type]
+    if len(names) > 1:
+        fault = f"{topic} has {len(names)} publishers, {listed(names)}; end all but one, or remap "
+        yield f"{fault}them to topics of their own", _POLLS_NODE
 
 
 def listed(names: Iterable[str]) -> str:
-    """Some names in quotes."""
-    return " and ".join(f"'{name}'" for name in sorted(names)[:_MAX_LISTED])
+    """Some names in quotes, at most four."""
+    return " and ".join(f"'{name}'" for name in sorted(names)[:4])

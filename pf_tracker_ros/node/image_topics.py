@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection
 
 from rclpy.node import Node
 
-_RAW, _COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 _SUFFIX = "/compressed"
 _TRACKER_OUTPUTS = ("overlay", "likelihood", "target_probability")
 _MAX_NAMED = 3
@@ -33,7 +33,7 @@ def image_publisher_hint(node: Node, topic: str, *, compressed: bool = False) ->
     more = len(others) - len(named)
     text = ", ".join(named) + (f" and {more} more" if more else "")
     first, kind = next(iter(others.items()))
-    arguments = _arguments(topic, first, kind, compressed=compressed)
+    arguments = subscription_arguments(topic, first, kind, compressed=compressed)
     return f": {topic} has no publisher, but images are on {text} ({arguments})"
 
 
@@ -48,7 +48,7 @@ def image_subscriber_hint(node: Node, topic: str, *, compressed: bool) -> str:
     Returns:
         The end of a sentence; empty if no other topic of that type has a subscriber.
     """
-    kind = _COMPRESSED if compressed else _RAW
+    kind = COMPRESSED if compressed else RAW
     others = [
         name
         for name, other in _image_topics(node, node.count_subscribers).items()
@@ -69,7 +69,7 @@ def _image_topics(node: Node, count: Callable[[str], int]) -> dict[str, str]:
     return {
         name: kind
         for name, kind in kinds.items()
-        if kind in (_RAW, _COMPRESSED)
+        if kind in (RAW, COMPRESSED)
         and not name.startswith(own)
         and not _is_tracker_output(name, kinds)
         and count(name)
@@ -82,16 +82,16 @@ def _is_tracker_output(topic: str, kinds: Collection[str]) -> bool:
     return name in _TRACKER_OUTPUTS and f"{node}/particles" in kinds
 
 
-def _arguments(topic: str, other: str, kind: str, *, compressed: bool) -> str:
+def subscription_arguments(topic: str, other: str, kind: str, *, compressed: bool = False) -> str:
     """The arguments that subscribe to another topic of a type."""
-    if kind == _RAW and compressed and topic == other + _SUFFIX:
+    if kind == RAW and compressed and topic == other + _SUFFIX:
         return "-p image_transport:=raw"
-    transport = " -p image_transport:=compressed" if kind == _COMPRESSED else ""
+    transport = " -p image_transport:=compressed" if kind == COMPRESSED else ""
     return _remapping(other, kind) + transport
 
 
 def _remapping(topic: str, kind: str) -> str:
     """The remapping argument for a topic; compressed images follow that of raw ones."""
-    if kind == _COMPRESSED and not topic.endswith(_SUFFIX):
+    if kind == COMPRESSED and not topic.endswith(_SUFFIX):
         return f"-r image{_SUFFIX}:={topic}"
     return f"-r image:={topic.removesuffix(_SUFFIX)}"

@@ -61,7 +61,7 @@ def test_links_lead_to_files_and_headings(document):
 
 
 def test_the_classes_and_methods_named_in_the_papers_are_there(names):
-    named = set(re.findall(r"`([A-Z][a-z]\w*(?:\.\w+)?)`", PAPERS))
+    named = set(re.findall(r"`((?:[A-Z][a-z]|_)\w*(?:\.\w+)?)`", PAPERS))
     assert len(named) > 30
     assert [name for name in sorted(named - names) if not hasattr(cv2, name)] == []
 

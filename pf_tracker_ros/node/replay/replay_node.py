@@ -247,19 +247,23 @@ class ReplayNode(Node):
                     target_is_due = not self._send_target(item)
                 self.before_frame(index)
                 self.playback.clear_processed()
-                self._indices.pop(item.stamp, None)
-                self._indices[item.stamp] = index
-                if len(self._indices) > _MAX_INDEXED_STAMPS:
-                    del self._indices[next(iter(self._indices))]
+                self._add_to_index(item.stamp, index)
                 self._outputs.publish(item)
-                self.position, self.stamp = index, item.stamp
-                self._start_time = (
-                    source_item.time if self._start_time is None else self._start_time
-                )
-                self.elapsed = (source_item.time - self._start_time) / NANOSECONDS
-                self._published += 1
+                self._mark_published(index, item.stamp, source_item.time)
                 if self._fixed.lockstep:
                     self._wait_for_status(item)
+
+    def _add_to_index(self, stamp: int, index: int) -> None:
+        self._indices.pop(stamp, None)
+        self._indices[stamp] = index
+        if len(self._indices) > _MAX_INDEXED_STAMPS:
+            del self._indices[next(iter(self._indices))]
+
+    def _mark_published(self, index: int, stamp: int, time: int) -> None:
+        self.position, self.stamp = index, stamp
+        self._start_time = time if self._start_time is None else self._start_time
+        self.elapsed = (time - self._start_time) / NANOSECONDS
+        self._published += 1
 
     def _restamped(self, item: ReplayItem) -> ReplayItem:
         """The item with the stamp to publish."""

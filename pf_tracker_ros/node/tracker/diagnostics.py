@@ -183,6 +183,18 @@ class Diagnostics:
         name = f"{self._node.get_fully_qualified_name().lstrip('/')}: tracker"
         health = self._health()
         now = time.monotonic()
+        lost = self._count_recent(now)
+        level, message = health.level, health.message
+        if warning := self._drop_warning(health, lost):
+            level, message = max(level, WARN), f"{message}; {warning}"
+        if warning := self._silence_warning(health, now):
+            level, message = max(level, WARN), f"{warning}; {message}"
+        values = self._statistics_values(now, lost) | health.values
+        status = Status(name, level, message, values)
+        self._publisher.publish(status_message(new_message, header, [status]))
+
+    def _count_recent(self, now: float) -> int:
+        """Frames lost in the last seconds; older ones are forgotten."""
         last_report = self._delays[-1][0] if self._delays else now
         self._delays.append((now, max(now - last_report - PERIOD, 0.0)))
         while self._frames and now - self._frames[0].arrival > _WINDOW:
@@ -192,40 +204,36 @@ class Diagnostics:
                 recent.popleft()
         lost = int(sum(count for _, count in self._losses))
         self.frame_loss_rate = lost / (lost + len(self._frames)) if lost else 0.0
-        is_lossy = lost >= _MIN_LOST and self.frame_loss_rate > _TOLERATED_LOSS
-        level, message = health.level, health.message
+        return lost
+
+    def _drop_warning(self, health: Health, lost: int) -> str:
+        """That frames are dropped or lost, or empty; a loss is logged once."""
+        was_lossy = self._was_lossy
+        self._was_lossy = lost >= _MIN_LOST and self.frame_loss_rate > _TOLERATED_LOSS
         if self._is_overloaded():
-            level = max(level, WARN)
-            message = f"{message}; {overload_warning(self._processing())}"
-        elif is_lossy and health.expects_images:
-            level = max(level, WARN)
-            loss = loss_warning(
-                self.frame_loss_rate,
-                health.image_topic,
-                health.image_reliability,
-                held_up=sum(seconds for _, seconds in self._delays),
-            )
-            message = f"{message}; {loss}"
-            if not self._was_lossy:
-                self._node.get_logger().warning(loss)
-        self._was_lossy = is_lossy
+            return overload_warning(self._processing())
+        if not self._was_lossy or not health.expects_images:
+            return ""
+        held_up = sum(seconds for _, seconds in self._delays)
+        loss = loss_warning(
+            self.frame_loss_rate, health.image_topic, health.image_reliability, held_up
+        )
+        if not was_lossy:
+            self._node.get_logger().warning(loss)
+        return loss
+
+    def _silence_warning(self, health: Health, now: float) -> str:
+        """That images are missing, or empty; it is logged with each new hint."""
         silent = now - (self._last_arrival or self._start)
-        is_silent = health.expects_images and silent > self._image_timeout()
-        if is_silent:
-            level = max(level, WARN)
-            hint = image_publisher_hint(
-                self._node, health.image_topic, compressed=health.is_compressed
-            )
-            warning = f"no image for {silent:.1f} s{hint}"
-            if hint != self._logged_hint:
-                self._node.get_logger().warning(warning)
-            self._logged_hint = hint
-            message = f"{warning}; {message}"
-        else:
+        if not health.expects_images or silent <= self._image_timeout():
             self._logged_hint = None
-        values = self._statistics_values(now, lost) | health.values
-        status = Status(name, level, message, values)
-        self._publisher.publish(status_message(new_message, header, [status]))
+            return ""
+        hint = image_publisher_hint(self._node, health.image_topic, compressed=health.is_compressed)
+        warning = f"no image for {silent:.1f} s{hint}"
+        if hint != self._logged_hint:
+            self._node.get_logger().warning(warning)
+        self._logged_hint = hint
+        return warning
 
     def _is_overloaded(self) -> bool:
         if len(self._frames) < 2:

@@ -42,7 +42,7 @@ _DEFERRED = {
 _QUEUED_WITHIN, _MAX_QUEUED = 0.25, 3
 
 # The remedy for a publisher that offers less reliability than requested.
-RELIABILITY_REMEDY = "; set image_reliability to auto, or publish reliably"
+RELIABILITY_REMEDY = "set image_reliability to auto, or publish reliably"
 
 # Seconds between checks of the publishers with `auto`; an incompatible one is noticed at once.
 _CHECK_INTERVAL = 0.5

@@ -92,24 +92,7 @@ class TrackerNode(ManagedNode):
         self._unused_overrides: set[str] = set()
 
         self._binding = ParameterBinding(self, report=self._reporter.report)
-        self._binding.declare(NodeParameters)
-        self._binding.declare(
-            TrackerParameters,
-            defaults=lambda values: preset_parameters(values["preset"], values["max_targets"]),
-            reset_by={
-                "preset": lambda before, after: True,
-                "max_targets": lambda before, after: (before > 1) != (after > 1),
-            },
-            # They describe the detector, not its use by a preset.
-            kept=[name for name in declarations(TrackerParameters) if name.startswith("detector.")],
-            superseded=parameters_superseded_by(
-                "preset",
-                self.get_fully_qualified_name(),
-                [*command_line, *(options.get("cli_args") or ())],
-            ),
-            # The session relearns the targets if needed.
-            keeps_read_only=False,
-        )
+        self._declare_parameters([*command_line, *(options.get("cli_args") or ())])
         self._binding.listen(check=self._check, apply=self._apply)
         self._real_time: RealTimePriority | None = None
         if has_process:
@@ -216,6 +199,24 @@ class TrackerNode(ManagedNode):
         self._unused_overrides |= unused
 
     # Parameters
+
+    def _declare_parameters(self, command_line: Sequence[str]) -> None:
+        self._binding.declare(NodeParameters)
+        self._binding.declare(
+            TrackerParameters,
+            defaults=lambda values: preset_parameters(values["preset"], values["max_targets"]),
+            reset_by={
+                "preset": lambda before, after: True,
+                "max_targets": lambda before, after: (before > 1) != (after > 1),
+            },
+            # They describe the detector, not its use by a preset.
+            kept=[name for name in declarations(TrackerParameters) if name.startswith("detector.")],
+            superseded=parameters_superseded_by(
+                "preset", self.get_fully_qualified_name(), command_line
+            ),
+            # The session relearns the targets if needed.
+            keeps_read_only=False,
+        )
 
     def _check(self, values: ParameterValues) -> None:
         if self._manager.session or not (self._configuration_error or self._binding.refused):

@@ -130,7 +130,7 @@ def test_compressed_images_on_the_raw_topic_are_reported_with_the_arguments(grap
     graph.tracker(client, cli_args=["--ros-args", "-r", "image:=/eye/compressed"], **QUICK)
     client.create_publisher(CompressedImage, "/eye/compressed", 1)
     text = client.wait_for(lambda: last_error(client), "report")
-    assert text.endswith("; receive them with -p image_transport:=compressed -r image:=/eye")
+    assert text.endswith("; receive them with -r image:=/eye -p image_transport:=compressed")
 
 
 @pytest.mark.usefixtures("fast_reports")
