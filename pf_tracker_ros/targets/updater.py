@@ -6,9 +6,13 @@
 3. For each track, collect the external likelihoods, which multiply that of the image: of the
    detection, or else of the motion; of the occluders in front; of the height on the ground.
 4. Update the particle filter. An occluded track coasts instead, at its predicted center.
-5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
-6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
-   of 1 - recall, less where a confirmed target is hidden or any was missed a moment ago.
+5. Correct the Kalman filter; with a detection also the box and the descriptor.
+6. Where a detector ran, the existence log odds change (`update_existence`), as in integrated
+   probabilistic data association. An undetected track loses the logarithm of 1 - recall, less where
+   a confirmed target is hidden or any was missed a moment ago. A detected one gains at most 2. A
+   fast detector also feeds tracks on nothing with detections of their neighbors, which fit badly:
+   there the gain is the log likelihood ratio of the associations, averaged over 0.3 s, which may be
+   negative.
 
 Detections are one factor of the likelihood, as in Breitenstein et al. 2011, "Online Multiperson
 Tracking-by-Detection from a Single, Uncalibrated Camera".
@@ -17,7 +21,7 @@ Tracking-by-Detection from a Single, Uncalibrated Camera".
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
 from itertools import compress
@@ -78,9 +82,10 @@ _SILENT_AFTER = 2.0
 _SWITCHED_ABOVE, _SWITCH_GATE, _SWITCHED_FOR = 0.3, 6.0, 2.0
 # Seconds without detections after which there is no detector.
 _NO_DETECTOR_AFTER = 10.0
-# Existence log odds: what a detection adds, their minimum before that, and their maximum.
+# Existence log odds: the most that a detection adds, their minimum before that, and their maximum,
+# which is also the most that a detection takes.
 _HIT_LOG_ODDS, _MIN_LOG_ODDS, _MAX_LOG_ODDS = 2.0, -1.0, 1.5
-# Time constant, seconds, after which two misses are independent.
+# Time constant, seconds, after which two misses or hits are independent.
 _INDEPENDENT_AFTER = 0.3
 # Seconds without a frame after which a track starts again from its detection: the particles are too
 # few for the area in which it may be.
@@ -194,17 +199,17 @@ class Updater:
             states.append((track.filter_state, estimates_size))
         return dict(zip(indices, self._target_filter.predict(states, frame, interval), strict=True))
 
-    def count_misses(
+    def update_existence(
         self,
         tracks: Sequence[Track],
-        assigned: Sequence[Detection | None],
+        costs: Mapping[int, float],
         detection_interval: float,
     ) -> tuple[Track, ...]:
-        """The tracks, with lower existence log odds where no detection was assigned.
+        """The tracks, with other existence log odds.
 
         Args:
             tracks: In a frame with detections.
-            assigned: Detection of each track, or None.
+            costs: Index of each detected track to the cost of its association.
             detection_interval: Seconds since the last frame with detections.
         """
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
@@ -215,11 +220,12 @@ class Updater:
         visible[[not (track.is_confirmed or track.is_manual) for track in tracks]] = 1.0
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
         changes = self._log_miss * independence * visible
+        is_fast = detection_interval < _INDEPENDENT_AFTER
         return tuple(
-            track
-            if detection
-            else replace(track, existence_log_odds=track.existence_log_odds + float(change))
-            for track, detection, change in zip(tracks, assigned, changes, strict=True)
+            _with_hit(track, costs[index], independence, is_fast=is_fast)
+            if index in costs
+            else replace(track, existence_log_odds=track.existence_log_odds + float(changes[index]))
+            for index, track in enumerate(tracks)
         )
 
     def _update_track(
@@ -473,14 +479,22 @@ class Updater:
             track.add_label_vote(detection.label, detection.score),
             filter_state=filter_state,
             box_filter=box_filter,
-            existence_log_odds=min(
-                max(track.existence_log_odds, _MIN_LOG_ODDS) + _HIT_LOG_ODDS, _MAX_LOG_ODDS
-            ),
             hits=track.hits + 1,
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if relearns else track.time_since_template_update,
             ground_box=track.ground_box if is_cut else np.array(filter_state.estimate.box),
         )
+
+
+def _with_hit(track: Track, cost: float, independence: float, *, is_fast: bool) -> Track:
+    """A track with the existence log odds and the mean cost after an association."""
+    rate = max(1.0 / track.hits, independence)
+    mean_cost = track.association_cost + rate * (cost - track.association_cost)
+    gain = min(max(-mean_cost, -_MAX_LOG_ODDS), _HIT_LOG_ODDS) if is_fast else _HIT_LOG_ODDS
+    log_odds = max(track.existence_log_odds, _MIN_LOG_ODDS) + gain
+    return replace(
+        track, association_cost=mean_cost, existence_log_odds=min(log_odds, _MAX_LOG_ODDS)
+    )
 
 
 def _is_place_unknown(track: Track) -> bool:
