@@ -9,10 +9,10 @@
 5. Correct the Kalman filter; with a detection also the box and the descriptor.
 6. Where a detector ran, the existence log odds change (`update_existence`), as in integrated
    probabilistic data association. An undetected track loses the logarithm of 1 - recall, less where
-   a confirmed target is hidden or any was missed a moment ago. A detected one gains at most 2. A
-   fast detector also feeds tracks on nothing with detections of their neighbors, which fit badly:
-   there the gain is the log likelihood ratio of the associations, averaged over 0.3 s, which may be
-   negative.
+   a confirmed target is hidden or any was missed a moment ago. A detected one gains 2. But a fast
+   detector also feeds new tracks on nothing with detections of their neighbors, which fit badly:
+   there the gain is the log likelihood ratio of the associations, averaged over 0.3 s, at most 2,
+   and may be negative.
 
 Detections are one factor of the likelihood, as in Breitenstein et al. 2011, "Online Multiperson
 Tracking-by-Detection from a Single, Uncalibrated Camera".
@@ -87,6 +87,8 @@ _NO_DETECTOR_AFTER = 10.0
 _HIT_LOG_ODDS, _MIN_LOG_ODDS, _MAX_LOG_ODDS = 2.0, -1.0, 1.5
 # Time constant, seconds, after which two misses or hits are independent.
 _INDEPENDENT_AFTER = 0.3
+# Seconds for which a track of a fast detector is new.
+_NEW_FOR = 2.0
 # Seconds without a frame after which a track starts again from its detection: the particles are too
 # few for the area in which it may be.
 _PAUSED_AFTER = 1.0
@@ -490,7 +492,9 @@ def _with_hit(track: Track, cost: float, independence: float, *, is_fast: bool) 
     """A track with the existence log odds and the mean cost after an association."""
     rate = max(1.0 / track.hits, independence)
     mean_cost = track.association_cost + rate * (cost - track.association_cost)
-    gain = min(max(-mean_cost, -_MAX_LOG_ODDS), _HIT_LOG_ODDS) if is_fast else _HIT_LOG_ODDS
+    gain = _HIT_LOG_ODDS
+    if is_fast and track.age < _NEW_FOR and not track.is_manual:
+        gain = min(max(-mean_cost, -_MAX_LOG_ODDS), _HIT_LOG_ODDS)
     log_odds = max(track.existence_log_odds, _MIN_LOG_ODDS) + gain
     return replace(
         track, association_cost=mean_cost, existence_log_odds=min(log_odds, _MAX_LOG_ODDS)
