@@ -86,7 +86,7 @@ _LABEL_WEIGHT = 1.0
 _MAX_COST = 5.5
 
 
-class Match(NamedTuple):
+class Association(NamedTuple):
     """The detection of a track.
 
     Attributes:
@@ -111,7 +111,9 @@ class Associator:
     def __init__(self, appearance: Appearance) -> None:
         self._appearance = appearance
 
-    def assign(self, tracks: Sequence[Track], detections: Sequence[Detection]) -> dict[int, Match]:
+    def assign(
+        self, tracks: Sequence[Track], detections: Sequence[Detection]
+    ) -> dict[int, Association]:
         """Index of a track to its detection; each at most once.
 
         Args:
@@ -125,7 +127,8 @@ class Associator:
         costs = np.array([self._costs(track, detections, boxes, descriptors) for track in tracks])
         pairs = assign(costs, _MAX_COST)
         return {
-            index: Match(number, float(costs[index, number])) for index, number in pairs.items()
+            index: Association(number, float(costs[index, number]))
+            for index, number in pairs.items()
         }
 
     def _costs(

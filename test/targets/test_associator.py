@@ -80,13 +80,20 @@ def test_detections_of_two_close_targets_are_assigned_by_appearance(tracks):
 
 
 @pytest.mark.parametrize(
-    ("cost", "interval", "log_odds"),
-    [(-4.0, 0.1, 1.5), (-1.0, 0.1, 0.7), (2.0, 0.1, -0.8), (9.0, 0.1, -1.3), (2.0, 0.5, 1.5)],
+    ("cost", "interval", "age", "log_odds"),
+    [
+        (-4.0, 0.1, 0.2, 1.5),
+        (-1.0, 0.1, 0.2, 0.7),
+        (2.0, 0.1, 0.2, -0.8),
+        (9.0, 0.1, 1.9, -1.3),
+        (9.0, 0.1, 2.1, 1.5),
+        (2.0, 0.5, 0.2, 1.5),
+    ],
 )
-def test_detections_that_fit_badly_take_existence_log_odds_from_a_fast_detector(
-    tracks, cost, interval, log_odds
+def test_detections_that_fit_badly_take_existence_log_odds_from_new_tracks_of_a_fast_detector(
+    tracks, cost, interval, age, log_odds
 ):
     # Of two hits, the mean cost is half of the second one.
-    track = replace(tracks[0], hits=2, existence_log_odds=0.2, association_cost=0.0)
+    track = replace(tracks[0], hits=2, age=age, existence_log_odds=0.2, association_cost=0.0)
     (track,) = Updater(None, 0.8, STRIPES).update_existence([track], {0: cost}, interval)
     assert track.existence_log_odds == pytest.approx(log_odds)
