@@ -82,14 +82,13 @@ class TrackingPipeline:
             track.predict(interval, track_set.growth_variance) for track in track_set.tracks
         )
         assigned: list[Detection | None] = [None] * len(tracks)
-        costs: dict[int, float] = {}
         if detections:
-            for index, match in self._associator.assign(tracks, detections).items():
-                assigned[index], costs[index] = detections[match.number], match.cost
+            for index, number in self._associator.assign(tracks, detections).items():
+                assigned[index] = detections[number]
             tracks = correct_id_switches(tracks, assigned, self.appearance)
         tracks = self._updater.update(tracks, frame, interval, assigned, time_since_detection)
         if detections is not None:
-            tracks = self._updater.update_existence(tracks, costs, detection_interval)
+            tracks = self._updater.count_misses(tracks, assigned, detection_interval)
         track_set = replace(track_set, tracks=tracks)
         if detections is not None:
             track_set = track_set.learn_growth()

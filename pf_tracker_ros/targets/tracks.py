@@ -85,7 +85,6 @@ class Track:
         appearance_samples: Detections in these two averages.
         box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
-        association_cost: Mean cost of its last associations with detections.
         votes: Label to the sum of its scores.
         age: Seconds since it began.
         hits: Detections assigned to it; the start counts as one.
@@ -109,7 +108,6 @@ class Track:
     descriptor: Descriptor
     box_filter: BoxKalmanFilter
     existence_log_odds: float
-    association_cost: float = 0.0
     mean_appearance_distance: float = _PRIOR_APPEARANCE_DISTANCE
     appearance_samples: int = 1
     votes: Mapping[str, float] = field(default_factory=dict)

@@ -6,13 +6,9 @@
 3. For each track, collect the external likelihoods, which multiply that of the image: of the
    detection, or else of the motion; of the occluders in front; of the height on the ground.
 4. Update the particle filter. An occluded track coasts instead, at its predicted center.
-5. Correct the Kalman filter; with a detection also the box and the descriptor.
-6. Where a detector ran, the existence log odds change (`update_existence`), as in integrated
-   probabilistic data association. An undetected track loses the logarithm of 1 - recall, less where
-   a confirmed target is hidden or any was missed a moment ago. A detected one gains 2. But a fast
-   detector also feeds new tracks on nothing with detections of their neighbors, which fit badly:
-   there the gain is the log likelihood ratio of the associations, averaged over 0.3 s, at most 2,
-   and may be negative.
+5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
+6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
+   of 1 - recall, less where a confirmed target is hidden or any was missed a moment ago.
 
 Detections are one factor of the likelihood, as in Breitenstein et al. 2011, "Online Multiperson
 Tracking-by-Detection from a Single, Uncalibrated Camera".
@@ -21,7 +17,7 @@ Tracking-by-Detection from a Single, Uncalibrated Camera".
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial, reduce
 from itertools import compress
@@ -82,13 +78,10 @@ _SILENT_AFTER = 2.0
 _SWITCHED_ABOVE, _SWITCH_GATE, _SWITCHED_FOR = 0.3, 6.0, 2.0
 # Seconds without detections after which there is no detector.
 _NO_DETECTOR_AFTER = 10.0
-# Existence log odds: the most that a detection adds, their minimum before that, and their maximum,
-# which is also the most that a detection takes.
+# Existence log odds: what a detection adds, their minimum before that, and their maximum.
 _HIT_LOG_ODDS, _MIN_LOG_ODDS, _MAX_LOG_ODDS = 2.0, -1.0, 1.5
-# Time constant, seconds, after which two misses or hits are independent.
+# Time constant, seconds, after which two misses are independent.
 _INDEPENDENT_AFTER = 0.3
-# Seconds for which a track of a fast detector is new.
-_NEW_FOR = 2.0
 # Seconds without a frame after which a track starts again from its detection: the particles are too
 # few for the area in which it may be.
 _PAUSED_AFTER = 1.0
@@ -201,17 +194,17 @@ class Updater:
             states.append((track.filter_state, estimates_size))
         return dict(zip(indices, self._target_filter.predict(states, frame, interval), strict=True))
 
-    def update_existence(
+    def count_misses(
         self,
         tracks: Sequence[Track],
-        costs: Mapping[int, float],
+        assigned: Sequence[Detection | None],
         detection_interval: float,
     ) -> tuple[Track, ...]:
-        """The tracks, with other existence log odds.
+        """The tracks, with lower existence log odds where no detection was assigned.
 
         Args:
             tracks: In a frame with detections.
-            costs: Index of each detected track to the cost of its association.
+            assigned: Detection of each track, or None.
             detection_interval: Seconds since the last frame with detections.
         """
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
@@ -222,12 +215,11 @@ class Updater:
         visible[[not (track.is_confirmed or track.is_manual) for track in tracks]] = 1.0
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
         changes = self._log_miss * independence * visible
-        is_fast = detection_interval < _INDEPENDENT_AFTER
         return tuple(
-            _with_hit(track, costs[index], independence, is_fast=is_fast)
-            if index in costs
-            else replace(track, existence_log_odds=track.existence_log_odds + float(changes[index]))
-            for index, track in enumerate(tracks)
+            track
+            if detection
+            else replace(track, existence_log_odds=track.existence_log_odds + float(change))
+            for track, detection, change in zip(tracks, assigned, changes, strict=True)
         )
 
     def _update_track(
@@ -481,24 +473,14 @@ class Updater:
             track.add_label_vote(detection.label, detection.score),
             filter_state=filter_state,
             box_filter=box_filter,
+            existence_log_odds=min(
+                max(track.existence_log_odds, _MIN_LOG_ODDS) + _HIT_LOG_ODDS, _MAX_LOG_ODDS
+            ),
             hits=track.hits + 1,
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if relearns else track.time_since_template_update,
             ground_box=track.ground_box if is_cut else np.array(filter_state.estimate.box),
         )
-
-
-def _with_hit(track: Track, cost: float, independence: float, *, is_fast: bool) -> Track:
-    """A track with the existence log odds and the mean cost after an association."""
-    rate = max(1.0 / track.hits, independence)
-    mean_cost = track.association_cost + rate * (cost - track.association_cost)
-    gain = _HIT_LOG_ODDS
-    if is_fast and track.age < _NEW_FOR and not track.is_manual:
-        gain = min(max(-mean_cost, -_MAX_LOG_ODDS), _HIT_LOG_ODDS)
-    log_odds = max(track.existence_log_odds, _MIN_LOG_ODDS) + gain
-    return replace(
-        track, association_cost=mean_cost, existence_log_odds=min(log_odds, _MAX_LOG_ODDS)
-    )
 
 
 def _is_place_unknown(track: Track) -> bool:

@@ -12,7 +12,7 @@ FAULT = "another node is named /pf_tracker"
 def _few_fast_polls(fast_reports, monkeypatch):
     monkeypatch.setattr(graph_monitor, "_PERIOD", 0.02)
     # The second of two reports on /diagnostics comes after so many.
-    monkeypatch.setattr(graph_monitor, "POLLS_NODE", 5)
+    monkeypatch.setattr(graph_monitor, "_POLLS_NODE", 5)
 
 
 def test_a_node_of_the_same_name_is_reported_while_it_exists(graph, capfd):
