@@ -83,7 +83,14 @@ def _is_tracker_output(topic: str, kinds: Collection[str]) -> bool:
 
 
 def subscription_arguments(topic: str, other: str, kind: str, *, compressed: bool = False) -> str:
-    """The arguments that subscribe to another topic of a type."""
+    """The arguments that subscribe to another topic of a type.
+
+    Args:
+        topic: Full name of the present topic.
+        other: That of the other one.
+        kind: `RAW` or `COMPRESSED`, the type of the other one.
+        compressed: Whether the present subscription is to compressed images.
+    """
     if kind == RAW and compressed and topic == other + _SUFFIX:
         return "-p image_transport:=raw"
     transport = " -p image_transport:=compressed" if kind == COMPRESSED else ""

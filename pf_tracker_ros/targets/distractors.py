@@ -214,11 +214,13 @@ def is_told_apart(
         box: (4,) in the frame, pixels.
         frame: The frame.
     """
+    if not distractors:
+        return False
     own, *others = (
         float(track.filter_state.exemplars.similarities(frame, box[None])[0])
         for track in (target, *distractors)
     )
-    return bool(others) and _SIMILARITY_SLOPE * (own - max(others)) > _TOLD_APART_ABOVE
+    return _SIMILARITY_SLOPE * (own - max(others)) > _TOLD_APART_ABOVE
 
 
 def _are_within(one: NDArray[np.float64], other: NDArray[np.float64], sides: float) -> bool:

@@ -37,7 +37,8 @@ COEFFICIENTS = np.array(
 )
 # Correlation of the errors of log width and log height.
 SIZE_CORRELATION = 0.47
-# Range of each feature on the footage; values beyond are clamped.
+# Range of each feature; values beyond are clamped. The lowest confidence is that of targets out of
+# sight: there it gives the errors of their centers.
 _CONFIDENCE_RANGE = 0.1, 0.98
 _SIZE_RANGE = 8.0, 200.0
 _ASPECT_RANGE = 1.0 / 3.0, 3.0
