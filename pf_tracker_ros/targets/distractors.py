@@ -138,10 +138,10 @@ class DistractorManager:
         """A distractor at its predicted center, corrected by the target's observation of it."""
         box_filter, unseen_for = distractor.box_filter, 0.0
         box, predicted = target.filter_state.distractor_box, distractor.predicted_box
-        if box is not None and _are_within(predicted, box, _NEAR):
+        if box is not None and relative_center_distances(box, predicted) < _NEAR:
             box_filter = box_filter.correct(box)
         else:
-            is_beside = _are_within(predicted, target.box, _BESIDE)
+            is_beside = relative_center_distances(target.box, predicted) < _BESIDE
             is_visible = not target.is_occluded_by_other and not is_beside
             unseen_for = distractor.unseen_for + interval * (_VISIBLE_RATE if is_visible else 1.0)
         distractor = replace(
@@ -182,7 +182,8 @@ def _will_cross(target: Track, candidate: DistractorCandidate) -> bool:
 
 def _continues(distractor: Track, target: Track, others: Sequence[Track]) -> bool:
     """Whether a distractor is seen, near its target, and on no other target."""
-    if distractor.unseen_for > _UNSEEN_FOR or not _are_within(distractor.box, target.box, _FAR):
+    is_far = relative_center_distances(target.box, distractor.box) >= _FAR
+    if distractor.unseen_for > _UNSEEN_FOR or is_far:
         return False
     boxes = np.array([one.box for one in others]).reshape(-1, 4)
     return bool(pairwise_iou(distractor.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
@@ -366,9 +367,3 @@ def is_told_apart(
         for track in (target, *distractors)
     )
     return _SIMILARITY_SLOPE * (own - max(others)) > _TOLD_APART_ABOVE
-
-
-def _are_within(one: NDArray[np.float64], other: NDArray[np.float64], sides: float) -> bool:
-    """Whether the centers of two (4,) boxes are within a number of sides of the first one."""
-    offset = np.abs(other[:2] + other[2:] / 2 - one[:2] - one[2:] / 2)
-    return bool((offset < sides * one[2:]).all())
