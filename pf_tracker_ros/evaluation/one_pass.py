@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box
-from pf_tracker_ros.evaluation.ground_truth import count_mismatch, usable_ground_truth
 from pf_tracker_ros.evaluation.results import EvaluationError, FrameDetails, SequenceResult
+from pf_tracker_ros.evaluation.sequences import count_mismatch, usable_ground_truth
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.opencv import one_opencv_thread
 from pf_tracker_ros.plurals import counted
