@@ -19,13 +19,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD, IMAGE_CENTER_STD
+from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.measurement import ExternalLikelihood
 from pf_tracker_ros.world.height_line import HeightLine
@@ -47,7 +48,38 @@ _OWN_SHARE = 0.5
 _MIN_HEIGHT = 0.25
 
 
-def detection_likelihood(box: NDArray[np.float64]) -> ExternalLikelihood:
+def external_likelihood(
+    track: Track,
+    detection: Detection | None,
+    front: NDArray[np.float64],
+    covered: NDArray[np.float64],
+    *,
+    ground: Ground | None,
+    is_alone: bool,
+) -> ExternalLikelihood:
+    """The product of the likelihoods of a track's boxes, at least one.
+
+    Args:
+        track: With its center predicted.
+        detection: Its detection, or None.
+        front: (K, 4) boxes in front of it.
+        covered: (K,) share of its predicted box that each covers.
+        ground: Of its label; None where the ground does not count.
+        is_alone: Whether its motion does not count; then there is a box in front.
+    """
+    factors: list[ExternalLikelihood] = []
+    if detection:
+        factors.append(_detection_likelihood(detection.box))
+    elif not is_alone:
+        factors.append(_motion_likelihood(track))
+    if ground and track.ground_box is not None:
+        factors.append(partial(ground.log_likelihood, track.ground_box))
+    if len(front):
+        factors.append(_occluder_likelihood(front, covered))
+    return lambda boxes: reduce(np.add, (factor(boxes) for factor in factors))
+
+
+def _detection_likelihood(box: NDArray[np.float64]) -> ExternalLikelihood:
     """That of a detection's (4,) box."""
     center, std = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
 
@@ -60,7 +92,7 @@ def detection_likelihood(box: NDArray[np.float64]) -> ExternalLikelihood:
     return log_likelihood
 
 
-def motion_likelihood(track: Track) -> ExternalLikelihood:
+def _motion_likelihood(track: Track) -> ExternalLikelihood:
     """That of the center that a track's Kalman filter predicts."""
     center, size = track.box_filter.center, track.box[2:]
     variance = track.box_filter.center_variance + np.square(IMAGE_CENTER_STD * size)
@@ -74,7 +106,7 @@ def motion_likelihood(track: Track) -> ExternalLikelihood:
     return log_likelihood
 
 
-def occluder_likelihood(
+def _occluder_likelihood(
     front: NDArray[np.float64], covered: NDArray[np.float64]
 ) -> ExternalLikelihood:
     """Lower for boxes that tracks in front cover by more than predicted.
@@ -165,17 +197,6 @@ def fit_grounds(tracks: Sequence[Track]) -> Mapping[str, Ground]:
             boxes.setdefault(track.label, []).append(track.ground_box)
     grounds = {label: Ground.fit(np.array(ground_boxes)) for label, ground_boxes in boxes.items()}
     return {label: ground for label, ground in grounds.items() if ground}
-
-
-def product_of(external_likelihoods: Sequence[ExternalLikelihood]) -> ExternalLikelihood | None:
-    """The product of likelihoods; None without any."""
-    if not external_likelihoods:
-        return None
-
-    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
-        return reduce(np.add, (one(boxes) for one in external_likelihoods))
-
-    return log_likelihood
 
 
 def _student_t(squared: NDArray[np.float64], dimensions: int) -> NDArray[np.float64]:

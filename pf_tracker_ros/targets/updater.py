@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import compress
 
 import numpy as np
@@ -31,15 +30,12 @@ from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.distractors import check_identity
 from pf_tracker_ros.targets.external_likelihoods import (
     Ground,
-    detection_likelihood,
+    external_likelihood,
     fit_grounds,
-    motion_likelihood,
-    occluder_likelihood,
-    product_of,
 )
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
-from pf_tracker_ros.tracking.measurement import ExternalLikelihood, FramePrediction
+from pf_tracker_ros.tracking.measurement import FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
 # Covered share of a target above which it is occluded.
@@ -228,37 +224,30 @@ class Updater:
         """One track, behind the tracks in front."""
         if detection and interval > _PAUSED_AFTER:
             return self._reinitialize(track, frame, interval, detection)
-        filter_state, is_occluded_by_other = track.filter_state, False
-        external_likelihoods: list[ExternalLikelihood] = []
-        if detection:
-            external_likelihoods.append(detection_likelihood(detection.box))
-        elif not is_alone:
-            external_likelihoods.append(motion_likelihood(track))
+        front, boxes = _near_in_front(track, predicted_box, front)
+        covered = pairwise_coverage(predicted_box[None], boxes)[0]
+        is_occluded_by_other = detection is None and _is_covered(track, front, covered)
         is_sized = _needs_size(track, detection, is_silent)
-        if is_sized and not is_alone and ground and track.ground_box is not None:
-            external_likelihoods.append(partial(ground.log_likelihood, track.ground_box))
-        # A distractor may be none: it occludes only the target that it looks like.
-        front = [one for one in front if one.distracted_key in (None, track.key)]
-        boxes = np.array([one.box for one in front]).reshape(-1, 4)
-        are_near = _are_near(boxes, predicted_box)
-        front, boxes = list(compress(front, are_near)), boxes[are_near]
-        if len(boxes):
-            covered = pairwise_coverage(predicted_box[None], boxes)[0]
-            external_likelihoods.append(occluder_likelihood(boxes, covered))
-            # A distractor occludes only a confident target.
-            is_confident = track.filter_state.confidence > _FULL_CONFIDENCE
-            occludes = np.array([is_confident or not one.is_distractor for one in front])
-            is_covered = bool((covered * occludes).max() > _OCCLUDED_ABOVE)
-            is_occluded_by_other = detection is None and is_covered
+        filter_state, box_filter = track.filter_state, track.box_filter
         if not is_occluded_by_other:
             if frame_prediction is None:
                 estimates_size = is_alone or _is_size_due(track, detection, is_silent)
                 (frame_prediction,) = self._target_filter.predict(
                     [(filter_state, estimates_size)], frame, interval
                 )
+            likelihood = None
+            if len(boxes) or not is_alone:
+                likelihood = external_likelihood(
+                    track,
+                    detection,
+                    boxes,
+                    covered,
+                    ground=ground if is_sized and not is_alone else None,
+                    is_alone=is_alone,
+                )
             stepped = self._target_filter.step(
                 frame_prediction,
-                product_of(external_likelihoods),
+                likelihood,
                 searches_everywhere=is_alone,
                 is_challenged=is_challenged,
             )
@@ -268,7 +257,6 @@ class Updater:
                 is_on_distractor = _is_on_any(box, boxes[[one.is_distractor for one in front]])
                 known = (stepped if is_on_distractor else filter_state).known_distractor
                 filter_state = replace(filter_state, known_distractor=known)
-        box_filter = track.box_filter
         if is_occluded_by_other:
             operations = self._target_filter.operations
             filter_state = operations.coast(filter_state, frame, interval)
@@ -395,6 +383,27 @@ def _with_center_inside(box: NDArray[np.float64], image_size: tuple[int, int]) -
     half = box[2:] / 2
     center = np.clip(box[:2] + half, 0.0, image_size)
     return as_box([*(center - half), *box[2:]])
+
+
+def _near_in_front(
+    track: Track, predicted_box: NDArray[np.float64], front: Sequence[Track]
+) -> tuple[list[Track], NDArray[np.float64]]:
+    """The K tracks in front that a target may overlap, and their (K, 4) boxes."""
+    # A distractor may be none: it occludes only the target that it looks like.
+    front = [one for one in front if one.distracted_key in (None, track.key)]
+    boxes = np.array([one.box for one in front]).reshape(-1, 4)
+    are_near = _are_near(boxes, predicted_box)
+    return list(compress(front, are_near)), boxes[are_near]
+
+
+def _is_covered(track: Track, front: Sequence[Track], covered: NDArray[np.float64]) -> bool:
+    """Whether one of K tracks in front occludes a target, given the (K,) shares that they cover."""
+    # A distractor occludes only a confident target.
+    is_confident = track.filter_state.confidence > _FULL_CONFIDENCE
+    return any(
+        share > _OCCLUDED_ABOVE and (is_confident or not one.is_distractor)
+        for one, share in zip(front, covered, strict=True)
+    )
 
 
 def _are_alone(tracks: Sequence[Track], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
