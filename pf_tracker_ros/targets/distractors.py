@@ -7,7 +7,7 @@ A target that crosses a similar object could be lost to it. So the object gets a
    It explains its own pixels, and its detections are not assigned to the target.
 3. Update: the track moves with its Kalman filter, corrected by the candidates near it, without a
    particle filter.
-4. Check: a target that may have switched to its distractor is not believed (`check_switch`).
+4. Check: a target that may have switched to its distractor is not believed (`_check_switch`).
 5. Exchange: where the boxes of target and distractor explain both better the other way round
    (`are_exchanged`), they change places.
 6. Promote or end: a detection turns it into a target (`Initiator.promote_distractors`). Otherwise
@@ -210,11 +210,11 @@ def check_identity(
     """
     distractors = [one for one in tracks if one.distracted_key == track.key]
     targets = [one for one in tracks if not (one.is_distractor or one.key == track.key)]
-    track = check_switch(track, before, distractors, frame, interval)
-    return exchange(track, before, distractors, targets, frame, operations=operations)
+    track = _check_switch(track, before, distractors, frame, interval)
+    return _exchange(track, before, distractors, targets, frame, operations=operations)
 
 
-def check_switch(
+def _check_switch(
     track: Track,
     before: Track,
     distractors: Sequence[Track],
@@ -227,13 +227,6 @@ def check_switch(
     unless the filter knows that as a distractor, or once it overlaps a distractor. That ends
     near the predicted center, where it looks more like itself than like its distractors, and
     after some time: the confidence then decides, or redetection once the target is lost.
-
-    Args:
-        track: In this frame.
-        before: After the last one, with its center predicted into this frame.
-        distractors: Its distractors, predicted likewise.
-        frame: This one.
-        interval: Seconds since the last frame.
     """
     filter_state, box, last = track.filter_state, track.box, before.filter_state
     itself = replace(track, switched_for=None)
@@ -274,7 +267,7 @@ def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
     )
 
 
-def exchange(
+def _exchange(
     track: Track,
     before: Track,
     distractors: Sequence[Track],
@@ -287,14 +280,6 @@ def exchange(
 
     The box of another target is not exchanged. What was learned from the distractor's box is
     forgotten, and the target counts as occluded in this frame.
-
-    Args:
-        track: In this frame.
-        before: As of `check_switch`.
-        distractors: As of `check_switch`.
-        targets: The other targets, predicted likewise.
-        frame: This one.
-        operations: Moves filter states.
     """
     other = track.filter_state.distractor_box
     if other is None or track.is_occluded_by_other:
