@@ -10,7 +10,6 @@ from contextlib import closing
 from typing import Any
 
 from pf_tracker_ros.command_lines import print_error
-from pf_tracker_ros.evaluation.batch import evaluate_each
 from pf_tracker_ros.evaluation.command_line import (
     INCOMPLETE,
     REFUSED,
@@ -20,7 +19,7 @@ from pf_tracker_ros.evaluation.command_line import (
     require_packages,
     run_command,
 )
-from pf_tracker_ros.evaluation.one_pass import TrackerFactory
+from pf_tracker_ros.evaluation.one_pass import TrackerFactory, evaluate_each
 from pf_tracker_ros.evaluation.output_files import ResultFiles
 from pf_tracker_ros.evaluation.reports.evaluation_report import EvaluationReport
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult

@@ -45,7 +45,7 @@ from pf_tracker_ros.recordings.errors import (
     RecordingError,
     unwritable,
 )
-from pf_tracker_ros.recordings.files import BOXES
+from pf_tracker_ros.recordings.output_files import BOXES
 from pf_tracker_ros.recordings.plan import SIDECAR, uses_detector
 from pf_tracker_ros.recordings.run import Stop, check_packages, run_recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
