@@ -96,18 +96,38 @@ def bounding_box_of_rotated(
 
 def intersection_areas(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """(...,) intersections in px^2 of (..., 4) boxes with (..., 4) others."""
-    ends, other_ends = one[..., :2] + one[..., 2:], other[..., :2] + other[..., 2:]
-    sides = np.minimum(ends, other_ends) - np.maximum(one[..., :2], other[..., :2])
-    np.maximum(sides, 0.0, out=sides)
+    (begins, ends), (other_begins, other_ends) = _corners(one), _corners(other)
+    return _areas(np.maximum(begins, other_begins), np.minimum(ends, other_ends))
+
+
+def iou(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...,) intersection over union of (..., 4) boxes with (..., 4) others.
+
+    Returns:
+        0 to 1: exactly 1.0 for equal boxes, 0 where a box is empty.
+    """
+    (begins, ends), (other_begins, other_ends) = _corners(one), _corners(other)
+    shared = _areas(np.maximum(begins, other_begins), np.minimum(ends, other_ends))
+    # Areas from width x height round differently; equal boxes must give 1.
+    union = _areas(begins, ends) + _areas(other_begins, other_ends) - shared
+    return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0.0)
+
+
+def _corners(boxes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(..., 2) top left and bottom right corners."""
+    return boxes[..., :2], boxes[..., :2] + boxes[..., 2:]
+
+
+def _areas(begins: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...,) areas in px^2 between (..., 2) corners; 0 where one ends before it begins."""
+    sides = np.maximum(ends - begins, 0.0)
     areas: NDArray[np.float64] = sides[..., 0] * sides[..., 1]
     return areas
 
 
 def pairwise_iou(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, M) intersection over union, 0 to 1, of (N, 4) and (M, 4) boxes."""
-    shared = intersection_areas(one[:, None], other)
-    areas, other_areas = one[:, 2] * one[:, 3], other[:, 2] * other[:, 3]
-    return shared / np.maximum(areas[:, None] + other_areas - shared, 1e-9)
+    return iou(one[:, None], other)
 
 
 def pairwise_coverage(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,6 +15,12 @@ def split_stamp(stamp: int) -> tuple[int, int]:
     return divmod(stamp, NANOSECONDS)
 
 
+def format_stamp(stamp: int) -> str:
+    """A stamp as seconds with all digits."""
+    seconds, nanoseconds = split_stamp(stamp)
+    return f"{seconds}.{nanoseconds:09d}"
+
+
 def join_stamp(seconds: int, nanoseconds: int) -> int:
     """Stamp of seconds and nanoseconds."""
     return int(seconds) * NANOSECONDS + int(nanoseconds)

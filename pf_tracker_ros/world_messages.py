@@ -84,15 +84,8 @@ def pose_with_covariance_message(new: MessageFactory, header: Any, target: World
     return new(POSE_WITH_COVARIANCE_TYPE, header=header, pose=_pose_with_covariance(new, target))
 
 
-def odometry_message(new: MessageFactory, header: Any, target: WorldTarget, child: str) -> Any:
-    """A target as nav_msgs/Odometry; as there, the velocity is in the frame of the target.
-
-    Args:
-        new: See the module.
-        header: Header of the message.
-        target: The target.
-        child: Name of the target's frame.
-    """
+def odometry_message(new: MessageFactory, header: Any, target: WorldTarget) -> Any:
+    """A target as nav_msgs/Odometry; as there, the velocity is in the frame of the target."""
     rotation = _rotation(-target.yaw)
     x, y = rotation @ target.filtered.velocity
     covariance = np.diag([0.0, 0.0, _VERTICAL_VARIANCE, *[UNKNOWN_ANGLE] * 3])
@@ -101,7 +94,7 @@ def odometry_message(new: MessageFactory, header: Any, target: WorldTarget, chil
     return new(
         ODOMETRY_TYPE,
         header=header,
-        child_frame_id=child,
+        child_frame_id=TARGET_FRAME,
         pose=_pose_with_covariance(new, target),
         twist=new(
             "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance.ravel()

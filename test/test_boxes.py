@@ -8,6 +8,7 @@ from pf_tracker_ros.boxes import (
     bounding_box_of_rotated,
     box_corners,
     intersection_areas,
+    iou,
     pairwise_coverage,
     pairwise_iou,
 )
@@ -18,6 +19,12 @@ BOXES = np.array([[0.0, 0.0, 4.0, 2.0], [2.0, 1.0, 4.0, 2.0], [9.0, 9.0, 1.0, 1.
 def test_intersection_areas():
     assert intersection_areas(BOXES, BOXES).tolist() == [8.0, 8.0, 1.0]
     assert intersection_areas(BOXES[0], BOXES[1:]).tolist() == [2.0, 0.0]
+
+
+def test_iou_is_1_of_equal_boxes_and_0_of_empty_ones():
+    thirds = np.array([[0.1, 1.1, 1 / 3, 10 / 3], [1e5, 0.1, 0.7, 1e-3], [1.0, 1.0, 0.0, 2.0]])
+    assert iou(thirds, thirds).tolist() == [1.0, 1.0, 0.0]
+    assert iou(BOXES[0], BOXES[1]) == pytest.approx(2 / 14)
 
 
 def test_pairwise_iou_and_coverage():

@@ -6,7 +6,6 @@
     print(result.scores.success_auc)
 """
 
-from pf_tracker_ros.evaluation.batch import evaluate_each, evaluate_sequences
 from pf_tracker_ros.evaluation.metrics import (
     center_errors,
     has_target,
@@ -19,7 +18,9 @@ from pf_tracker_ros.evaluation.one_pass import (
     BoxEstimate,
     BoxTracker,
     TrackerFactory,
+    evaluate_each,
     evaluate_sequence,
+    evaluate_sequences,
 )
 from pf_tracker_ros.evaluation.results import (
     EvaluationError,

@@ -10,7 +10,6 @@ from contextlib import closing
 from typing import Any
 
 from pf_tracker_ros.command_lines import print_error
-from pf_tracker_ros.evaluation.batch import evaluate_each
 from pf_tracker_ros.evaluation.command_line import (
     INCOMPLETE,
     REFUSED,
@@ -20,12 +19,15 @@ from pf_tracker_ros.evaluation.command_line import (
     require_packages,
     run_command,
 )
-from pf_tracker_ros.evaluation.labeled_sequences import open_labeled_sequences
-from pf_tracker_ros.evaluation.one_pass import TrackerFactory
+from pf_tracker_ros.evaluation.one_pass import TrackerFactory, evaluate_each
+from pf_tracker_ros.evaluation.output_files import ResultFiles
 from pf_tracker_ros.evaluation.reports.evaluation_report import EvaluationReport
-from pf_tracker_ros.evaluation.result_files import ResultFiles
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure, SequenceResult
-from pf_tracker_ros.evaluation.sequences import frame_count, open_sequences
+from pf_tracker_ros.evaluation.sequences import (
+    frame_count,
+    open_labeled_sequences,
+    open_sequences,
+)
 from pf_tracker_ros.evaluation.summary import print_table
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import progress_bar

@@ -20,7 +20,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.boxes import intersection_areas
+from pf_tracker_ros.boxes import iou
 
 Measure = Callable[[ArrayLike, ArrayLike], NDArray[np.float64]]
 """Compares boxes with true boxes: a number for each pair."""
@@ -45,11 +45,7 @@ def overlap(boxes: ArrayLike, true_boxes: ArrayLike) -> NDArray[np.float64]:
         ValueError: The last axis does not have 4 columns, or a number in `boxes` is not finite.
     """
     first, second, is_present = _comparable(boxes, true_boxes)
-    shared = intersection_areas(first, second)
-    # Areas from corners and from width x height round differently; equal boxes must give 1.
-    union = intersection_areas(first, first) + intersection_areas(second, second) - shared
-    ratio = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return np.where(is_present, ratio, np.nan)
+    return np.where(is_present, iou(first, second), np.nan)
 
 
 def center_errors(boxes: ArrayLike, true_boxes: ArrayLike) -> NDArray[np.float64]:

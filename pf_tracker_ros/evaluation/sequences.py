@@ -1,16 +1,21 @@
-"""Finds and opens the sequences of an evaluation."""
+"""Finds, opens and checks the sequences of an evaluation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from pf_tracker_ros.evaluation.ground_truth import usable_ground_truth
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure
-from pf_tracker_ros.footage import Footage, FootageError, read_sequence
+from pf_tracker_ros.footage import Footage, FootageError, is_bag, open_footage, read_sequence
 from pf_tracker_ros.footage.access import entries, exists, is_folder
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES, ground_truth_file
-from pf_tracker_ros.footage.sequences import IMAGE_FOLDER
+from pf_tracker_ros.footage.sequences import IMAGE_FOLDER, SequenceFootage
+from pf_tracker_ros.formats import FormatError, read_tracks
+from pf_tracker_ros.plurals import counted
 
 
 def read_sequences(folders: Iterable[str | Path]) -> list[Footage]:
@@ -116,3 +121,91 @@ def _looks_like_sequence(folder: Path) -> bool:
     except FootageError:
         # Reported when it is opened.
         return True
+
+
+def open_labeled_sequences(
+    sources: Sequence[str | Path], labels: Path
+) -> tuple[list[Footage], list[SequenceFailure]]:
+    """Open each track of a file of labeled boxes as a sequence.
+
+    Args:
+        sources: One video, folder of images or sequence folder.
+        labels: The file, in any format of `read_tracks`.
+
+    Returns:
+        The sequences, and those that cannot be evaluated.
+
+    Raises:
+        EvaluationError: There are several sources, or the file is invalid or belongs to another
+            recording.
+        FootageError: The source cannot be read.
+    """
+    if len(sources) != 1:
+        raise EvaluationError(
+            f"--ground-truth {labels} is for one source, and {len(sources)} are given"
+        )
+    source = Path(sources[0]).expanduser()
+    if source.exists() and is_bag(source):
+        raise EvaluationError(
+            f"{source} is a bag, which evaluate does not read; allowed: a video, a folder of "
+            "images or a sequence folder"
+        )
+    try:
+        tracks = read_tracks(labels)
+    except FormatError as error:
+        raise EvaluationError(str(error)) from error
+    footage = open_footage(source)
+    sequences: list[Footage] = []
+    failures = []
+    for track in tracks:
+        name = f"{footage.name}, target {track.id}" if len(tracks) > 1 else footage.name
+        present = [frame for frame, labeled in track.boxes.items() if labeled.box is not None]
+        first, end = present[0], present[-1] + 1
+        if footage.frame_count is not None and end > footage.frame_count:
+            raise EvaluationError(
+                f"{labels} has a box in frame {end - 1}, counted from 0, but {footage.name} has "
+                f"{counted(footage.frame_count, 'frame')}: it belongs to another recording"
+            )
+        truth = track.ground_truth(end)[first:]
+        sequence = SequenceFootage(footage, name, truth, (first, end))
+        try:
+            usable_ground_truth(sequence)
+            sequences.append(sequence)
+        except EvaluationError as error:
+            failures.append(SequenceFailure(name, error))
+    return sequences, failures
+
+
+def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:
+    """The true boxes of a sequence, checked for evaluation.
+
+    Returns:
+        (frames, 4) x, y, width, height in pixels. The first has a target; in later frames it may
+        be absent, see `metrics.has_target`.
+
+    Raises:
+        EvaluationError: No ground truth, fewer than 2 frames, not as many boxes as frames, or no
+            target in the first frame.
+    """
+    if footage.ground_truth is None:
+        raise EvaluationError(f"{footage.name}: no ground truth; expected a box for each frame")
+    true_boxes = np.array(footage.ground_truth, dtype=np.float64)
+    if true_boxes.ndim != 2 or true_boxes.shape[1] != 4 or len(true_boxes) < 2:
+        raise EvaluationError(
+            f"{footage.name}: ground truth of shape {true_boxes.shape}; "
+            "allowed: x, y, width, height of at least 2 frames"
+        )
+    if not metrics.has_target(true_boxes[0]):
+        raise EvaluationError(
+            f"{footage.name}: the target is absent in the first frame, where tracking starts; "
+            "allowed: finite numbers, width and height above 0"
+        )
+    if footage.frame_count is not None and footage.frame_count != len(true_boxes):
+        raise count_mismatch(footage.name, counted(footage.frame_count, "frame"), len(true_boxes))
+    return true_boxes
+
+
+def count_mismatch(name: str, frames: str, boxes: int) -> EvaluationError:
+    """The error for different numbers of frames and true boxes."""
+    true_boxes = counted(boxes, "true box", "true boxes")
+    return EvaluationError(f"{name}: {frames}, but {true_boxes}; expected a box for each frame")

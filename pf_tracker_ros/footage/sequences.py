@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +37,21 @@ class SequenceFootage:
     """Frames with a ground-truth box for each.
 
     Args:
-        frames: The images, as many as boxes.
+        frames: The images.
         name: Name of the sequence.
         ground_truth: (frames, 4) boxes; a row of NaN where the target is absent.
+        span: First image with a box, and the one after the last; by default all have one.
     """
 
-    def __init__(self, frames: Footage, name: str, ground_truth: NDArray[np.float64]) -> None:
+    def __init__(
+        self,
+        frames: Footage,
+        name: str,
+        ground_truth: NDArray[np.float64],
+        span: tuple[int, int | None] = (0, None),
+    ) -> None:
         self._frames = frames
+        self._span = span
         self.name = name
         self.frame_count: int | None = len(ground_truth)
         self.nominal_interval = frames.nominal_interval
@@ -50,7 +59,7 @@ class SequenceFootage:
 
     def frames(self) -> Iterator[Frame]:
         """Read the frames in order; see `Footage.frames`."""
-        return self._frames.frames()
+        return islice(self._frames.frames(), *self._span)
 
 
 def read_sequence(path: str | Path, *, frame_rate: float = DEFAULT_FRAME_RATE) -> SequenceFootage:

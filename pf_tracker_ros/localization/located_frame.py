@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pf_tracker_ros.localization.tracker_frame import TrackerFrame
 from pf_tracker_ros.localization.world_tracks import LocatedTarget, Sensed
 from pf_tracker_ros.messages import OK, WARN, Status
-from pf_tracker_ros.stamps import NANOSECONDS, split_stamp
+from pf_tracker_ros.stamps import NANOSECONDS, format_stamp
 from pf_tracker_ros.topics import StatusValues
 from pf_tracker_ros.world_messages import WorldTarget
 
@@ -75,8 +75,7 @@ class LocatedFrame:
         values: StatusValues = {"selected": self.frame.selected}
         values["pose"] = "silent" if self.silence else "published"
         if self.silence:
-            seconds, nanoseconds = split_stamp(self.silent_since)
-            values["silent_since"] = f"{seconds}.{nanoseconds:09d}"
+            values["silent_since"] = format_stamp(self.silent_since)
             values["reason"] = self.silence
         values["waited_ms"] = 1e3 * self.waited
         if self.sensed:

@@ -13,7 +13,6 @@ from pf_tracker_ros.world_messages import (
     ODOMETRY_TYPE,
     POSE_TYPE,
     POSE_WITH_COVARIANCE_TYPE,
-    TARGET_FRAME,
     WorldTarget,
     bearing_message,
     detections_3d_message,
@@ -67,10 +66,6 @@ def _of_selected(
     return built
 
 
-def _odometry(new: MessageFactory, header: Any, target: WorldTarget) -> Any:
-    return odometry_message(new, header, target, TARGET_FRAME)
-
-
 def _bearing(
     new: MessageFactory, headers: Headers, located: LocatedFrame, min_confidence: float
 ) -> Any:
@@ -99,7 +94,7 @@ POSITION_TOPICS = (
         POSE_WITH_COVARIANCE_TYPE,
         _of_selected(pose_with_covariance_message),
     ),
-    PositionTopic("odometry", ODOMETRY_TYPE, _of_selected(_odometry)),
+    PositionTopic("odometry", ODOMETRY_TYPE, _of_selected(odometry_message)),
     PositionTopic("bearing", BEARING_TYPE, _bearing),
     PositionTopic("detections_3d", DETECTIONS_3D_TYPE, _detections_3d),
     PositionTopic("markers", MARKERS_TYPE, _markers),

@@ -6,7 +6,8 @@ Endpoints have no event callbacks by default, because the executor polls them wi
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from copy import copy
 from functools import partial
 from typing import Any
@@ -18,6 +19,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+
+from pf_tracker_ros.node.messages import message_class
 
 ErrorCallback = Callable[[str], None]
 
@@ -74,30 +77,6 @@ def subscribe(
     return _create(node, create, topic, entity="subscription", profile=profile, report=report)
 
 
-def take_pending(subscription: Subscription, limit: int | None = None) -> int:
-    """Run a subscription's callback with its pending messages; returns their number.
-
-    The executor takes one message of each subscription in turn, so the second of two messages
-    before an image would follow it.
-
-    Args:
-        subscription: The subscription.
-        limit: Maximum number of messages; None for all.
-    """
-    taken = 0
-    while taken != limit and (message := take_oldest(subscription)) is not None:
-        subscription.callback(message)
-        taken += 1
-    return taken
-
-
-def take_oldest(subscription: Subscription) -> Any:
-    """The oldest pending message of a subscription, None without one."""
-    with subscription.handle:
-        found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-    return None if found is None else found[0]
-
-
 def advertise(
     node: Node, message_type: Any, topic: str, *, profile: QoSProfile, report: ErrorCallback
 ) -> Publisher:
@@ -105,6 +84,25 @@ def advertise(
     events = PublisherEventCallbacks(use_default_callbacks=False)
     create = partial(node.create_publisher, message_type, topic, event_callbacks=events)
     return _create(node, create, topic, entity="publisher", profile=profile, report=report)
+
+
+def advertise_installed(
+    node: Node, message_types: Mapping[str, str], report: ErrorCallback
+) -> dict[str, Publisher]:
+    """Create publishers below the node's name, without those whose messages are not installed.
+
+    Args:
+        node: The publishing node.
+        message_types: Name of a topic to `package/msg/Name`.
+        report: As for `advertise`.
+    """
+    publishers = {}
+    for name, message_type in message_types.items():
+        with suppress(ModuleNotFoundError):
+            publishers[name] = advertise(
+                node, message_class(message_type), f"~/{name}", profile=DEFAULT_QOS, report=report
+            )
+    return publishers
 
 
 def given_overrides(node: Node) -> set[str]:

@@ -20,10 +20,12 @@ from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.parameter_files import read_node_section
 from pf_tracker_ros.parameters import build, declarations
-from pf_tracker_ros.recordings.detections.built_in import BuiltInDetector
-from pf_tracker_ros.recordings.detections.file import DetectionFile
-from pf_tracker_ros.recordings.detections.source import DetectionSource
-from pf_tracker_ros.recordings.detections.topic import DetectionTopic
+from pf_tracker_ros.recordings.detections import (
+    BuiltInDetector,
+    DetectionFile,
+    DetectionSource,
+    DetectionTopic,
+)
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, RecordingError
 from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack, read_keyframes
 from pf_tracker_ros.recordings.keyframes.tracking import track_between_keyframes

@@ -19,9 +19,8 @@ from pf_tracker_ros.progress import OnProgress, progress_bar
 from pf_tracker_ros.recordings import errors
 from pf_tracker_ros.recordings.archives.sources import name_source_in
 from pf_tracker_ros.recordings.errors import RecordingError
-from pf_tracker_ros.recordings.files import check_outputs, open_outputs
 from pf_tracker_ros.recordings.keyframes.summary import KeyframeSummary
-from pf_tracker_ros.recordings.output_folder import OutputFolder
+from pf_tracker_ros.recordings.output_files import OutputFolder, check_outputs, open_outputs
 from pf_tracker_ros.recordings.plan import (
     DrawTargets,
     Plan,

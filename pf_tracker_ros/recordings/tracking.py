@@ -21,7 +21,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.footage.prefetch import Prefetch
 from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.opencv import one_opencv_thread
-from pf_tracker_ros.recordings.detections.source import DetectionSource
+from pf_tracker_ros.recordings.detections import DetectionSource
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
 from pf_tracker_ros.recordings.target import Target

@@ -3,15 +3,13 @@
 1. Order the tracks: detected ones first, lost manual ones last; otherwise the lower box first,
    since it is nearer to the camera.
 2. Predict the particles of all tracks at once.
-3. For each track, collect the external likelihoods, which multiply that of the image: of the
-   detection, or else of the motion; of the occluders in front; of the height on the ground.
-4. Update the particle filter. An occluded track coasts instead, at its predicted center.
+3. For each track, collect the likelihoods that multiply that of the image
+   (`external_likelihoods.py`).
+4. Update the particle filter. An occluded track coasts instead, at its predicted center. One that
+   may be on a distractor is not believed (`distractors.py`).
 5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
 6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
    of 1 - recall, less where a confirmed target is hidden or any was missed a moment ago.
-
-Detections are one factor of the likelihood, as in Breitenstein et al. 2011, "Online Multiperson
-Tracking-by-Detection from a Single, Uncalibrated Camera".
 """
 
 from __future__ import annotations
@@ -19,50 +17,38 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial, reduce
 from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import (
-    Box,
-    BoxesByAxis,
-    are_same_place,
-    as_box,
-    is_truncated,
-    pairwise_coverage,
-    pairwise_iou,
-    relative_center_distances,
-)
+from pf_tracker_ros.boxes import Box, as_box, is_truncated, pairwise_coverage, pairwise_iou
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD, IMAGE_CENTER_STD, BoxKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.distractors import are_exchanged, is_told_apart
-from pf_tracker_ros.targets.ground import Ground, fit_grounds
+from pf_tracker_ros.targets.distractors import check_identity
+from pf_tracker_ros.targets.external_likelihoods import (
+    Ground,
+    external_likelihood,
+    fit_grounds,
+)
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
-from pf_tracker_ros.tracking.measurement import ExternalLikelihood, FramePrediction
+from pf_tracker_ros.tracking.measurement import FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
-# Probability that a detection is not of its target.
-_WRONG = 0.02
 # Covered share of a target above which it is occluded.
 _OCCLUDED_ABOVE = 0.5
 # Two boxes with an intersection over union above this are on one object: that of the one in front.
 _SAME_ABOVE = 0.5
 # Largest distance of a target from its predicted place, in its own sides.
 _NEAR = 1.5
-# Weight of the covered share beyond the predicted one, and the minimum of that one.
-_OCCLUDER_WEIGHT, _FREE_COVERAGE = 30.0, 0.2
 # Share of the way to its detection that a box moves. It moves all of it below this intersection
 # over union, unless the confidence of the track is above the last value.
 _GAIN, _FAR_BELOW, _CONFIDENT_ABOVE = 0.5, 0.5, 0.9
 # Seconds without a detection after which a track on the same object as its occluder is a duplicate.
 _DUPLICATE_AFTER = 0.2
-# Degrees of freedom of the image's distance from the predicted center.
-_DEGREES_OF_FREEDOM = 3.0
 # Confidence from which on the estimate of an undetected target counts fully for its Kalman filter;
 # the least that it counts.
 _FULL_CONFIDENCE, _MIN_COUNT = 0.85, 0.05
@@ -72,10 +58,6 @@ _SIZE_EVERY = 2
 _LEARN_EVERY = 0.4
 # Seconds without detections after which sizes are estimated in the image.
 _SILENT_AFTER = 2.0
-# A target with an intersection over union with its distractor above this may have switched. It is
-# itself again within this squared Mahalanobis distance of its predicted center, or after this many
-# seconds.
-_SWITCHED_ABOVE, _SWITCH_GATE, _SWITCHED_FOR = 0.3, 6.0, 2.0
 # Seconds without detections after which there is no detector.
 _NO_DETECTOR_AFTER = 10.0
 # Existence log odds: what a detection adds, their minimum before that, and their maximum.
@@ -159,12 +141,14 @@ class Updater:
                     is_challenged=is_challenged,
                 )
                 if assigned[index] is None and track.is_undetected:
-                    distractors = [one for one in tracks if one.distracted_key == track.key]
-                    track = self._check_switch(track, tracks[index], distractors, frame, interval)
-                    others = [
-                        one for one in tracks if not (one.is_distractor or one.key == track.key)
-                    ]
-                    track = self._exchange(track, tracks[index], distractors, others, frame)
+                    track = check_identity(
+                        track,
+                        tracks[index],
+                        tracks,
+                        frame,
+                        interval,
+                        operations=self._target_filter.operations,
+                    )
             updated[index] = track
             if not _is_place_unknown(track):
                 front.append(track)
@@ -240,37 +224,30 @@ class Updater:
         """One track, behind the tracks in front."""
         if detection and interval > _PAUSED_AFTER:
             return self._reinitialize(track, frame, interval, detection)
-        filter_state, is_occluded_by_other = track.filter_state, False
-        external_likelihoods: list[ExternalLikelihood] = []
-        if detection:
-            external_likelihoods.append(_detection_likelihood(detection.box))
-        elif not is_alone:
-            external_likelihoods.append(_motion_likelihood(track))
+        front, boxes = _near_in_front(track, predicted_box, front)
+        covered = pairwise_coverage(predicted_box[None], boxes)[0]
+        is_occluded_by_other = detection is None and _is_covered(track, front, covered)
         is_sized = _needs_size(track, detection, is_silent)
-        if is_sized and not is_alone and ground and track.ground_box is not None:
-            external_likelihoods.append(partial(ground.log_likelihood, track.ground_box))
-        # A distractor may be none: it occludes only the target that it looks like.
-        front = [one for one in front if one.distracted_key in (None, track.key)]
-        boxes = np.array([one.box for one in front]).reshape(-1, 4)
-        are_near = _are_near(boxes, predicted_box)
-        front, boxes = list(compress(front, are_near)), boxes[are_near]
-        if len(boxes):
-            covered = pairwise_coverage(predicted_box[None], boxes)[0]
-            external_likelihoods.append(_occluder_likelihood(boxes, covered))
-            # A distractor occludes only a confident target.
-            is_confident = track.filter_state.confidence > _FULL_CONFIDENCE
-            occludes = np.array([is_confident or not one.is_distractor for one in front])
-            is_covered = bool((covered * occludes).max() > _OCCLUDED_ABOVE)
-            is_occluded_by_other = detection is None and is_covered
+        filter_state, box_filter = track.filter_state, track.box_filter
         if not is_occluded_by_other:
             if frame_prediction is None:
                 estimates_size = is_alone or _is_size_due(track, detection, is_silent)
                 (frame_prediction,) = self._target_filter.predict(
                     [(filter_state, estimates_size)], frame, interval
                 )
+            likelihood = None
+            if len(boxes) or not is_alone:
+                likelihood = external_likelihood(
+                    track,
+                    detection,
+                    boxes,
+                    covered,
+                    ground=ground if is_sized and not is_alone else None,
+                    is_alone=is_alone,
+                )
             stepped = self._target_filter.step(
                 frame_prediction,
-                _product(external_likelihoods),
+                likelihood,
                 searches_everywhere=is_alone,
                 is_challenged=is_challenged,
             )
@@ -280,7 +257,6 @@ class Updater:
                 is_on_distractor = _is_on_any(box, boxes[[one.is_distractor for one in front]])
                 known = (stepped if is_on_distractor else filter_state).known_distractor
                 filter_state = replace(filter_state, known_distractor=known)
-        box_filter = track.box_filter
         if is_occluded_by_other:
             operations = self._target_filter.operations
             filter_state = operations.coast(filter_state, frame, interval)
@@ -306,103 +282,6 @@ class Updater:
             is_duplicate=is_duplicate,
         )
         return self._correct(track, frame, detection) if detection else track
-
-    def _check_switch(
-        self,
-        track: Track,
-        before: Track,
-        distractors: Sequence[Track],
-        frame: Frame,
-        interval: float,
-    ) -> Track:
-        """Mark a track as occluded, and keep its Kalman filter, where it may be on a distractor.
-
-        It may have switched once it jumps, while tracked, to the second peak of the last frame,
-        unless the filter knows that as a distractor, or once it overlaps a distractor. That ends
-        near the predicted center, where it looks more like itself than like its distractors, and
-        after some time: the confidence then decides, or redetection once the target is lost.
-
-        Args:
-            track: In this frame.
-            before: After the last one, with its center predicted into this frame.
-            distractors: Its distractors, predicted likewise.
-            frame: This one.
-            interval: Seconds since the last frame.
-        """
-        filter_state, box, last = track.filter_state, track.box, before.filter_state
-        itself = replace(track, switched_for=None)
-        if last.status.state == "lost":
-            return itself
-        boxes = np.array([one.predicted_box for one in distractors]).reshape(-1, 4)
-        overlaps = pairwise_iou(box[None], boxes)
-        switched_for: float | None = None
-        if overlaps.max(initial=0.0) > _SWITCHED_ABOVE or (
-            filter_state.known_distractor is None and _has_jumped(last, box)
-        ):
-            switched_for = 0.0
-        elif before.switched_for is not None and before.switched_for < _SWITCHED_FOR:
-            variance = before.box_filter.center_variance + np.square(IMAGE_CENTER_STD * box[2:])
-            offset = box[:2] + box[2:] / 2 - before.box_filter.center
-            if (np.square(offset) / variance).sum() > _SWITCH_GATE:
-                switched_for = before.switched_for + interval
-        if switched_for is None or is_told_apart(before, distractors, box, frame):
-            return itself
-        if filter_state.estimate.state == "tracking":
-            estimate = replace(filter_state.estimate, state="occluded", reacquired_for=None)
-            filter_state = replace(filter_state, estimate=estimate)
-        return replace(
-            track,
-            filter_state=filter_state,
-            box_filter=before.box_filter,
-            switched_for=switched_for,
-        )
-
-    def _exchange(
-        self,
-        track: Track,
-        before: Track,
-        distractors: Sequence[Track],
-        targets: Sequence[Track],
-        frame: Frame,
-    ) -> Track:
-        """A track whose box and that of a distractor are exchanged if that explains both better.
-
-        The box of another target is not exchanged. What was learned from the distractor's box is
-        forgotten, and the target counts as occluded in this frame.
-
-        Args:
-            track: In this frame.
-            before: As of `_check_switch`.
-            distractors: As of `_check_switch`.
-            targets: The other targets, predicted likewise.
-            frame: This one.
-        """
-        other = track.filter_state.distractor_box
-        if other is None or track.is_occluded_by_other:
-            return track
-        places = np.array([one.predicted_box for one in targets]).reshape(-1, 4)
-        if pairwise_iou(other[None], places).max(initial=0.0) > _SWITCHED_ABOVE:
-            return track
-        boxes = np.stack([track.box, other])
-        if not any(are_exchanged(before, one, boxes, frame) for one in distractors):
-            return track
-        center, size = other[:2] + other[2:] / 2, track.box[2:]
-        filter_state = self._target_filter.operations.move_to(
-            track.filter_state, as_box([*(center - size / 2), *size])
-        )
-        filter_state = replace(
-            filter_state,
-            templates=before.filter_state.templates,
-            exemplars=before.filter_state.exemplars,
-            distractor_box=track.box,
-            estimate=replace(filter_state.estimate, state="occluded", reacquired_for=None),
-        )
-        return replace(
-            track,
-            filter_state=filter_state,
-            box_filter=before.box_filter.correct_center(center, IMAGE_CENTER_STD * size),
-            switched_for=None,
-        )
 
     def _reinitialize(
         self, track: Track, frame: Frame, interval: float, detection: Detection
@@ -499,21 +378,32 @@ def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> 
     return is_due and _needs_size(track, detection, is_silent)
 
 
-def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
-    """Whether a tracked target's (4,) box is at the last second peak, away from the last box."""
-    return (
-        last.status.state == "tracking"
-        and last.second_peak is not None
-        and bool(are_same_place(box, last.second_peak))
-        and bool(relative_center_distances(box, last.estimate.box) >= 1.0)
-    )
-
-
 def _with_center_inside(box: NDArray[np.float64], image_size: tuple[int, int]) -> Box:
     """A (4,) box moved until its center is in the image, as are those of the particles."""
     half = box[2:] / 2
     center = np.clip(box[:2] + half, 0.0, image_size)
     return as_box([*(center - half), *box[2:]])
+
+
+def _near_in_front(
+    track: Track, predicted_box: NDArray[np.float64], front: Sequence[Track]
+) -> tuple[list[Track], NDArray[np.float64]]:
+    """The K tracks in front that a target may overlap, and their (K, 4) boxes."""
+    # A distractor may be none: it occludes only the target that it looks like.
+    front = [one for one in front if one.distracted_key in (None, track.key)]
+    boxes = np.array([one.box for one in front]).reshape(-1, 4)
+    are_near = _are_near(boxes, predicted_box)
+    return list(compress(front, are_near)), boxes[are_near]
+
+
+def _is_covered(track: Track, front: Sequence[Track], covered: NDArray[np.float64]) -> bool:
+    """Whether one of K tracks in front occludes a target, given the (K,) shares that they cover."""
+    # A distractor occludes only a confident target.
+    is_confident = track.filter_state.confidence > _FULL_CONFIDENCE
+    return any(
+        share > _OCCLUDED_ABOVE and (is_confident or not one.is_distractor)
+        for one, share in zip(front, covered, strict=True)
+    )
 
 
 def _are_alone(tracks: Sequence[Track], boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -534,76 +424,3 @@ def _are_near(boxes: NDArray[np.float64], predicted_box: NDArray[np.float64]) ->
 def _is_on_any(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
     """Whether a (4,) box is on the object of one of (K, 4) others."""
     return bool(pairwise_iou(box[None], others).max(initial=0.0) > _SAME_ABOVE)
-
-
-def _detection_likelihood(box: NDArray[np.float64]) -> ExternalLikelihood:
-    """A Gaussian around the center of a detection, plus the probability that it is wrong."""
-    center, std = box[:2] + box[2:] / 2, CENTER_STD * box[2:]
-
-    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
-        x, y, width, height = boxes
-        across = np.square((x + width / 2 - center[0]) / std[0])
-        down = np.square((y + height / 2 - center[1]) / std[1])
-        return np.log(_WRONG + (1.0 - _WRONG) * np.exp(-0.5 * (across + down)))
-
-    return log_likelihood
-
-
-def _motion_likelihood(track: Track) -> ExternalLikelihood:
-    """Student's t distribution around the predicted center."""
-    center, size = track.box_filter.center, track.box[2:]
-    variance = track.box_filter.center_variance + np.square(IMAGE_CENTER_STD * size)
-
-    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
-        x, y, width, height = boxes
-        across = np.square(x + width / 2 - center[0]) / variance[0]
-        down = np.square(y + height / 2 - center[1]) / variance[1]
-        squared = across + down
-        return -(_DEGREES_OF_FREEDOM + 2.0) / 2.0 * np.log1p(squared / _DEGREES_OF_FREEDOM)
-
-    return log_likelihood
-
-
-def _occluder_likelihood(
-    front: NDArray[np.float64], covered: NDArray[np.float64]
-) -> ExternalLikelihood:
-    """Lower for boxes that tracks in front cover by more than predicted.
-
-    Args:
-        front: (K, 4) boxes, at least one.
-        covered: (K,) share of the predicted box that each covers.
-    """
-    free = np.maximum(covered, _FREE_COVERAGE)
-
-    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
-        x, y, width, height = boxes
-        area = np.maximum(width * height, 1e-9)
-        excess = (
-            np.maximum(
-                _overlap(x, width, left, across) * _overlap(y, height, top, down) / area - allowed,
-                0.0,
-            )
-            for (left, top, across, down), allowed in zip(front, free, strict=True)
-        )
-        return -_OCCLUDER_WEIGHT * reduce(np.add, excess)
-
-    return log_likelihood
-
-
-def _overlap(
-    start: NDArray[np.float64], side: NDArray[np.float64], other_start: float, other_side: float
-) -> NDArray[np.float64]:
-    """Overlap of intervals with another one along one axis, pixels."""
-    end = np.minimum(start + side, other_start + other_side)
-    return np.maximum(end - np.maximum(start, other_start), 0.0)
-
-
-def _product(external_likelihoods: Sequence[ExternalLikelihood]) -> ExternalLikelihood | None:
-    """The product of likelihoods; None without any."""
-    if not external_likelihoods:
-        return None
-
-    def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:
-        return reduce(np.add, (one(boxes) for one in external_likelihoods))
-
-    return log_likelihood

@@ -44,6 +44,8 @@ _SIZE_RANGE = 8.0, 200.0
 _ASPECT_RANGE = 1.0 / 3.0, 3.0
 # Box size, pixels, at which its feature is 0.
 _NEUTRAL_SIZE = 40.0
+# Of an error that is uniform within a pixel, px^2.
+_ROUNDING_VARIANCE = 1.0 / 12.0
 
 
 def box_features(box: NDArray[np.float64], confidence: float) -> NDArray[np.float64]:
@@ -73,16 +75,14 @@ def _clamped(value: float, limits: tuple[float, float]) -> float:
 def particle_covariance(particles: ParticleSet, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """(4, 4) weighted covariance of the particles' centers and sizes, px^2.
 
+    It has an inverse, also where all particles have one size or one aspect ratio.
+
     Args:
-        particles: Particles whose first two columns are the center.
+        particles: N.
         boxes: (N, 4) of the particles, pixels.
     """
-    centered = boxes.copy()
-    centered[:, :2] += boxes[:, 2:] / 2
-    centered -= particles.weights @ centered
-    covariance = (centered * particles.weights[:, None]).T @ centered
-    covariance[:2, :2] = particles.covariance[:2, :2]
-    return covariance
+    centers_and_sizes = np.hstack([boxes[:, :2] + boxes[:, 2:] / 2, boxes[:, 2:]])
+    return particles.move(centers_and_sizes).covariance + _ROUNDING_VARIANCE * np.eye(4)
 
 
 def box_covariance(

@@ -66,9 +66,10 @@ class Estimate:
         confidence: With a search, as of "default", the probability that the box is on the target,
             0 to 1; it falls at once and rises over several frames. Else the similarity to the
             templates. Calibrated by `track.confidence_calibration`.
-        box_covariance: (4, 4) covariance of center x, center y, width and height, px^2: of the
-            weighted particles; after a search, of the errors to expect given that the box is on
-            the target (`box_covariance.py`). Errors of neighboring frames correlate.
+        box_covariance: (4, 4) covariance of center x, center y, width and height, px^2, always with
+            an inverse: of the weighted particles; after a search, of the errors to expect given
+            that the box is on the target (`box_covariance.py`). Errors of neighboring frames
+            correlate.
         particles: (N, D) particle states, columns as named by the motion model.
         particle_boxes: (N, 4) boxes (x, y, width, height) of the particles, pixels.
         weights: (N,) normalized weights of the particles, before resampling.

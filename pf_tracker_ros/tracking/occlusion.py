@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,8 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 
 
-class OcclusionPolicy(Protocol):
-    """Handles a target that is not tracked."""
+class OcclusionPolicy:
+    """Handles a target that is not tracked; as it is, like one that is."""
 
     def assess(
         self, state: FilterState, measurement: Measurement, assessment: Assessment
@@ -32,6 +31,7 @@ class OcclusionPolicy(Protocol):
             measurement: Measurement of this frame.
             assessment: Assessment with the measured box.
         """
+        return assessment
 
     def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
         """(4,) box, pixels, to redraw the particles around; None to keep the particles.
@@ -40,6 +40,7 @@ class OcclusionPolicy(Protocol):
             state: State after the last frame.
             assessment: Assessment of this frame.
         """
+        return None
 
     def next_particles(
         self,
@@ -56,13 +57,14 @@ class OcclusionPolicy(Protocol):
             particles: Resampled particles of this frame.
             kalman_filter: Kalman filter after this frame.
         """
+        return particles, kalman_filter
 
 
 OCCLUSION_POLICIES = Registry[OcclusionPolicy]("occlusion policy")
 
 
 @OCCLUSION_POLICIES.register("coast")
-class Coast:
+class Coast(OcclusionPolicy):
     """The motion model alone moves the particles.
 
     A lost target is predicted from the same particles in every frame: predicted on and on, their
@@ -77,10 +79,6 @@ class Coast:
         box = state.motion.boxes(predicted.mean[None])[0]
         boxes = state.motion.boxes(predicted.states)
         return replace(assessment, box=box, particles=predicted, boxes=boxes, learns=False)
-
-    def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
-        """See `OcclusionPolicy.redraw_box`."""
-        return None
 
     def next_particles(
         self,
@@ -97,17 +95,11 @@ class Coast:
 
 
 @OCCLUSION_POLICIES.register("keep_tracking")
-class KeepTracking:
+class KeepTracking(OcclusionPolicy):
     """The likeliest box is tracked on; the state warns that it may not be the target.
 
     This finds a target that reappears nearby sooner.
     """
-
-    def assess(
-        self, state: FilterState, measurement: Measurement, assessment: Assessment
-    ) -> Assessment:
-        """See `OcclusionPolicy.assess`."""
-        return assessment
 
     def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
         """See `OcclusionPolicy.redraw_box`.
@@ -118,13 +110,3 @@ class KeepTracking:
             return None
         size = np.array(state.last_seen_box[2:])
         return np.hstack([assessment.box[:2] + (assessment.box[2:] - size) / 2, size])
-
-    def next_particles(
-        self,
-        state: FilterState,
-        assessment: Assessment,
-        particles: ParticleSet,
-        kalman_filter: KalmanFilter | None,
-    ) -> tuple[ParticleSet, KalmanFilter | None]:
-        """See `OcclusionPolicy.next_particles`."""
-        return particles, kalman_filter

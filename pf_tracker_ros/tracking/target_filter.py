@@ -49,8 +49,7 @@ from pf_tracker_ros.tracking.measurement import (
     SearchingMeasurer,
 )
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
-from pf_tracker_ros.tracking.parameter_checks import check_proposal
-from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.parameters import TrackerParameters, check_proposal
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Candidate, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer, StateOperations

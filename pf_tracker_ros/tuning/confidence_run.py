@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from optuna.storages import BaseStorage
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.evaluation.batch import evaluate_each
 from pf_tracker_ros.evaluation.metrics import overlap
+from pf_tracker_ros.evaluation.one_pass import evaluate_each
 from pf_tracker_ros.evaluation.results import EvaluationError, SequenceFailure
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import OnProgress

@@ -13,7 +13,7 @@ import numpy as np
 import optuna
 from numpy.typing import NDArray
 
-from pf_tracker_ros.evaluation.batch import evaluate_each
+from pf_tracker_ros.evaluation.one_pass import evaluate_each
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.evaluation.results import SequenceFailure
 from pf_tracker_ros.footage import Footage

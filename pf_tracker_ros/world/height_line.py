@@ -8,7 +8,7 @@ on the ground are on a line,
 
 which needs neither a calibration nor a known height. With both, it gives the camera's height and
 pitch, from which the fit of the plane starts (`ground_from_people`). The heights of targets at
-other places follow from it alone (`targets/ground.py`).
+other places follow from it alone (`targets/external_likelihoods.py`).
 
 Source: Hoiem, Efros and Hebert 2008, "Putting Objects in Perspective".
 """

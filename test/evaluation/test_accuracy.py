@@ -5,7 +5,7 @@ import functools
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.evaluation.batch import evaluate_sequences
+from pf_tracker_ros.evaluation.one_pass import evaluate_sequences
 from pf_tracker_ros.evaluation.results import mean_scores
 from pf_tracker_ros.evaluation.sequences import read_sequences
 

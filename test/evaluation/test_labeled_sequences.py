@@ -8,7 +8,7 @@ import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError
 from pf_tracker_ros.evaluation.__main__ import main
-from pf_tracker_ros.evaluation.labeled_sequences import open_labeled_sequences
+from pf_tracker_ros.evaluation.sequences import open_labeled_sequences
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo
 

@@ -26,10 +26,8 @@ from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image, PointCloud2
 
-from pf_tracker_ros.node import graph_monitor
-from pf_tracker_ros.node.localizer import localizer_status
+from pf_tracker_ros.node import graph_monitor, health_topic
 from pf_tracker_ros.node.running import spin_until_shutdown
-from pf_tracker_ros.node.tracker import diagnostics
 from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
@@ -446,8 +444,7 @@ def image_message():
 @pytest.fixture
 def fast_reports(monkeypatch):
     """Nodes in this process report on /diagnostics, and poll the graph, five times as often."""
-    for module, name in ((diagnostics, "PERIOD"), (localizer_status, "_PERIOD")):
-        monkeypatch.setattr(module, name, getattr(module, name) / 5)
+    monkeypatch.setattr(health_topic, "PERIOD", health_topic.PERIOD / 5)
     monkeypatch.setattr(graph_monitor, "_PERIOD", graph_monitor._PERIOD / 5)
 
 

@@ -13,7 +13,7 @@ import pytest
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.sources import find_recordings
-from pf_tracker_ros.recordings.output_folder import OutputFolder
+from pf_tracker_ros.recordings.output_files import OutputFolder
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 

@@ -14,9 +14,8 @@ import pytest
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.memory import required_memory
 from pf_tracker_ros.recordings.archives.results import ResultsFolder
-from pf_tracker_ros.recordings.archives.tasks import make_tasks, run_tasks
+from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory, run_tasks
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.plan import apply_parameter_file
 

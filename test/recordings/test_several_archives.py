@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.recordings.archives.memory import required_memory
 from pf_tracker_ros.recordings.archives.results import results_at
-from pf_tracker_ros.recordings.archives.tasks import make_tasks
+from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
 

@@ -7,6 +7,7 @@ import pytest
 
 from pf_tracker_ros import Detections, Tracker
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets import distractors as module
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.distractors import are_exchanged, is_told_apart
 from pf_tracker_ros.tracking.exemplars import Exemplars
@@ -161,10 +162,8 @@ def test_a_target_on_its_distractor_is_told_apart_by_looks_or_waited_for(
     assert not is_told_apart(target, [other, twin], first, frame)
     assert not is_told_apart(target, [], first, frame)
 
-    updater = tracker._manager._pipeline._updater
-
     def check(before, others):
-        after = updater._check_switch(target, before, others, frame, INTERVAL)
+        after = module._check_switch(target, before, others, frame, INTERVAL)
         return after.switched_for, after.filter_state.estimate.state
 
     assert check(target, [with_looks(other, frame, second, first)]) == (None, "tracking")
@@ -180,7 +179,7 @@ def test_a_target_on_its_distractor_is_told_apart_by_looks_or_waited_for(
 def test_an_exchange_forgets_what_was_learned_and_takes_no_other_target(
     passing, make_tracker, monkeypatch
 ):
-    monkeypatch.setattr("pf_tracker_ros.targets.updater.are_exchanged", lambda *_: True)
+    monkeypatch.setattr("pf_tracker_ros.targets.distractors.are_exchanged", lambda *_: True)
     tracker = make_tracker()
     number = begin_distractor(tracker, passing)
     frame, boxes = Frame(passing.images[number]), passing.boxes[number]
@@ -189,15 +188,18 @@ def test_an_exchange_forgets_what_was_learned_and_takes_no_other_target(
     learned = {name: object() for name in before.filter_state.templates}
     filter_state = replace(before.filter_state, distractor_box=boxes[1], templates=learned)
     track = replace(before, filter_state=filter_state)
-    exchange = tracker._manager._pipeline._updater._exchange
-    after = exchange(track, before, [distractor], [], frame)
+    operations = tracker._manager._target_filter.operations
+    after = module._exchange(track, before, [distractor], [], frame, operations=operations)
     assert np.allclose(after.box[:2] + after.box[2:] / 2, boxes[1][:2] + boxes[1][2:] / 2)
     assert np.array_equal(after.filter_state.distractor_box, track.box)
     assert after.filter_state.templates is before.filter_state.templates
     assert after.filter_state.estimate.state == "occluded"
     # There is another target.
-    assert exchange(track, before, [distractor], [distractor], frame) is track
-    assert exchange(track, before, [], [], frame) is track
+    assert (
+        module._exchange(track, before, [distractor], [distractor], frame, operations=operations)
+        is track
+    )
+    assert module._exchange(track, before, [], [], frame, operations=operations) is track
 
 
 def test_distractors_do_not_count_as_targets(passing, make_tracker):

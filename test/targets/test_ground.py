@@ -8,7 +8,7 @@ from scipy.stats import t as student
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.ground import Ground, fit_grounds
+from pf_tracker_ros.targets.external_likelihoods import Ground, fit_grounds
 
 INTERVAL = 0.1
 # The horizon is at y = 0; the height is a fifth of the distance of the lower edge from it.

@@ -58,13 +58,17 @@ def test_it_scales_with_the_image_and_narrows_with_the_confidence():
     np.testing.assert_allclose(box_covariance(3 * BOX, features), 9 * box_covariance(BOX, features))
 
 
-def test_that_of_particles_is_their_weighted_covariance():
+def test_that_of_particles_is_their_weighted_covariance_and_that_of_rounding_to_pixels():
     generator = np.random.default_rng(0)
     boxes = generator.uniform(10.0, 50.0, (30, 4))
     states = boxes[:, :2] + boxes[:, 2:] / 2
     particles = ParticleSet(states, np.log(generator.dirichlet(np.ones(30))))
     values = np.hstack([states, boxes[:, 2:]])
-    expected = np.cov(values.T, aweights=particles.weights, ddof=0)
-    found = particle_covariance(particles, boxes)
-    np.testing.assert_allclose(found, expected, atol=1e-9)
-    np.testing.assert_array_equal(found[:2, :2], particles.covariance)
+    expected = np.cov(values.T, aweights=particles.weights, ddof=0) + np.eye(4) / 12
+    np.testing.assert_allclose(particle_covariance(particles, boxes), expected, atol=1e-9)
+
+
+def test_that_of_particles_in_one_place_has_an_inverse():
+    boxes = np.tile(BOX, (5, 1))
+    particles = ParticleSet(boxes[:, :2] + boxes[:, 2:] / 2, np.zeros(5))
+    np.testing.assert_allclose(np.linalg.inv(particle_covariance(particles, boxes)), 12 * np.eye(4))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.targets.ground import Ground
+from pf_tracker_ros.targets.external_likelihoods import Ground
 from pf_tracker_ros.world import GroundPlane, fit_ground_plane
 from pf_tracker_ros.world.height_line import HeightLine
 

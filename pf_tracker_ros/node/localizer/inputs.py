@@ -44,6 +44,7 @@ class Arrivals:
     def __init__(self) -> None:
         self.count = 0
         self.last_at = float("-inf")
+        self._rated = 0, time.monotonic()
 
     def add(self) -> None:
         """Count a message."""
@@ -54,6 +55,12 @@ class Arrivals:
     def silent_for(self) -> float:
         """Seconds since the last message; infinite before the first."""
         return time.monotonic() - self.last_at
+
+    def rate(self) -> float:
+        """Messages a second since the last call, or since the start, Hz."""
+        now = time.monotonic()
+        (count, then), self._rated = self._rated, (self.count, now)
+        return (self.count - count) / max(now - then, 1e-3)
 
 
 class Input(Generic[StoreType]):

@@ -29,8 +29,8 @@ from pf_tracker_ros.localization.sensors import NotYetError
 from pf_tracker_ros.localization.tracker_frame import TrackerFrame
 from pf_tracker_ros.messages import ERROR, OK, STATUS_TYPE, WARN
 from pf_tracker_ros.node.graph_monitor import GraphMonitor, surplus_publishers
+from pf_tracker_ros.node.health_topic import HealthTopic
 from pf_tracker_ros.node.localizer.inputs import Arrivals, Inputs
-from pf_tracker_ros.node.localizer.localizer_status import LocalizerDiagnostics, Rate
 from pf_tracker_ros.node.localizer.outputs import Outputs
 from pf_tracker_ros.node.localizer.tracker_status import read_status
 from pf_tracker_ros.node.localizer.transforms import Transforms
@@ -80,8 +80,7 @@ class LocalizerNode(ManagedNode):
         self._timer: Timer = self.create_timer(_WAIT_PERIOD, self._locate_waiting, clock=steady)
         self._timer.cancel()
         self._graph = GraphMonitor(self, self._tell, further=self._surplus_trackers)
-        self._rates = {one.name: Rate() for one in self._inputs.sensors} | {_STATUS_TOPIC: Rate()}
-        self._diagnostics = LocalizerDiagnostics(self, self._health, self._tell)
+        self._health_topic = HealthTopic(self, "localizer", self._health, self._tell)
         if self._settings.autostart:
             self.start()
         else:
@@ -261,10 +260,10 @@ class LocalizerNode(ManagedNode):
             "fixed_frame": self._settings.fixed_frame,
             "tf2": self._tf2,
             "time_jumps": self._frames.time_jumps,
-            "status_rate": self._rates[_STATUS_TOPIC].update(self._arrivals.count),
+            "status_rate": self._arrivals.rate(),
         }
         for one in self._inputs.sensors:
-            values[f"{one.name}_rate"] = self._rates[one.name].update(one.arrivals.count)
+            values[f"{one.name}_rate"] = one.arrivals.rate()
             if one.arrivals.count:
                 values[f"seconds_since_{one.name}"] = one.arrivals.silent_for
         return level, message, values | (last.values if last else {})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from std_msgs.msg import Header
 
 from pf_tracker_ros.localization.located_frame import LocatedFrame
@@ -15,7 +14,7 @@ from pf_tracker_ros.localization.position_topics import (
 from pf_tracker_ros.messages import STATUS_TYPE, status_message
 from pf_tracker_ros.node.localizer.transforms import Transforms
 from pf_tracker_ros.node.messages import message_class, new_message
-from pf_tracker_ros.node.qos import DEFAULT_QOS, LATCHED_QOS, ErrorCallback, advertise
+from pf_tracker_ros.node.qos import LATCHED_QOS, ErrorCallback, advertise, advertise_installed
 from pf_tracker_ros.stamps import set_stamp
 from pf_tracker_ros.world_messages import TARGET_FRAME, WorldTarget, pose_message
 
@@ -40,15 +39,8 @@ class Outputs:
         self._node = node
         self._transforms = transforms
         self._tracker_status = tracker_status
-        self._publishers: dict[str, Publisher] = {}
-        for topic in POSITION_TOPICS:
-            try:
-                message_type = message_class(topic.message_type)
-            except ModuleNotFoundError:
-                continue
-            self._publishers[topic.name] = advertise(
-                node, message_type, f"~/{topic.name}", profile=DEFAULT_QOS, report=report
-            )
+        types = {topic.name: topic.message_type for topic in POSITION_TOPICS}
+        self._publishers = advertise_installed(node, types, report)
         self._status = advertise(
             node, message_class(STATUS_TYPE), "~/status", profile=LATCHED_QOS, report=report
         )

@@ -11,16 +11,12 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from std_msgs.msg import Header
 
-from pf_tracker_ros.messages import WARN, Status, status_message
+from pf_tracker_ros.messages import WARN
+from pf_tracker_ros.node import health_topic
 from pf_tracker_ros.node.image_topics import image_publisher_hint
-from pf_tracker_ros.node.messages import new_message
-from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
+from pf_tracker_ros.node.qos import ErrorCallback
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.topics import SKIPPED, StatusValues
 
@@ -65,7 +61,6 @@ def loss_warning(rate: float, topic: str, reliability: str, held_up: float = 0.0
     )
 
 
-PERIOD = 1.0
 _WINDOW = 5.0
 _MAX_FRAMES = 5000
 # Above it a warning, unless it is of less than so many frames.
@@ -145,12 +140,7 @@ class Diagnostics:
         self._delays: deque[tuple[float, float]] = deque()
         self._last_arrival: float | None = None
         self._start = time.monotonic()
-        self._publisher = advertise(
-            node, DiagnosticArray, "/diagnostics", profile=DEFAULT_QOS, report=report
-        )
-        # Steady time: simulated time may stand still, which is worth a report.
-        clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = node.create_timer(PERIOD, self._publish, clock=clock)
+        self._topic = health_topic.HealthTopic(node, "tracker", self._report, report)
 
     def restart(self) -> None:
         """Wait for images from now on, after an activation."""
@@ -178,9 +168,8 @@ class Diagnostics:
         """Count frames that were lost in transport."""
         self._losses.append((time.monotonic(), count))
 
-    def _publish(self) -> None:
-        header = Header(stamp=self._node.get_clock().now().to_msg())
-        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: tracker"
+    def _report(self) -> tuple[int, str, StatusValues]:
+        """Level, sentence and values."""
         health = self._health()
         now = time.monotonic()
         lost = self._count_recent(now)
@@ -189,14 +178,12 @@ class Diagnostics:
             level, message = max(level, WARN), f"{message}; {warning}"
         if warning := self._silence_warning(health, now):
             level, message = max(level, WARN), f"{warning}; {message}"
-        values = self._statistics_values(now, lost) | health.values
-        status = Status(name, level, message, values)
-        self._publisher.publish(status_message(new_message, header, [status]))
+        return level, message, self._statistics_values(now, lost) | health.values
 
     def _count_recent(self, now: float) -> int:
         """Frames lost in the last seconds; older ones are forgotten."""
         last_report = self._delays[-1][0] if self._delays else now
-        self._delays.append((now, max(now - last_report - PERIOD, 0.0)))
+        self._delays.append((now, max(now - last_report - health_topic.PERIOD, 0.0)))
         while self._frames and now - self._frames[0].arrival > _WINDOW:
             self._frames.popleft()
         for recent in (self._losses, self._delays):
@@ -247,7 +234,10 @@ class Diagnostics:
         return sum(frame.processing for frame in self._frames) / len(self._frames)
 
     def _statistics_values(self, now: float, lost: int) -> StatusValues:
-        frames, seconds = list(self._frames), min(_WINDOW, max(now - self._start, PERIOD))
+        frames, seconds = (
+            list(self._frames),
+            min(_WINDOW, max(now - self._start, health_topic.PERIOD)),
+        )
         values: StatusValues = {
             "input_rate": len(frames) / seconds,
             "camera_rate": (len(frames) + lost) / seconds,

@@ -19,7 +19,7 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.node.graph_monitor import listed, surplus_publishers
-from pf_tracker_ros.node.qos import is_overridden, subscribe, take_oldest, take_pending
+from pf_tracker_ros.node.qos import is_overridden, subscribe
 
 _TYPES = {"raw": Image, "compressed": CompressedImage}
 
@@ -248,3 +248,27 @@ class ImageSubscription:
         ):
             return name
         return f"{self._node.resolve_topic_name('image')}/{transport}"
+
+
+def take_pending(subscription: Subscription, limit: int | None = None) -> int:
+    """Run a subscription's callback with its pending messages; returns their number.
+
+    The executor takes one message of each subscription in turn, so the second of two messages
+    before an image would follow it.
+
+    Args:
+        subscription: The subscription.
+        limit: Maximum number of messages; None for all.
+    """
+    taken = 0
+    while taken != limit and (message := take_oldest(subscription)) is not None:
+        subscription.callback(message)
+        taken += 1
+    return taken
+
+
+def take_oldest(subscription: Subscription) -> Any:
+    """The oldest pending message of a subscription, None without one."""
+    with subscription.handle:
+        found = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    return None if found is None else found[0]

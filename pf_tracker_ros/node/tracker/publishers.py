@@ -13,8 +13,8 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
 
-from pf_tracker_ros.node.messages import message_class, new_message
-from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
+from pf_tracker_ros.node.messages import new_message
+from pf_tracker_ros.node.qos import ErrorCallback, advertise_installed
 from pf_tracker_ros.topics import OUTPUT_TOPICS, FrameResult, OutputTopic
 
 PRIMARY_TOPICS = tuple(output.name for output in OUTPUT_TOPICS if not output.is_visualization)
@@ -37,21 +37,14 @@ class FramePublishers:
 
     def __init__(self, node: Node, report: ErrorCallback) -> None:
         self._node = node
-        self._publishers: dict[OutputTopic, Publisher] = {}
-        for output in OUTPUT_TOPICS:
-            try:
-                message_type = message_class(output.message_type)
-            except ModuleNotFoundError:
-                continue
-            self._publishers[output] = advertise(
-                node, message_type, f"~/{output.name}", profile=DEFAULT_QOS, report=report
-            )
-        (overlay,) = (one for output, one in self._publishers.items() if output.name == _OVERLAY)
-        self._overlay = OverlayPublisher(overlay, report)
+        types = {output.name: output.message_type for output in OUTPUT_TOPICS}
+        self._publishers = advertise_installed(node, types, report)
+        self._overlay = OverlayPublisher(self._publishers[_OVERLAY], report)
 
     def has_subscribers(self, name: str) -> bool:
         """Whether a topic has subscribers."""
-        return any(output.name == name for output, _ in self._subscribed())
+        publisher = self._publishers.get(name)
+        return bool(publisher and publisher.get_subscription_count())
 
     def publish(
         self, header: Header, result: FrameResult, names: Collection[str] = PRIMARY_TOPICS
@@ -76,7 +69,11 @@ class FramePublishers:
             self._node.destroy_publisher(publisher)
 
     def _subscribed(self) -> list[tuple[OutputTopic, Publisher]]:
-        return [one for one in self._publishers.items() if one[1].get_subscription_count()]
+        return [
+            (output, self._publishers[output.name])
+            for output in OUTPUT_TOPICS
+            if self.has_subscribers(output.name)
+        ]
 
 
 def _publish(

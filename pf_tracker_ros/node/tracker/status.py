@@ -15,7 +15,7 @@ from pf_tracker_ros.messages import ERROR, WARN, Status, status_message
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import LATCHED_QOS, ErrorCallback, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
-from pf_tracker_ros.stamps import split_stamp
+from pf_tracker_ros.stamps import format_stamp
 from pf_tracker_ros.targets.tracked_target import (
     TrackedTarget,
     description,
@@ -171,12 +171,6 @@ class TargetsLog:
 
 
 PAUSED = "paused; resume with the service ~/enable"
-
-
-def format_stamp(stamp: int) -> str:
-    """A stamp in nanoseconds as seconds with all digits."""
-    seconds, nanoseconds = split_stamp(stamp)
-    return f"{seconds}.{nanoseconds:09d}"
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from std_msgs.msg import Header, UInt32
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.messages import DETECTIONS_TYPE, box_of_polygon
 from pf_tracker_ros.node.messages import message_class
-from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, subscribe, take_pending
+from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, subscribe
+from pf_tracker_ros.node.tracker.image_subscription import take_pending
 from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.detections import check_message_size, detections_from_message

@@ -38,7 +38,6 @@ from pf_tracker_ros.node.tracker.status import (
     StateLog,
     StatusOutput,
     TargetsLog,
-    format_stamp,
 )
 from pf_tracker_ros.node.tracker.target_subscriptions import (
     DETECTIONS_CLASS,
@@ -48,7 +47,7 @@ from pf_tracker_ros.node.tracker.target_subscriptions import (
 )
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
-from pf_tracker_ros.stamps import stamp_of
+from pf_tracker_ros.stamps import format_stamp, stamp_of
 from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
 from pf_tracker_ros.topics import SKIPPED, FrameResult, StatusValues
 from pf_tracker_ros.tracking.parameters import TrackerParameters

@@ -27,7 +27,6 @@ from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.recordings.archives.executors import Executor, make_executor
-from pf_tracker_ros.recordings.archives.memory import required_memory
 from pf_tracker_ros.recordings.archives.overlaps import check_no_overlap
 from pf_tracker_ros.recordings.archives.recording_filter import any_footage, filter_from_options
 from pf_tracker_ros.recordings.archives.results import Results, results_at
@@ -43,6 +42,7 @@ from pf_tracker_ros.recordings.archives.tasks import (
     ArchiveTask,
     done_entries,
     make_tasks,
+    required_memory,
     run_tasks,
     write_manifest,
 )

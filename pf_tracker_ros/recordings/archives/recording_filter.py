@@ -10,7 +10,7 @@ from pathlib import Path
 from pf_tracker_ros.footage import is_bag
 from pf_tracker_ros.footage.access import entries, exists, lexists
 from pf_tracker_ros.footage.images import IMAGE_SUFFIXES
-from pf_tracker_ros.recordings.files import BAG, BOXES, VIDEO
+from pf_tracker_ros.recordings.output_files import BAG, BOXES, VIDEO
 from pf_tracker_ros.recordings.sidecar_files import (
     DETECTIONS_SUFFIX,
     detections_file,

@@ -98,7 +98,7 @@ def track_between_keyframes(
             failure = error
         # Without the next keyframe, the forward pass is kept.
         for target in targets:
-            target.finish()
+            target.settle_forward()
         yield from _completed(pending, count, targets, images)
         if failure is not None:
             raise failure
@@ -220,7 +220,7 @@ class _TargetPasses:
             current = frame.stamp, _reduced(estimate)
             self._open[frame.index] = current
             if frame.index > self._last_keyframe:
-                self._settle_forward()
+                self.settle_forward()
                 self._open = {frame.index: current}
                 self.known_until = frame.index + 1
             return ""
@@ -230,13 +230,9 @@ class _TargetPasses:
             self.known_until = frame.index + 1
         return ""
 
-    def finish(self) -> None:
-        """End the passes at the end of the recording."""
-        self._settle_forward()
-
     def _begin_absence(self, frame: RecordedFrame) -> None:
         """Complete the forward pass before a keyframe where the target is absent."""
-        self._settle_forward()
+        self.settle_forward()
         self._forward.stop()
         # The first keyframe has a box.
         assert self._absent is not None
@@ -292,7 +288,7 @@ class _TargetPasses:
         assert first is not None
         if not _have_same_format(first, image):
             # Neither pass gets from one image size to the other.
-            self._settle_forward()
+            self.settle_forward()
             return
         last_stamp = next(reversed(self._open.values()))[0]
         arrival = self._forward.update(image, _seconds(last_stamp, frame.stamp))
@@ -321,7 +317,7 @@ class _TargetPasses:
             self._moments[frames[number]] = _Moment(estimate, "" if is_sure else reason)
         self._open = {}
 
-    def _settle_forward(self) -> None:
+    def settle_forward(self) -> None:
         """Take the forward pass alone since its keyframe."""
         for frame, (_, estimate) in self._open.items():
             if frame < self.known_until or frame in self.track.keyframes:

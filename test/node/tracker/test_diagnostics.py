@@ -42,7 +42,7 @@ def test_a_report_has_rate_age_times_state_and_confidence(graph, client, images,
 
 def test_reports_come_once_a_second(graph):
     # Other tests receive several, at a shorter period.
-    assert graph.tracker(**QUICK)._diagnostics._timer.timer_period_ns == 10**9
+    assert graph.tracker(**QUICK)._diagnostics._topic._timer.timer_period_ns == 10**9
 
 
 @pytest.mark.usefixtures("fast_reports")

@@ -1,8 +1,7 @@
-"""`/diagnostics` of the localizer."""
+"""The topic `/diagnostics`: the health of a node, once a second."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -16,15 +15,16 @@ from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, advertise
 from pf_tracker_ros.topics import StatusValues
 
-# Seconds between two messages on /diagnostics.
-_PERIOD = 1.0
+PERIOD = 1.0
+"""Seconds between two messages."""
 
 
-class LocalizerDiagnostics:
-    """The node's health on `/diagnostics`, once a second.
+class HealthTopic:
+    """Publishes the health of a node.
 
     Args:
         node: The publishing node.
+        role: What the node is, after its name.
         health: Returns level, sentence and values.
         report: Called with a sentence if a QoS override is invalid.
     """
@@ -32,33 +32,22 @@ class LocalizerDiagnostics:
     def __init__(
         self,
         node: Node,
+        role: str,
         health: Callable[[], tuple[int, str, StatusValues]],
         report: ErrorCallback,
     ) -> None:
         self._node = node
+        self._role = role
         self._health = health
         self._publisher = advertise(
             node, DiagnosticArray, "/diagnostics", profile=DEFAULT_QOS, report=report
         )
         # Steady time: simulated time may stand still, which is worth a report.
         clock = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(_PERIOD, self._publish, clock=clock)
+        self._timer = node.create_timer(PERIOD, self._publish, clock=clock)
 
     def _publish(self) -> None:
         header = Header(stamp=self._node.get_clock().now().to_msg())
-        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: localizer"
+        name = f"{self._node.get_fully_qualified_name().lstrip('/')}: {self._role}"
         status = Status(name, *self._health())
         self._publisher.publish(status_message(new_message, header, [status]))
-
-
-class Rate:
-    """The rate of a counter between two calls."""
-
-    def __init__(self) -> None:
-        self._last = 0, time.monotonic()
-
-    def update(self, count: int) -> float:
-        """Increase a second since the last call, Hz; 0 if the counter has started anew."""
-        now = time.monotonic()
-        (before, then), self._last = self._last, (count, now)
-        return max(count - before, 0) / max(now - then, 1e-3)
