@@ -24,6 +24,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +86,20 @@ _LABEL_WEIGHT = 1.0
 _MAX_COST = 5.5
 
 
+class Association(NamedTuple):
+    """The detection of a track.
+
+    Attributes:
+        number: Of the detection.
+        cost: Of the pair: the negative log likelihood ratio.
+        is_contested: Whether an older track with another detection has this one in its gate.
+    """
+
+    number: int
+    cost: float
+    is_contested: bool = False
+
+
 class Associator:
     """Assigns detections to tracks, all at once, at the least total cost.
 
@@ -98,8 +113,10 @@ class Associator:
     def __init__(self, appearance: Appearance) -> None:
         self._appearance = appearance
 
-    def assign(self, tracks: Sequence[Track], detections: Sequence[Detection]) -> dict[int, int]:
-        """Index of a track to the index of its detection; each at most once.
+    def assign(
+        self, tracks: Sequence[Track], detections: Sequence[Detection]
+    ) -> dict[int, Association]:
+        """Index of a track to its detection; each at most once.
 
         Args:
             tracks: N, predicted into this frame.
@@ -110,7 +127,18 @@ class Associator:
         boxes = np.array([one.box for one in detections])
         descriptors = np.array([one.descriptor for one in detections])
         costs = np.array([self._costs(track, detections, boxes, descriptors) for track in tracks])
-        return assign(costs, _MAX_COST)
+        pairs = assign(costs, _MAX_COST)
+        hits = np.array([track.hits for track in tracks])
+        is_detected = np.isin(np.arange(len(tracks)), list(pairs))
+        is_in_gate = np.isfinite(costs) & is_detected[:, None]
+        return {
+            index: Association(
+                number,
+                float(costs[index, number]),
+                bool(is_in_gate[hits > hits[index], number].any()),
+            )
+            for index, number in pairs.items()
+        }
 
     def _costs(
         self,
