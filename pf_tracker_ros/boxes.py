@@ -106,10 +106,9 @@ def iou(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.floa
     Returns:
         0 to 1: exactly 1.0 for equal boxes, 0 where a box is empty.
     """
-    (begins, ends), (other_begins, other_ends) = _corners(one), _corners(other)
-    shared = _areas(np.maximum(begins, other_begins), np.minimum(ends, other_ends))
+    shared = intersection_areas(one, other)
     # Areas from width x height round differently; equal boxes must give 1.
-    union = _areas(begins, ends) + _areas(other_begins, other_ends) - shared
+    union = _areas(*_corners(one)) + _areas(*_corners(other)) - shared
     return np.divide(shared, union, out=np.zeros_like(shared), where=union > 0.0)
 
 

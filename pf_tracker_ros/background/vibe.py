@@ -27,8 +27,8 @@ from pf_tracker_ros.boxes import Box
 
 # With a larger share of foreground, the camera has moved or the light has changed.
 _LARGEST_FOREGROUND = 0.5
-# Largest model in pixels: larger images cost little more.
-_MAX_PIXELS = 640 * 480
+# Largest model in pixels; a larger one takes seconds to initialize.
+_MAX_PIXELS = 960 * 540
 # Frames from one search for ghosts to the next; samples averaged for the model's brightness.
 _GHOSTS_EVERY, _SAMPLES_OF_MEAN = 4, 4
 UPDATE_EVERY = 16
@@ -73,7 +73,7 @@ class BackgroundModel:
         matches: Matching samples that make a pixel background (U_min).
         update_every: Average number of frames between updates of a background pixel.
         reduction: Image pixels averaged along each axis for one model pixel, a whole number; raised
-            if the model would have more than 640 x 480 pixels.
+            if the model would have more than 960 x 540 pixels.
         color: Use colors; otherwise brightness, at a third of the cost.
         removes_ghosts: Learn ghosts as background at once, see `find_ghosts`; not in the papers.
 

@@ -40,7 +40,7 @@ class SequenceFootage:
         frames: The images.
         name: Name of the sequence.
         ground_truth: (frames, 4) boxes; a row of NaN where the target is absent.
-        span: First image with a box, and the one after the last; by default all have one.
+        span: Numbers of the first image with a box and of the one after the last; None for the end.
     """
 
     def __init__(

@@ -24,7 +24,7 @@ class HealthTopic:
 
     Args:
         node: The publishing node.
-        role: What the node is, after its name.
+        role: Last word of the status name, such as "tracker".
         health: Returns level, sentence and values.
         report: Called with a sentence if a QoS override is invalid.
     """

@@ -90,12 +90,12 @@ class Association(NamedTuple):
     """The detection of a track.
 
     Attributes:
-        number: Of the detection.
-        cost: Of the pair: the negative log likelihood ratio.
-        is_contested: Whether an older track with another detection has this one in its gate.
+        detection: Its index.
+        cost: Of the pair.
+        is_contested: Whether a track with more hits and another detection has this one in its gate.
     """
 
-    number: int
+    detection: int
     cost: float
     is_contested: bool = False
 

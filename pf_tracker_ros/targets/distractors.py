@@ -224,7 +224,7 @@ def _check_switch(
     """Mark a track as occluded, and keep its Kalman filter, where it may be on a distractor.
 
     It may have switched once it jumps, while tracked, to the second peak of the last frame,
-    unless the filter knows that as a distractor, or once it overlaps a distractor. That ends
+    unless the filter knows that as a distractor, or once it overlaps a distractor. The doubt ends
     near the predicted center, where it looks more like itself than like its distractors, and
     after some time: the confidence then decides, or redetection once the target is lost.
     """

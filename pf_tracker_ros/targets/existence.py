@@ -3,9 +3,10 @@
 1. A miss adds the logarithm of 1 - recall: less where a confirmed target is hidden, and where any
    was missed a moment ago.
 2. A hit adds 2.
-3. A detector may find the members of a group again, beside them. So a hit of a new track adds less
-   if it is contested, by what the track's hits cost more than those of this scene (`HitCost`). A
-   detector that is imprecise for all targets therefore ends none.
+3. A detector may find the members of a group again, beside them. So a contested hit of a new track
+   adds less, or takes up to 1.5, by what the track's hits cost more than those of this scene
+   (`HitCost`): at first by an excess of 2. A detector that is imprecise for all targets therefore
+   ends none.
 
 The third rule is for a fast detector. The hits of a slow one cost the more the worse the track was
 predicted.
@@ -40,7 +41,7 @@ _NEW_FOR, _FAST_BELOW = 2.0, 0.15
 def update_existence(
     track_set: TrackSet, associations: Mapping[int, Association], recall: float
 ) -> TrackSet:
-    """The track set with other log odds of existence, and the cost of a hit learned.
+    """The track set after a frame with detections: existence of each track, typical cost of a hit.
 
     Args:
         track_set: In a frame with detections.
@@ -59,7 +60,7 @@ def update_existence(
             mean_excess = track.excess_cost + rate * (excess - track.excess_cost)
             gain = _HIT_LOG_ODDS
             is_new = interval < _FAST_BELOW and track.age < _NEW_FOR
-            if is_new and association.is_contested and not track.is_manual:
+            if is_new and association.is_contested and not _is_exempt(track):
                 gain = max(gain - max(mean_excess, 0.0), -_MAX_LOG_ODDS)
             log_odds = min(max(track.existence_log_odds, _MIN_LOG_ODDS) + gain, _MAX_LOG_ODDS)
             updated.append(replace(track, excess_cost=mean_excess, existence_log_odds=log_odds))
@@ -69,9 +70,14 @@ def update_existence(
     costs = [
         association.cost
         for index, association in associations.items()
-        if not (tracks[index].is_distractor or tracks[index].is_manual)
+        if not _is_exempt(tracks[index])
     ]
     return replace(track_set, tracks=tuple(updated), hit_cost=track_set.hit_cost.learn(costs))
+
+
+def _is_exempt(track: Track) -> bool:
+    """Whether a track is of no target that a detector started."""
+    return track.is_manual or track.is_distractor
 
 
 def _visible_shares(tracks: Sequence[Track]) -> NDArray[np.float64]:

@@ -93,7 +93,7 @@ class TrackingPipeline:
         if detections:
             associations = self._associator.assign(tracks, detections)
             for index, association in associations.items():
-                assigned[index] = detections[association.number]
+                assigned[index] = detections[association.detection]
             tracks = correct_id_switches(tracks, assigned, self.appearance)
         tracks = self._updater.update(tracks, frame, interval, assigned, time_since_detection)
         track_set = replace(track_set, tracks=tracks)

@@ -44,7 +44,7 @@ _SIZE_RANGE = 8.0, 200.0
 _ASPECT_RANGE = 1.0 / 3.0, 3.0
 # Box size, pixels, at which its feature is 0.
 _NEUTRAL_SIZE = 40.0
-# Of an error that is uniform within a pixel, px^2.
+# Variance of an error that is uniform within a pixel, px^2.
 _ROUNDING_VARIANCE = 1.0 / 12.0
 
 

@@ -19,7 +19,7 @@ from pf_tracker_ros.tracking.measurement import Measurement
 
 
 class OcclusionPolicy:
-    """Handles a target that is not tracked; as it is, like one that is."""
+    """Handles a target that is not tracked. These defaults treat it as a tracked one."""
 
     def assess(
         self, state: FilterState, measurement: Measurement, assessment: Assessment

@@ -16,9 +16,9 @@ def detect(track, shift=0.0, descriptor=None):
 
 
 def assign(tracks, detections):
-    """Index of a track to the number of its detection."""
+    """Index of a track to the index of its detection."""
     associations = Associator(STRIPES).assign(tracks, detections)
-    return {index: association.number for index, association in associations.items()}
+    return {index: association.detection for index, association in associations.items()}
 
 
 def between(one, other, distance):
@@ -69,7 +69,7 @@ def test_detections_of_two_close_targets_are_assigned_by_appearance(tracks):
     assert assign([red, blue], both) == {0: 1, 1: 0}
 
 
-def test_a_detection_in_the_gate_of_an_older_detected_track_is_contested(tracks):
+def test_a_detection_in_the_gate_of_a_detected_track_with_more_hits_is_contested(tracks):
     red, _, _ = tracks
     older = replace(red, hits=5)
     both = [detect(red), detect(red, 0.5)]

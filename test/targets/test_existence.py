@@ -45,6 +45,16 @@ def test_a_contested_hit_of_a_new_track_adds_less_by_what_it_costs_more(
     assert updated(track, hit, interval=interval).existence_log_odds == pytest.approx(log_odds)
 
 
+def test_manual_targets_and_distractors_are_exempt(tracks):
+    red, blue, _ = tracks
+    hit = {0: Association(0, 9.0, is_contested=True)}
+    for track in (
+        replace(red, **YOUNG, key=red.key._replace(number=-1)),
+        replace(red, **YOUNG, distracted_key=blue.key),
+    ):
+        assert updated(track, hit).existence_log_odds == 1.5
+
+
 @pytest.mark.parametrize(("interval", "share"), [(0.3, 1.0 - np.exp(-1.0)), (30.0, 1.0)])
 def test_a_miss_takes_the_log_of_one_minus_the_recall_less_after_a_short_interval(
     tracks, interval, share
@@ -55,7 +65,7 @@ def test_a_miss_takes_the_log_of_one_minus_the_recall_less_after_a_short_interva
 
 
 @pytest.mark.parametrize("hit_cost", [HitCost(), HitCost(-9.0, 19)])
-def test_before_twenty_hits_no_hit_costs_too_much(tracks, hit_cost):
+def test_before_twenty_hits_the_initial_excess_alone_counts(tracks, hit_cost):
     track = replace(tracks[0], **YOUNG)
     hit = {0: Association(0, 9.0, is_contested=True)}
     # Half of the initial excess is left.

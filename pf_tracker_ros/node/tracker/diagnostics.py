@@ -140,7 +140,7 @@ class Diagnostics:
         self._delays: deque[tuple[float, float]] = deque()
         self._last_arrival: float | None = None
         self._start = time.monotonic()
-        self._topic = health_topic.HealthTopic(node, "tracker", self._report, report)
+        self._topic = health_topic.HealthTopic(node, "tracker", self._health, report)
 
     def restart(self) -> None:
         """Wait for images from now on, after an activation."""
@@ -168,7 +168,7 @@ class Diagnostics:
         """Count frames that were lost in transport."""
         self._losses.append((time.monotonic(), count))
 
-    def _report(self) -> tuple[int, str, StatusValues]:
+    def _health(self) -> tuple[int, str, StatusValues]:
         """Level, sentence and values."""
         health = self._health()
         now = time.monotonic()
@@ -234,10 +234,8 @@ class Diagnostics:
         return sum(frame.processing for frame in self._frames) / len(self._frames)
 
     def _statistics_values(self, now: float, lost: int) -> StatusValues:
-        frames, seconds = (
-            list(self._frames),
-            min(_WINDOW, max(now - self._start, health_topic.PERIOD)),
-        )
+        frames = list(self._frames)
+        seconds = min(_WINDOW, max(now - self._start, health_topic.PERIOD))
         values: StatusValues = {
             "input_rate": len(frames) / seconds,
             "camera_rate": (len(frames) + lost) / seconds,
