@@ -1,6 +1,6 @@
 """The tuned parameters and their ranges.
 
-A parameter is here if it has a measured effect on the boxes, see `docs/benchmarks.md`. Others are
+A parameter is here if it has a measured effect on the boxes, see `docs/experiments.md`. Others are
 left out on purpose: `particles` and `working_size` trade accuracy for time, and thresholds of the
 track state depend on the confidence, which the success AUC does not measure.
 """

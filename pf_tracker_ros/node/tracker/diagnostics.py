@@ -140,7 +140,7 @@ class Diagnostics:
         self._delays: deque[tuple[float, float]] = deque()
         self._last_arrival: float | None = None
         self._start = time.monotonic()
-        self._topic = health_topic.HealthTopic(node, "tracker", self._health, report)
+        self._topic = health_topic.HealthTopic(node, "tracker", self._health_message, report)
 
     def restart(self) -> None:
         """Wait for images from now on, after an activation."""
@@ -168,7 +168,7 @@ class Diagnostics:
         """Count frames that were lost in transport."""
         self._losses.append((time.monotonic(), count))
 
-    def _health(self) -> tuple[int, str, StatusValues]:
+    def _health_message(self) -> tuple[int, str, StatusValues]:
         """Level, sentence and values."""
         health = self._health()
         now = time.monotonic()
