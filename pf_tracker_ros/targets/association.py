@@ -24,7 +24,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,20 +85,6 @@ _LABEL_WEIGHT = 1.0
 _MAX_COST = 5.5
 
 
-class Association(NamedTuple):
-    """The detection of a track.
-
-    Attributes:
-        detection: Its index.
-        cost: Of the pair.
-        is_contested: Whether a track with more hits and another detection has this one in its gate.
-    """
-
-    detection: int
-    cost: float
-    is_contested: bool = False
-
-
 class Associator:
     """Assigns detections to tracks, all at once, at the least total cost.
 
@@ -113,10 +98,8 @@ class Associator:
     def __init__(self, appearance: Appearance) -> None:
         self._appearance = appearance
 
-    def assign(
-        self, tracks: Sequence[Track], detections: Sequence[Detection]
-    ) -> dict[int, Association]:
-        """Index of a track to its detection; each at most once.
+    def assign(self, tracks: Sequence[Track], detections: Sequence[Detection]) -> dict[int, int]:
+        """Index of a track to the index of its detection; each at most once.
 
         Args:
             tracks: N, predicted into this frame.
@@ -127,18 +110,7 @@ class Associator:
         boxes = np.array([one.box for one in detections])
         descriptors = np.array([one.descriptor for one in detections])
         costs = np.array([self._costs(track, detections, boxes, descriptors) for track in tracks])
-        pairs = assign(costs, _MAX_COST)
-        hits = np.array([track.hits for track in tracks])
-        is_detected = np.isin(np.arange(len(tracks)), list(pairs))
-        is_in_gate = np.isfinite(costs) & is_detected[:, None]
-        return {
-            index: Association(
-                number,
-                float(costs[index, number]),
-                bool(is_in_gate[hits > hits[index], number].any()),
-            )
-            for index, number in pairs.items()
-        }
+        return assign(costs, _MAX_COST)
 
     def _costs(
         self,

@@ -20,15 +20,9 @@ from dataclasses import replace
 from pf_tracker_ros.appearances import build_appearance
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.appearance_redetection import AppearanceRedetector
-from pf_tracker_ros.targets.association import (
-    Association,
-    Associator,
-    ReIdentifier,
-    correct_id_switches,
-)
+from pf_tracker_ros.targets.association import Associator, ReIdentifier, correct_id_switches
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.distractors import DistractorManager
-from pf_tracker_ros.targets.existence import update_existence
 from pf_tracker_ros.targets.lifecycle import Deleter, Initiator
 from pf_tracker_ros.targets.tracks import TrackSet
 from pf_tracker_ros.targets.updater import Updater
@@ -50,8 +44,7 @@ class TrackingPipeline:
     ) -> None:
         self.appearance = build_appearance(parameters.appearance)
         self._associator = Associator(self.appearance)
-        self._updater = Updater(target_filter, self.appearance)
-        self._recall = parameters.detector.recall
+        self._updater = Updater(target_filter, parameters.detector.recall, self.appearance)
         self.initiator = Initiator(target_filter, seed, parameters.max_targets, self.appearance)
         self._deleter = Deleter(parameters.track.reidentify_within)
         self._reidentifier = ReIdentifier(self.appearance)
@@ -89,16 +82,16 @@ class TrackingPipeline:
             track.predict(interval, track_set.growth_variance) for track in track_set.tracks
         )
         assigned: list[Detection | None] = [None] * len(tracks)
-        associations: dict[int, Association] = {}
         if detections:
-            associations = self._associator.assign(tracks, detections)
-            for index, association in associations.items():
-                assigned[index] = detections[association.detection]
+            for index, number in self._associator.assign(tracks, detections).items():
+                assigned[index] = detections[number]
             tracks = correct_id_switches(tracks, assigned, self.appearance)
         tracks = self._updater.update(tracks, frame, interval, assigned, time_since_detection)
+        if detections is not None:
+            tracks = self._updater.count_misses(tracks, assigned, detection_interval)
         track_set = replace(track_set, tracks=tracks)
         if detections is not None:
-            track_set = update_existence(track_set, associations, self._recall).learn_growth()
+            track_set = track_set.learn_growth()
             track_set = self.initiator.promote_distractors(track_set, assigned)
         # Only a user ends manual tracks.
         if track_set.ended_tracks or not all(track.is_manual for track in track_set.tracks):

@@ -16,7 +16,7 @@ Metric"; Musicki, Evans and Stankovic 1994, "Integrated Probabilistic Data Assoc
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -42,12 +42,6 @@ _MIN_BLEND_RATE = 0.05
 _REPORTED_ABOVE = 0.5
 # Seconds times targets over which the variance of growth is learned.
 _GROWTH_LEARNED_OVER = 30.0
-# Excess cost of a new track: that of a false one.
-_INITIAL_EXCESS_COST = 2.0
-# Hits that their mean cost averages over; fewer than the second number do not count yet.
-_AVERAGED_HITS, _MIN_HITS = 300, 20
-# Largest difference from the mean that counts, and the least typical cost.
-_MAX_COST_CHANGE, _MIN_HIT_COST = 1.0, -2.0
 # A track replaces another one above this intersection over union.
 _SAME_ABOVE = 0.5
 
@@ -79,34 +73,6 @@ class DistractorCandidate(NamedTuple):
     seconds: float
 
 
-class HitCost(NamedTuple):
-    """Association cost of a hit in a scene, learned from its targets; a value.
-
-    Attributes:
-        mean: Of the last hits, without outliers.
-        hits: That it averages over, at most 300.
-    """
-
-    mean: float = 0.0
-    hits: int = 0
-
-    @property
-    def typical(self) -> float | None:
-        """The mean, at least -2; None before twenty hits."""
-        return max(self.mean, _MIN_HIT_COST) if self.hits >= _MIN_HITS else None
-
-    def learn(self, costs: Iterable[float]) -> HitCost:
-        """The same after the hits of a frame."""
-        mean, hits = self
-        for cost in costs:
-            change = cost - mean
-            if hits:
-                change = min(max(change, -_MAX_COST_CHANGE), _MAX_COST_CHANGE)
-            hits = min(hits + 1, _AVERAGED_HITS)
-            mean += change / hits
-        return HitCost(mean, hits)
-
-
 @dataclass(frozen=True, eq=False)
 class Track:
     """A target; a value.
@@ -119,7 +85,6 @@ class Track:
         appearance_samples: Detections in these two averages.
         box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
-        excess_cost: Mean of what its hits cost more than those of the scene.
         votes: Label to the sum of its scores.
         age: Seconds since it began.
         hits: Detections assigned to it; the start counts as one.
@@ -143,7 +108,6 @@ class Track:
     descriptor: Descriptor
     box_filter: BoxKalmanFilter
     existence_log_odds: float
-    excess_cost: float = _INITIAL_EXCESS_COST
     mean_appearance_distance: float = _PRIOR_APPEARANCE_DISTANCE
     appearance_samples: int = 1
     votes: Mapping[str, float] = field(default_factory=dict)
@@ -289,7 +253,6 @@ class TrackSet:
         detection_interval: Seconds between the last two of these frames; infinite before the
             second.
         growth_variance: Of the rate at which targets grow in the image, 1/s^2.
-        hit_cost: Association cost of a hit in this scene.
     """
 
     frame: int = 0
@@ -298,7 +261,6 @@ class TrackSet:
     time_since_detection: float = math.inf
     detection_interval: float = math.inf
     growth_variance: float = GROWTH_VARIANCE
-    hit_cost: HitCost = field(default_factory=HitCost)
 
     @property
     def has_detector(self) -> bool:

@@ -7,11 +7,14 @@
    (`external_likelihoods.py`).
 4. Update the particle filter. An occluded track coasts instead, at its predicted center. One that
    may be on a distractor is not believed (`distractors.py`).
-5. Correct the Kalman filter; with a detection also the box and the descriptor.
+5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
+6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
+   of 1 - recall, less where a confirmed target is hidden or any was missed a moment ago.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import compress
@@ -57,9 +60,15 @@ _LEARN_EVERY = 0.4
 _SILENT_AFTER = 2.0
 # Seconds without detections after which there is no detector.
 _NO_DETECTOR_AFTER = 10.0
+# Existence log odds: what a detection adds, their minimum before that, and their maximum.
+_HIT_LOG_ODDS, _MIN_LOG_ODDS, _MAX_LOG_ODDS = 2.0, -1.0, 1.5
+# Time constant, seconds, after which two misses are independent.
+_INDEPENDENT_AFTER = 0.3
 # Seconds without a frame after which a track starts again from its detection: the particles are too
 # few for the area in which it may be.
 _PAUSED_AFTER = 1.0
+# Minimum of the visible share, which scales the effect of a miss.
+_MIN_VISIBLE = 0.4
 
 
 class Updater:
@@ -72,12 +81,14 @@ class Updater:
 
     Args:
         target_filter: Particle filter of each target.
+        recall: Share of the visible targets that the detector finds.
         appearance: Extracts descriptors.
     """
 
-    def __init__(self, target_filter: TargetFilter, appearance: Appearance) -> None:
+    def __init__(self, target_filter: TargetFilter, recall: float, appearance: Appearance) -> None:
         self._target_filter = target_filter
         self._appearance = appearance
+        self._log_miss = math.log(1.0 - recall)
 
     def update(
         self,
@@ -166,6 +177,34 @@ class Updater:
             estimates_size = bool(alone[index]) or _is_size_due(track, detection, is_silent)
             states.append((track.filter_state, estimates_size))
         return dict(zip(indices, self._target_filter.predict(states, frame, interval), strict=True))
+
+    def count_misses(
+        self,
+        tracks: Sequence[Track],
+        assigned: Sequence[Detection | None],
+        detection_interval: float,
+    ) -> tuple[Track, ...]:
+        """The tracks, with lower existence log odds where no detection was assigned.
+
+        Args:
+            tracks: In a frame with detections.
+            assigned: Detection of each track, or None.
+            detection_interval: Seconds since the last frame with detections.
+        """
+        boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
+        lower_edges = boxes[:, 1] + boxes[:, 3]
+        covered = pairwise_coverage(boxes, boxes) * (lower_edges[None] > lower_edges[:, None])
+        visible = np.maximum(1.0 - covered.max(axis=1, initial=0.0), _MIN_VISIBLE)
+        # What was never confirmed is not hidden, but most likely nothing.
+        visible[[not (track.is_confirmed or track.is_manual) for track in tracks]] = 1.0
+        independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
+        changes = self._log_miss * independence * visible
+        return tuple(
+            track
+            if detection
+            else replace(track, existence_log_odds=track.existence_log_odds + float(change))
+            for track, detection, change in zip(tracks, assigned, changes, strict=True)
+        )
 
     def _update_track(
         self,
@@ -313,6 +352,9 @@ class Updater:
             track.add_label_vote(detection.label, detection.score),
             filter_state=filter_state,
             box_filter=box_filter,
+            existence_log_odds=min(
+                max(track.existence_log_odds, _MIN_LOG_ODDS) + _HIT_LOG_ODDS, _MAX_LOG_ODDS
+            ),
             hits=track.hits + 1,
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if relearns else track.time_since_template_update,

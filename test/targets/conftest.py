@@ -306,11 +306,3 @@ def output_values(targets):
 @pytest.fixture(scope="session")
 def as_told():
     return output_values
-
-
-@pytest.fixture
-def tracks(walkers, make_tracker):
-    """Of three detections in one frame, from top to bottom."""
-    tracker = make_tracker()
-    tracker.update(walkers.images[0], 0.1, walkers.detections(0))
-    return sorted(tracker._manager._track_set.tracks, key=lambda track: track.box[1])

@@ -1,24 +1,27 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.targets.association import Associator
 from pf_tracker_ros.targets.detections import Detection
 
+INTERVAL = 0.1
 STRIPES = ColorStripes()
+
+
+@pytest.fixture
+def tracks(walkers, make_tracker):
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
+    return sorted(tracker._manager._track_set.tracks, key=lambda track: track.box[1])
 
 
 def detect(track, shift=0.0, descriptor=None):
     """A detection of a track, shifted by widths, or with another descriptor."""
     box = track.box + np.array([shift * track.box[2], 0.0, 0.0, 0.0])
     return Detection(box, 0.95, "", track.descriptor if descriptor is None else descriptor)
-
-
-def assign(tracks, detections):
-    """Index of a track to the index of its detection."""
-    associations = Associator(STRIPES).assign(tracks, detections)
-    return {index: association.detection for index, association in associations.items()}
 
 
 def between(one, other, distance):
@@ -30,15 +33,15 @@ def between(one, other, distance):
 
 def test_the_detection_of_a_neighbor_is_not_assigned_to_an_undetected_track(tracks):
     red, blue, _ = tracks
-    assert assign([red], [detect(red, 0.7)]) == {0: 0}
+    assert Associator(STRIPES).assign([red], [detect(red, 0.7)]) == {0: 0}
     unlike = detect(red, 0.7, between(red.descriptor, blue.descriptor, 0.4))
-    assert assign([red], [unlike]) == {}
+    assert Associator(STRIPES).assign([red], [unlike]) == {}
 
 
 def test_a_detection_beyond_the_gate_is_not_assigned_however_alike(tracks):
     red, _, _ = tracks
-    assert assign([red], [detect(red, 1.5)]) == {0: 0}
-    assert assign([red], [detect(red, 2.0)]) == {}
+    assert Associator(STRIPES).assign([red], [detect(red, 1.5)]) == {0: 0}
+    assert Associator(STRIPES).assign([red], [detect(red, 2.0)]) == {}
 
 
 def test_the_appearance_counts_relative_to_the_mean_distance_of_the_track(tracks):
@@ -46,7 +49,7 @@ def test_the_appearance_counts_relative_to_the_mean_distance_of_the_track(tracks
     other = detect(red, 0.3, between(red.descriptor, blue.descriptor, 0.25))
     for mean, assigned in ((0.04, {}), (0.15, {0: 0})):
         track = replace(red, mean_appearance_distance=mean)
-        assert assign([track], [other]) == assigned
+        assert Associator(STRIPES).assign([track], [other]) == assigned
 
 
 def test_the_mean_appearance_distance_is_learned_from_detections(tracks):
@@ -66,14 +69,4 @@ def test_detections_of_two_close_targets_are_assigned_by_appearance(tracks):
     box_filter = replace(red.box_filter, mean=red.box_filter.mean + [shift, 0.0, 0.0, 0.0])
     blue = replace(blue, filter_state=red.filter_state, box_filter=box_filter)
     both = [detect(red, 0.0, blue.descriptor), detect(red, 0.2)]
-    assert assign([red, blue], both) == {0: 1, 1: 0}
-
-
-def test_a_detection_in_the_gate_of_a_detected_track_with_more_hits_is_contested(tracks):
-    red, _, _ = tracks
-    older = replace(red, hits=5)
-    both = [detect(red), detect(red, 0.5)]
-    first, second = Associator(STRIPES).assign([older, red], both).values()
-    assert (first.is_contested, second.is_contested) == (False, True)
-    (alone,) = Associator(STRIPES).assign([red], both[1:]).values()
-    assert not alone.is_contested
+    assert Associator(STRIPES).assign([red, blue], both) == {0: 1, 1: 0}
