@@ -1,13 +1,16 @@
 """The real `ros2` command line, as a user types it; tests that need it are skipped without it."""
 
 import contextlib
+import fcntl
 import os
 import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 from importlib import util
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -214,3 +217,11 @@ def _drive():
         left = 62 + 2 * index
         image[31 : 31 + 70, left : left + 53] = target
         yield image
+
+
+@pytest.fixture
+def console_port():
+    """Keeps the console's default port to one test at a time; others run in parallel."""
+    with (Path(tempfile.gettempdir()) / "pf_tracker_ros_console_port.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield 8642

@@ -283,6 +283,7 @@ def prepared(shell, workspace, record_drive, write_sequence, moving_square):
     return shell
 
 
+@pytest.mark.usefixtures("console_port")
 @pytest.mark.parametrize("document", DOCUMENTS)
 def test_the_commands_work_as_written_and_in_order(prepared, heard, document):
     from geometry_msgs.msg import PolygonStamped

@@ -378,9 +378,9 @@ def test_a_wrong_argument_of_the_localizer_ends_the_launch_too(shell, given, tol
 
 
 @pytest.mark.parametrize("file", [TRACKER, DETECTOR])
-def test_the_console_comes_with_the_tracker(shell, file):
+def test_the_console_comes_with_the_tracker(shell, console_port, file):
     with shell.started(f"{file} console:=true namespace:=left") as launch:
-        launch.wait_for("the console of /left/pf_tracker is at http://127.0.0.1:8642/")
+        launch.wait_for(f"the console of /left/pf_tracker is at http://127.0.0.1:{console_port}/")
         launch.wait_for("targets on /left/pf_tracker/target")
         assert launch.end() == 0
 
