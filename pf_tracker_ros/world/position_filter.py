@@ -8,16 +8,17 @@ measurements:
    q t^2 / 2 to their covariance.
 2. Gate: an innovation v with the covariance S is rejected where v^T S^-1 v is above the gate.
    After some time of rejections only, the filter starts anew: the target is elsewhere.
-3. Correct. Errors of boxes are correlated in time, so they are part of the state: a measurement z
-   with the covariance R has z = position + R^1/2 (u_1 + ... + u_n) / n^1/2. Each u is a pair of
-   normal variables with variance 1 and the correlation exp(-t / T) after an interval t, with a
-   correlation time T of its own; with T = 0 it is white. A filter that takes all errors for white
-   becomes overconfident of the position, as it averages errors that do not average out; with a
-   larger R instead, it would doubt the velocity, which errors that last do not disturb.
+3. Correct. Errors of boxes are correlated in time: a measurement z with the covariance R has
+   z = position + R^1/2 (u_1 + ... + u_n) / n^1/2. Each u is a pair of normal variables with
+   variance 1 and the correlation exp(-t / T) after an interval t, with a correlation time T of its
+   own; with T = 0 it is white. A filter that takes all errors for white becomes overconfident of
+   the position, as it averages errors that do not average out. One that estimates the errors takes
+   the start of a walk for an error, and stays behind. So they are considered, after Schmidt: their
+   correlation with the state is kept, and they are never estimated.
 
 Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
-Navigation", sections 6.2 and 5.4, and chapter 8 for autocorrelated noise; Bryson and Henrikson
-1968, "Estimation Using Sampled Data Containing Sequentially Correlated Noise".
+Navigation", sections 6.2 and 5.4, and chapter 8 for autocorrelated noise; Schmidt 1966,
+"Application of State-Space Methods to Navigation Problems", for considered errors.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class PositionFilter:
 
     def __init__(
         self,
-        acceleration_density: float = 0.1,
+        acceleration_density: float = 0.3,
         correlation_times: Sequence[float] = (0.1, 2.0),
         gate: float = 13.8,
         reset_after: float = 1.0,
@@ -170,7 +171,8 @@ class PositionFilter:
         squared = float(innovation @ np.linalg.solve(expected, innovation))
         self.normalized_innovation = squared
         if squared <= self._gate:
-            self._state = predicted.correct(place, observed, white)
+            considered = len(self._times)
+            self._state = predicted.correct(place, observed, white, considered=considered)
             self._stamp, self.rejected_since = stamp, None
             return True
         if interval >= self._reset_after:
