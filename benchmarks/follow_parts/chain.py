@@ -183,7 +183,7 @@ class LibraryChain:
         )
         if located.covered_shares:
             session.set_covered_shares(located.covered_shares, stamp)
-        return _report(result, located, self._parameters.min_confidence)
+        return _report(result, located)
 
 
 def _depth_message(depth: NDArray[np.uint16]) -> Any:
@@ -234,24 +234,24 @@ def _new(message_type: str, **fields: Any) -> Any:
     return SimpleNamespace(**fields)
 
 
-def _published(name: str, located: LocatedFrame, min_confidence: float) -> Any:
+def _published(name: str, located: LocatedFrame) -> Any:
     """The message of a topic of the localizer, None without."""
     headers = Headers(SimpleNamespace(), SimpleNamespace())
-    return _BUILDERS[name](_new, headers, located, min_confidence)
+    return _BUILDERS[name](_new, headers, located)
 
 
-def _report(result: FrameResult, located: LocatedFrame, min_confidence: float) -> Report:
+def _report(result: FrameResult, located: LocatedFrame) -> Report:
     estimate = result.estimate
     boxes: dict[int, Box] = {one.id: one.estimate.box for one in result.present}
     values: dict[str, Any] = {}
-    odometry = _published("odometry", located, min_confidence)
+    odometry = _published("odometry", located)
     if odometry:
         values = odometry_values(odometry)
     target = located.selected
     if target and target.place and located.sensed:
         pose = located.sensed.pose.pose
         values["measured"] = (pose.rotation @ target.place.position + pose.translation)[:2]
-    bearing = _published("bearing", located, min_confidence)
+    bearing = _published("bearing", located)
     if bearing:
         values["bearing"] = math.atan2(-bearing.vector.x, bearing.vector.z)
     return Report(

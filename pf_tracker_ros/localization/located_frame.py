@@ -62,7 +62,11 @@ class LocatedFrame:
     @property
     def message(self) -> str:
         """The status as a sentence."""
-        if not self.silence:
+        selected = self.selected
+        if not self.silence and selected and selected.coasts:
+            seconds = selected.predicted_for
+            texts = [f"target {self.frame.selected} is predicted for {seconds:.1f} s"]
+        elif not self.silence:
             texts = [f"target {self.frame.selected} is located"]
         else:
             seconds = (self.frame.stamp - self.silent_since) / NANOSECONDS
@@ -74,6 +78,9 @@ class LocatedFrame:
         """Values by key."""
         values: StatusValues = {"selected": self.frame.selected}
         values["pose"] = "silent" if self.silence else "published"
+        if self.selected and self.selected.coasts:
+            values["pose"] = "predicted"
+            values["predicted_for"] = self.selected.predicted_for
         if self.silence:
             values["silent_since"] = format_stamp(self.silent_since)
             values["reason"] = self.silence
