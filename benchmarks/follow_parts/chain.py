@@ -181,8 +181,7 @@ class LibraryChain:
             lambda: _probability(result),
             is_last_chance=True,
         )
-        if located.covered_shares:
-            session.set_covered_shares(located.covered_shares, stamp)
+        session.set_hints(located.hints, stamp)
         return _report(result, located)
 
 

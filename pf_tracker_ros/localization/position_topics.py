@@ -64,9 +64,7 @@ def _of_selected(
     return built
 
 
-def _bearing(
-    new: MessageFactory, headers: Headers, located: LocatedFrame
-) -> Any:
+def _bearing(new: MessageFactory, headers: Headers, located: LocatedFrame) -> Any:
     selected = located.selected
     if not selected or not selected.bearing or not selected.has_bearing:
         return None

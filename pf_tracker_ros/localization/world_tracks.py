@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import is_truncated
 from pf_tracker_ros.localization.box_errors import BoxErrors
 from pf_tracker_ros.localization.camera_pose import CameraPose
+from pf_tracker_ros.localization.expected_boxes import expected_box, standing
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
 from pf_tracker_ros.localization.trust import Trust
 from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.world import (
     METHODS,
     Bearing,
@@ -33,6 +36,8 @@ _CORRELATION_TIMES = 0.3, 5.0
 # Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
 # dimensions), from which a target has a heading.
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
+# Share of each measurement in the height of a target.
+_HEIGHT_RATE = 0.1
 # What a box with absurd numbers raises; the other targets are still located.
 _UNUSABLE = ValueError, ArithmeticError
 
@@ -71,6 +76,7 @@ class LocatedTarget:
             was not.
         covered_share: Share, 0 to 1, of the box that something in front of the target covers; None
             where that is unknown.
+        hint: What the tracker may take of all this.
         problem: Why this frame has no measurement that was used; empty if it has.
         doubt: Why it may be something else than before; empty if there is no reason.
         predicted_for: Seconds since the last measurement without a doubt; infinite without one.
@@ -85,6 +91,7 @@ class LocatedTarget:
     normalized_innovation: float | None
     rejected_for: float | None
     covered_share: float | None
+    hint: Hint
     problem: str
     doubt: str
     predicted_for: float
@@ -177,6 +184,7 @@ class WorldTracks:
             normalized_innovation=track.filter.normalized_innovation if place else None,
             rejected_for=track.rejected_for(stamp),
             covered_share=covered_share,
+            hint=track.hint(covered_share, scene),
             problem=problem,
             doubt=_doubt(target, track.trust),
             predicted_for=predicted_for,
@@ -259,6 +267,8 @@ class _Track:
         self._yaw: float | None = None
         self._yaw_variance = UNKNOWN_ANGLE
         self._size = 0.0, 0.0
+        # Width of a box over its height, and the height of the target in meters.
+        self._aspect, self._height = 0.0, 0.0
 
     def predicted_range(self, scene: _Scene) -> tuple[float, float] | None:
         """Distance from the camera to half the height, and its standard deviation, meters."""
@@ -280,6 +290,18 @@ class _Track:
         if depth is None or predicted is None:
             return None
         return scene.localizer.covered_share(target.box, depth, predicted)
+
+    def hint(self, covered_share: float | None, scene: _Scene) -> Hint:
+        """What the tracker may take of it: what covers it, and where to look for it."""
+        share = covered_share or 0.0
+        filtered = self.filter.predict(scene.frame.stamp)
+        if filtered is None or not self._height:
+            return Hint(share)
+        camera, pose = scene.sensed.camera, scene.sensed.pose
+        box, center_std = None, 0.0
+        if found := expected_box(camera, pose, filtered, self._height, self._aspect):
+            box, center_std = found
+        return Hint(share, box, center_std, standing(camera, pose, self._height))
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
@@ -308,6 +330,11 @@ class _Track:
             self._yaw = math.atan2(away[1], away[0])
         depth = float(place.position[2])
         self._size = target.box[2] * depth / camera.fx, target.box[3] * depth / camera.fy
+        is_cut = is_truncated(np.array(target.box), (camera.width, camera.height))
+        if not (self.trust.doubted_for or is_cut):
+            self._aspect = target.box[2] / target.box[3]
+            before = self._height or parameters.target.height
+            self._height = before + _HEIGHT_RATE * (self._size[1] - before)
         return ""
 
     def rejected_for(self, stamp: int) -> float | None:
