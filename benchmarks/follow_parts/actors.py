@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ _ACCELERATION, _STANDS_BELOW = 2.5, 0.12
 _APART = 0.65
 # Half of the width of the corridor between robot and person that others keep out of, meters.
 _CORRIDOR = 0.75
-# How far the robot may fall behind, meters, and for how long, seconds, before the person comes back.
+# How far the robot may fall behind, meters, and for how long, seconds, until the person returns.
 _LEFT_BEHIND, _PATIENCE = 4.5, 8.0
 
 
@@ -128,7 +129,7 @@ def drawn_crossings(generator: np.random.Generator, seconds: float) -> list[Cros
     count = max(1, round(int(generator.integers(3, 8)) * min(seconds, 100.0) / 100.0))
     slots = np.linspace(8.0, max(seconds - 6.0, 9.0), count + 1)
     crossings = []
-    for begin, end in zip(slots[:-1], slots[1:], strict=True):
+    for begin, end in pairwise(slots.tolist()):
         before = float(generator.uniform(0.5, 1.2)) if generator.random() < 0.6 else 0.0
         lingers = 2.5 if generator.random() < 0.5 else 0.0
         time = generator.uniform(begin, begin + 0.5 * (end - begin))
@@ -392,7 +393,7 @@ class _Hiding:
 
     Args:
         layout: The room.
-        kind: `door` or `pillar`.
+        kind: As of `Scenario.hides`.
         generator: What is drawn from.
     """
 
@@ -432,7 +433,7 @@ class _Hiding:
         return True
 
     def _duration(self) -> float:
-        if self.kind == "door":
+        if self.kind != "pillar":
             return (5.0, 15.0)[self._count % 2]
         return float(self._generator.uniform(5.0, 15.0))
 

@@ -1,4 +1,4 @@
-"""How the robot follows: distance by the pose, heading by the pose or the bearing, else a search."""
+"""How the robot follows: distance by the pose, heading by pose or bearing, else a search."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Perceived:
     Attributes:
         time: Of the image, seconds.
         position: Of the pose in the odometry's frame, meters; None while there is none.
-        heading: Direction of the bearing in the odometry's frame, radians; None while there is none.
+        heading: Of the bearing in the odometry's frame, radians; None while there is none.
     """
 
     time: float

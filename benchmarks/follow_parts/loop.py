@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -111,17 +111,17 @@ def true_box(seen: Seen) -> Box | None:
 
 
 def moments(
-    scenario: Scenario, seed: int, seconds: float, make_chain: Callable[[Scenario, int], Chain]
+    world: World, scenario: Scenario, seed: int, seconds: float, chain: Chain
 ) -> Iterator[Moment]:
-    """Run a scenario in the world of a seed, frame by frame.
+    """Run a scenario in a world, frame by frame.
 
     Args:
+        world: At its start.
         scenario: What happens.
-        seed: Of the world, the detector and the tracker.
+        seed: Of the detector.
         seconds: Duration.
-        make_chain: Makes tracker and localizer from the scenario and the seed.
+        chain: Tracker and localizer.
     """
-    world, chain, controller = World.draw(seed, scenario, seconds), make_chain(scenario, seed), None
     controller, user = FollowController(), _User(scenario, chain)
     generator = np.random.default_rng([seed, _DETECTOR])
     late: deque[tuple[float, float, Box | None, Detections]] = deque()

@@ -1,7 +1,7 @@
 """Images and depth of a room with people, as a camera on a robot takes them.
 
-1. Rays in the plane of the floor find which part of which wall each column shows. As all walls reach
-   the ceiling, these parts do not cover each other.
+1. Rays in the plane of the floor find which part of which wall each column shows. As all walls
+   reach the ceiling, these parts do not cover each other.
 2. Floor, ceiling and each part of a wall are textures, mapped by a homography.
 3. People are sprites, upright on the floor at one depth, drawn from far to near.
 4. Light, motion blur and noise follow. Depth has half the resolution, noise and holes.
@@ -105,7 +105,7 @@ class Seen(NamedTuple):
 
     @property
     def shown(self) -> float:
-        """Share of the person that is seen; half of the box in the image is enough for all of it."""
+        """Share that is seen; half of the box in the image is enough for all of it."""
         return self.visible * min(1.0, 2.0 * self.in_view)
 
 
@@ -139,7 +139,8 @@ class Renderer:
         self._walls = [_wall_texture(generator) for _ in range(count)]
         self._offsets = generator.uniform(0.0, 4.0, len(layout.walls))
         self._floor = _floor_texture(generator)
-        self._ceiling = np.array(generator.uniform(170.0, 225.0)) * np.array([0.95, 1.0, 1.0])
+        ceiling = generator.uniform(170.0, 225.0) * np.array([0.95, 1.0, 1.0])
+        self._blank = np.full((CAMERA.height, CAMERA.width, 3), ceiling.astype(np.uint8))
         self._brightness = 0.55 + 0.45 * generator.random(count)
         noise = np.random.default_rng(noise_seed)
         self._noise_generator = noise
@@ -173,8 +174,7 @@ class Renderer:
             light: Brightness, 1 for the mean.
         """
         pose = camera_pose(camera)
-        image = np.empty((CAMERA.height, CAMERA.width, 3), np.uint8)
-        image[:] = self._ceiling
+        image = self._blank.copy()
         self._draw_floor(image, pose)
         self._draw_walls(image, pose, camera)
         walls = self._inverse.copy()
@@ -188,28 +188,25 @@ class Renderer:
     # Room
 
     def _draw_floor(self, image: NDArray[np.uint8], pose: RigidPose) -> None:
-        """Draw the floor, and set the inverse depths to its own."""
+        """Draw the floor, and set the inverse depths to its own; walls cover the horizon."""
         axes = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
+        slope = -(pose.rotation.T @ [0.0, 0.0, 1.0]) / pose.translation[2]
+        self._inverse[:] = self._inverse_depth(slope, slice(None), slice(None))
+        is_floor = (self._inverse > 0.02).all(axis=1)
+        top = int(is_floor.argmax()) * REDUCTION
         homography = _homography(pose, np.zeros(3), axes, _FLOOR_SCALE)
+        homography = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -top], [0.0, 0.0, 1.0]]) @ homography
         cv2.warpPerspective(
             self._floor,
             homography,
-            _SIZE,
-            image,
+            (CAMERA.width, CAMERA.height - top),
+            image[top:],
             cv2.INTER_LINEAR,
             cv2.BORDER_WRAP,
         )
-        up = pose.rotation.T @ [0.0, 0.0, 1.0]
-        slope = -up / pose.translation[2]
-        self._inverse[:] = self._inverse_depth(slope, slice(None), slice(None))
-        # Above the horizon there is the ceiling.
-        above = self._inverse < 1e-3
-        slope = up / (CEILING - pose.translation[2])
-        ceiling = self._inverse_depth(slope, slice(None), slice(None))
-        self._inverse[above] = np.maximum(ceiling[above], 1e-3)
-        rows = slice(0, int(np.flatnonzero(above.any(axis=1))[-1] + 1) * REDUCTION + 2)
-        mask = cv2.resize(above.astype(np.uint8), _SIZE, interpolation=cv2.INTER_NEAREST)
-        image[rows][mask[rows] > 0] = self._ceiling
+        slope = -slope * pose.translation[2] / (CEILING - pose.translation[2])
+        ceiling = self._inverse_depth(slope, slice(top // REDUCTION), slice(None))
+        self._inverse[: top // REDUCTION] = np.maximum(ceiling, 1e-3)
 
     def _draw_walls(self, image: NDArray[np.uint8], pose: RigidPose, camera: CameraState) -> None:
         columns = np.arange(-_BEYOND, CAMERA.width + _BEYOND + 1, _RAY_STEP)

@@ -86,7 +86,7 @@ class World:
         """
         # Independent generators: a change in one part leaves the others as they are.
         generators = np.random.default_rng(seed).spawn(8)
-        layout = Layout.draw(generators[0], has_opening=scenario.hides == "door")
+        layout = Layout.draw(generators[0], scenario.hides)
         renderer = Renderer(layout, generators[1], seed)
         start, person = _beginning(layout, generators[2], scenario)
         robot = Robot(start, generators[3])
@@ -188,11 +188,12 @@ def _walkers(
     generator: np.random.Generator,
     scenario: Scenario,
 ) -> list[Walker]:
-    """The followed person and 3 to 6 others."""
+    """The followed person and 3 to 6 others, at most two in a corridor."""
     robot = np.array([start.x, start.y])
     walkers: list[Walker] = []
     clothes = Clothes.draw(generator)
-    for number in range(1 + int(generator.integers(3, 7))):
+    others = int(generator.integers(3, 7)) // (3 if scenario.hides == "corner" else 1)
+    for number in range(1 + others):
         body, own = Body.draw(generator), Clothes.draw(generator)
         if number == 0 or scenario.is_alike:
             own = clothes
