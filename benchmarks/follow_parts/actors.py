@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from follow_parts.layout import Layout
+from follow_parts.layout import Layout, distance_to_walls
 from follow_parts.people import Sprites
 from follow_parts.rendering import Placed
 
@@ -21,8 +21,10 @@ _ACCELERATION, _STANDS_BELOW = 2.5, 0.12
 _APART = 0.65
 # Half of the width of the corridor between robot and person that others keep out of, meters.
 _CORRIDOR = 0.75
+# How near the followed person passes the robot where the room allows it, meters.
+_PASSES = 1.4
 # How far the robot may fall behind, meters, and for how long, seconds, until the person returns.
-_LEFT_BEHIND, _PATIENCE = 4.5, 8.0
+_LEFT_BEHIND, _PATIENCE = 4.5, 3.0
 
 
 @dataclass(eq=False)
@@ -251,16 +253,17 @@ class Cast:
 
     def _next_way(self, person: Walker, robot: Array) -> list[Array]:
         part = 0.55 if self._hiding and self._hiding.kind == "door" else 1.0
-        for _ in range(30):
+        best: tuple[float, list[Array]] = (0.0, [])
+        for _ in range(12):
             goal = self._layout.free_point(self._generator, part=part)
             if not 2.0 < np.hypot(*(goal - person.position)) < 8.0:
                 continue
-            if np.hypot(*(goal - robot)) < 1.5:
-                continue
             way = self._layout.way(person.position, goal, [robot])
-            if way:
+            apart = _nearest(person.position, way, robot) if way else 0.0
+            if apart > _PASSES:
                 return way
-        return []
+            best = max(best, (apart, way), key=lambda one: one[0])
+        return best[1]
 
     # Those who walk in between
 
@@ -458,7 +461,8 @@ class _Hiding:
             points = points[(offset > 0.5) & (offset < 2.0) & (np.abs(points[:, 1] - y) < 3.0)]
         order = np.argsort(np.hypot(*(points - person.position).T))
         for point in points[order][:80]:
-            if self._is_hidden(robot, np.asarray(point)) and layout.way(person.position, point):
+            way = self._is_hidden(robot, point) and layout.way(person.position, point, [robot])
+            if way and _nearest(person.position, way, robot) > 1.0:
                 return np.asarray(point)
         return None
 
@@ -481,6 +485,12 @@ class _Hiding:
                 if way:
                     return way
         return []
+
+
+def _nearest(begin: Array, way: list[Array], point: Array) -> float:
+    """Least distance of a way to a point."""
+    walls = np.array(list(pairwise([begin, *way])))
+    return distance_to_walls(walls, point)
 
 
 def _away(position: ArrayLike, other: ArrayLike, apart: float) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from follow_parts.robot import Pose2D
@@ -13,6 +14,9 @@ _SPEED_GAIN, _TURN_GAIN = 1.2, 2.0
 # Seconds for which the last pose or bearing counts, and after which the robot searches.
 _HOLD, _SEARCH_AFTER = 0.3, 2.0
 _SEARCH_TURN = 0.5
+# Headings that are tried where the way is blocked, radians from the wanted one; that far ahead,
+# meters, it has to be free.
+_DETOURS, _FREE = (0.0, 0.15, -0.15, 0.3, -0.3, 0.45, -0.45), 1.2
 
 
 @dataclass(frozen=True)
@@ -46,18 +50,26 @@ class FollowController:
         if perceived.heading is not None:
             self._heading = perceived.time, perceived.heading
 
-    def command(self, time: float, base: Pose2D) -> tuple[float, float]:
+    def command(
+        self, time: float, base: Pose2D, is_free: Callable[[float, float], bool]
+    ) -> tuple[float, float]:
         """Speed in m/s and turn in rad/s.
 
         Args:
             time: Seconds.
             base: The robot by its odometry.
+            is_free: Whether the way is free at an angle to the left, radians, for so many meters,
+                by a laser scanner.
         """
         if self._position and time - self._position[0] <= _HOLD:
             x, y = self._position[1]
             angle = _wrapped(math.atan2(y - base.y, x - base.x) - base.yaw)
             distance = math.hypot(x - base.x, y - base.y)
             speed = _SPEED_GAIN * (distance - DISTANCE) * max(math.cos(angle), 0.0)
+            if speed > 0.0:
+                ahead = min(distance - 1.0, _FREE)
+                ways = (angle + detour for detour in _DETOURS)
+                angle = next((way for way in ways if is_free(way, ahead)), angle)
         elif self._heading and time - self._heading[0] <= _HOLD:
             angle, speed = _wrapped(self._heading[1] - base.yaw), 0.0
         elif time - self._known_at > _SEARCH_AFTER:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -28,6 +29,41 @@ _SCALE = 60
 _SECONDS = 10.0
 
 
+class _Map:
+    """The walls of a room, seen from above; pixels of its image.
+
+    Attributes:
+        image: (H, W, 3) BGR.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        width, self._height = (layout.outline.max(axis=0) + 0.5).tolist()
+        shape = math.ceil(self._height * _SCALE), math.ceil(width * _SCALE), 3
+        self.image = np.full(shape, 255, np.uint8)
+        for begin, end in layout.walls.tolist():
+            self.line([begin, end], _BLACK, 3)
+
+    def copy(self) -> _Map:
+        """One to draw on."""
+        copied = copy.copy(self)
+        copied.image = self.image.copy()
+        return copied
+
+    def place(self, x: float, y: float) -> tuple[int, int]:
+        """Pixel of a point of the room."""
+        return round(x * _SCALE), round((self._height - y) * _SCALE)
+
+    def line(self, points: Sequence[Sequence[float]], color: Color, thickness: int = 2) -> None:
+        """Draw the line through some points."""
+        pixels = np.array([self.place(x, y) for x, y in points])
+        cv2.polylines(self.image, [pixels], False, color, thickness, cv2.LINE_AA)
+
+    def dot(self, x: float, y: float, radius: int, color: Color) -> None:
+        """Draw a point; nothing where it is nan."""
+        if math.isfinite(x):
+            cv2.circle(self.image, self.place(x, y), radius, color, -1, cv2.LINE_AA)
+
+
 class RunVideo:
     """A video of a run: the image with the true box (green) and that of the tracker, and the map.
 
@@ -40,9 +76,10 @@ class RunVideo:
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        self._map = _walls(layout)
-        self._size = CAMERA.height * self._map.shape[1] // self._map.shape[0], CAMERA.height
-        size = CAMERA.width + self._size[0] // 2 * 2, CAMERA.height
+        self._map = _Map(layout)
+        rows, columns = self._map.image.shape[:2]
+        self._size = CAMERA.height * columns // rows // 2 * 2, CAMERA.height
+        size = CAMERA.width + self._size[0], CAMERA.height
         code = cv2.VideoWriter.fourcc(*"mp4v")
         self._writer = cv2.VideoWriter(str(path), code, RATE, size)
         if not self._writer.isOpened():
@@ -74,11 +111,16 @@ class RunVideo:
         for line, part in enumerate((text, row.silence[:80], row.doing)):
             _text(image, part, (6, 16 + 16 * line))
         for x, y in others.tolist():
-            cv2.circle(scene, _pixel(x, y), 10, _GRAY, -1)
-        _draw_poses(scene, row)
-        small = cv2.resize(scene, self._size, interpolation=cv2.INTER_AREA)
-        width = self._size[0] // 2 * 2
-        self._writer.write(np.hstack([image, small[:, :width]]))
+            scene.dot(x, y, 10, _GRAY)
+        x, y, half = row.robot_x, row.robot_y, math.atan2(CAMERA.width / 2.0, CAMERA.fx)
+        sides = [row.robot_yaw + half, row.robot_yaw - half]
+        left, right = ([x + 2 * math.cos(side), y + 2 * math.sin(side)] for side in sides)
+        scene.line([left, [x, y], right], _ROBOT)
+        scene.dot(x, y, 12, _ROBOT)
+        scene.dot(row.x, row.y, 12, _TRUE)
+        scene.dot(row.said_x, row.said_y, 6, _WRONG)
+        small = cv2.resize(scene.image, self._size, interpolation=cv2.INTER_AREA)
+        self._writer.write(np.hstack([image, small]))
 
 
 def draw_map(path: Path, layout: Layout, rows: Sequence[Row]) -> None:
@@ -92,47 +134,16 @@ def draw_map(path: Path, layout: Layout, rows: Sequence[Row]) -> None:
     Raises:
         OSError: It cannot be written.
     """
-    image = _walls(layout)
-    for points, color in (
-        ([_pixel(row.robot_x, row.robot_y) for row in rows], _ROBOT),
-        ([_pixel(row.x, row.y) for row in rows], _TRUE),
-    ):
-        cv2.polylines(image, [np.array(points)], False, color, 2, cv2.LINE_AA)
+    scene = _Map(layout)
+    scene.line([(row.robot_x, row.robot_y) for row in rows], _ROBOT)
+    scene.line([(row.x, row.y) for row in rows], _TRUE)
     for row in rows:
-        if math.isfinite(row.error):
-            color = _WRONG if row.error > OFF else _BLACK
-            cv2.circle(image, _pixel(row.said_x, row.said_y), 2, color, -1, cv2.LINE_AA)
-    for index, row in enumerate(rows):
-        if index % round(_SECONDS * RATE) == 0:
-            _text(image, f"{row.time:.0f}", _pixel(row.x, row.y))
-            _text(image, f"{row.time:.0f}", _pixel(row.robot_x, row.robot_y))
-    if not cv2.imwrite(str(path), image):
+        scene.dot(row.said_x, row.said_y, 2, _WRONG if row.error > OFF else _BLACK)
+    for row in rows[:: round(_SECONDS * RATE)]:
+        for x, y in ((row.x, row.y), (row.robot_x, row.robot_y)):
+            _text(scene.image, f"{row.time:.0f}", scene.place(x, y))
+    if not cv2.imwrite(str(path), scene.image):
         raise OSError(f"{path} cannot be written")
-
-
-def _walls(layout: Layout) -> Image:
-    width, height = (np.ceil(layout.outline.max(axis=0) + 0.5) * _SCALE).astype(int).tolist()
-    image = np.full((height, width, 3), 255, np.uint8)
-    for begin, end in layout.walls.tolist():
-        cv2.line(image, _pixel(*begin), _pixel(*end), _BLACK, 3, cv2.LINE_AA)
-    return image
-
-
-def _draw_poses(image: Image, row: Row) -> None:
-    cv2.circle(image, _pixel(row.x, row.y), 12, _TRUE, -1, cv2.LINE_AA)
-    if math.isfinite(row.error):
-        cv2.circle(image, _pixel(row.said_x, row.said_y), 6, _WRONG, -1, cv2.LINE_AA)
-    robot = _pixel(row.robot_x, row.robot_y)
-    cv2.circle(image, robot, 12, _ROBOT, -1, cv2.LINE_AA)
-    half = math.atan2(CAMERA.width / 2.0, CAMERA.fx)
-    for side in (-half, half):
-        angle = row.robot_yaw + side
-        end = _pixel(row.robot_x + 2.0 * math.cos(angle), row.robot_y + 2.0 * math.sin(angle))
-        cv2.line(image, robot, end, _ROBOT, 2, cv2.LINE_AA)
-
-
-def _pixel(x: float, y: float) -> tuple[int, int]:
-    return round(x * _SCALE), round(y * _SCALE)
 
 
 def _rectangle(image: Image, box: Box | None, color: Color, thickness: int) -> None:

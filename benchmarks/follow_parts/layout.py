@@ -242,10 +242,10 @@ def _cheapest(cost: Array, start: tuple[int, int], goal: tuple[int, int]) -> lis
 
 def _to_segment(point: ArrayLike, begin: Array, end: Array) -> float:
     """Distance of a point to a segment."""
-    return _distance(np.array([[begin, end]]), point)
+    return distance_to_walls(np.array([[begin, end]]), point)
 
 
-def _distance(walls: Array, point: ArrayLike) -> float:
+def distance_to_walls(walls: Array, point: ArrayLike) -> float:
     """Distance of a point to the nearest of (W, 2, 2) walls."""
     point = np.asarray(point, float)
     along = walls[:, 1] - walls[:, 0]
@@ -288,7 +288,11 @@ def _pillars(
         center = (generator.uniform(2.0, size[0] - 1.5), generator.uniform(2.0, size[1] - 1.5))
         pillar = Pillar(center, generator.uniform(0.3, 0.4))
         apart = [np.hypot(*np.subtract(center, one.center)) > 2.5 for one in pillars]
-        if len(pillars) < 2 and all(apart) and _distance(walls, center) > pillar.radius + 1.2:
+        if (
+            len(pillars) < 2
+            and all(apart)
+            and distance_to_walls(walls, center) > pillar.radius + 1.2
+        ):
             pillars.append(pillar)
     return pillars
 

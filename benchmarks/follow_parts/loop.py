@@ -141,7 +141,7 @@ def moments(
         user.select(truth, report)
         yield Moment(truth, report)
         controller.take(_perceived(time, truth.odometry, report))
-        commands.append(controller.command(time, truth.odometry))
+        commands.append(controller.command(time, truth.odometry, world.is_free))
         for at, pose in world.advance(*commands.popleft()):
             chain.take_odometry(at, pose)
 

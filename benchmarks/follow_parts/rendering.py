@@ -141,7 +141,6 @@ class Renderer:
         self._floor = _floor_texture(generator)
         ceiling = generator.uniform(170.0, 225.0) * np.array([0.95, 1.0, 1.0])
         self._blank = np.full((CAMERA.height, CAMERA.width, 3), ceiling.astype(np.uint8))
-        self._brightness = 0.55 + 0.45 * generator.random(count)
         noise = np.random.default_rng(noise_seed)
         self._noise_generator = noise
         shape = (CAMERA.height + 64, CAMERA.width + 64, 3)
@@ -488,6 +487,8 @@ def _wall_texture(generator: np.random.Generator) -> NDArray[np.uint8]:
         x += width
     skirting = round(0.1 * _WALL_SCALE)
     texture[-skirting:] *= 0.6
+    # Below and above the wall it goes on: pixels at the edges are mixed with that.
+    texture = np.vstack([texture, *[texture[-1:]] * 2, *[texture[:1]] * 2])
     return np.clip(texture, 0, 255).astype(np.uint8)
 
 

@@ -148,6 +148,16 @@ class World:
         """(2,) in the room."""
         return np.array([self.robot.pose.x, self.robot.pose.y])
 
+    def is_free(self, angle: float, distance: float) -> bool:
+        """Whether the robot can go straight on at an angle to its left, radians, so many meters."""
+        pose = self.robot.pose
+        way = pose.moved(0.0, angle)
+        end = self.robot_position + distance * np.array([math.cos(way.yaw), math.sin(way.yaw)])
+        places = [way.inward(walker.position) for walker in self.cast.walkers[1:]]
+        return self.layout.is_open(self.robot_position, end, _HALF_WIDTH + 0.1) and not any(
+            0.0 < x < distance + _PERSON and abs(y) < _HALF_WIDTH + _PERSON for x, y in places
+        )
+
     def _free_ahead(self) -> tuple[float, float]:
         """Free distances ahead and behind of the robot, meters."""
         pose = self.robot.pose
