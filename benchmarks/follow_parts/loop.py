@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -147,9 +146,9 @@ def moments(
 
 
 def _perceived(time: float, odometry: Pose2D, report: Report) -> Perceived:
-    position, bearing = report.position, report.bearing
-    return Perceived(
-        time,
-        None if position is None else (float(position[0]), float(position[1])),
-        None if bearing is None or not math.isfinite(bearing) else odometry.yaw + bearing,
+    position, velocity = (
+        None if value is None else (float(value[0]), float(value[1]))
+        for value in (report.position, report.velocity)
     )
+    heading = None if report.bearing is None else odometry.yaw + report.bearing
+    return Perceived(time, position, velocity or (0.0, 0.0), heading)

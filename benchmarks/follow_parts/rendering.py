@@ -177,7 +177,7 @@ class Renderer:
         self._draw_floor(image, pose)
         self._draw_walls(image, pose, camera)
         walls = self._inverse.copy()
-        seen = self._draw_people(image, pose, camera, people, walls)
+        seen = self._draw_people(image, pose, people, walls)
         image = cv2.convertScaleAbs(image, alpha=light)
         length = round(abs(camera.yaw_rate) * _EXPOSURE * CAMERA.fx)
         if length >= 2:
@@ -308,7 +308,6 @@ class Renderer:
         self,
         image: NDArray[np.uint8],
         pose: RigidPose,
-        camera: CameraState,
         people: Sequence[Placed],
         walls: NDArray[np.float32],
     ) -> list[Seen]:
@@ -320,7 +319,7 @@ class Renderer:
         for index in np.argsort(-inside[:, 2]).tolist():
             if inside[index, 2] > _NEAREST:
                 seen[index], sizes[index] = self._draw_person(
-                    image, pose, camera, people[index], inside[index], index, walls
+                    image, pose, people[index], index, walls
                 )
         return [
             one._replace(visible=float(np.count_nonzero(self._owner == index) / size))
@@ -333,18 +332,18 @@ class Renderer:
         self,
         image: NDArray[np.uint8],
         pose: RigidPose,
-        camera: CameraState,
         person: Placed,
-        foot: Array,
         index: int,
         walls: NDArray[np.float32],
     ) -> tuple[Seen, int]:
         """Draw a person; returns how they are seen, and their pixels of the depth image."""
+        foot = pose.rotation.T @ ([person.x, person.y, 0.0] - pose.translation)
         head = foot + pose.rotation.T @ [0.0, 0.0, person.sprites.body.height]
         if head[2] <= _NEAREST:
             return Seen(None, 0.0, 0.0), 0
         below, above = _project(foot), _project(head)
-        to_camera = math.atan2(camera.y - person.y, camera.x - person.x)
+        x, y, _ = pose.translation
+        to_camera = math.atan2(y - person.y, x - person.x)
         # Seen from the camera, a heading to the left of the direction to it goes to the right.
         sprite = person.sprites.seen(
             person.heading - to_camera,

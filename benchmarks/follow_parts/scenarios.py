@@ -18,7 +18,7 @@ class Scenario:
         crosses: Whether others walk between robot and person.
         is_alike: Whether all wear the same.
         is_by_hand: Whether the target is drawn by hand; else the detector starts it.
-        hides: Where the person goes to hide: behind a `door`, `corner` or `pillar`; empty for never.
+        hides: Behind what the person hides: a `door`, `corner` or `pillar`; empty for never.
     """
 
     name: str

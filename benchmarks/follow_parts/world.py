@@ -133,7 +133,7 @@ class World:
             Time and pose of the odometry in between, that of the end included.
         """
         ranges = self._free_ahead()
-        self.cast.advance(self.time, INTERVAL, self.robot_position)
+        self.cast.advance(self.time, INTERVAL, self.robot.pose)
         measured = []
         first = round(self.time / _STEP)
         for step in range(first + 1, first + round(INTERVAL / _STEP) + 1):
@@ -143,18 +143,13 @@ class World:
         self.time = (first + round(INTERVAL / _STEP)) * _STEP
         return measured
 
-    @property
-    def robot_position(self) -> Array:
-        """(2,) in the room."""
-        return np.array([self.robot.pose.x, self.robot.pose.y])
-
     def is_free(self, angle: float, distance: float) -> bool:
         """Whether the robot can go straight on at an angle to its left, radians, so many meters."""
         pose = self.robot.pose
         way = pose.moved(0.0, angle)
-        end = self.robot_position + distance * np.array([math.cos(way.yaw), math.sin(way.yaw)])
+        end = self.robot.pose.position + distance * np.array([math.cos(way.yaw), math.sin(way.yaw)])
         places = [way.inward(walker.position) for walker in self.cast.walkers[1:]]
-        return self.layout.is_open(self.robot_position, end, _HALF_WIDTH + 0.1) and not any(
+        return self.layout.is_open(self.robot.pose.position, end, _HALF_WIDTH + 0.1) and not any(
             0.0 < x < distance + _PERSON and abs(y) < _HALF_WIDTH + _PERSON for x, y in places
         )
 
@@ -165,7 +160,7 @@ class World:
         free = []
         for turn in (0.0, math.pi):
             rays = np.stack([np.cos(angles + turn), np.sin(angles + turn)], axis=1)
-            ranges, _ = self.layout.ranges(self.robot_position, rays)
+            ranges, _ = self.layout.ranges(self.robot.pose.position, rays)
             along = ranges * np.cos(angles - pose.yaw)
             across = ranges * np.abs(np.sin(angles - pose.yaw))
             ahead = float(along[across < _HALF_WIDTH].min(initial=20.0))
