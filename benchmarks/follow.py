@@ -26,6 +26,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import ExitStack
 from pathlib import Path
 
 # One thread for linear algebra; read when NumPy is imported.
@@ -35,9 +36,11 @@ import arguments as options_of
 import cv2
 import numpy as np
 from follow_parts.chain import LibraryChain
+from follow_parts.drawing import RunVideo, draw_map
 from follow_parts.loop import moments
-from follow_parts.metrics import figures, row_of, write_trace
+from follow_parts.metrics import Row, figures, row_of, write_trace
 from follow_parts.scenarios import SCENARIOS
+from follow_parts.world import World
 from tables import Table
 
 from pf_tracker_ros.progress import progress_bar
@@ -64,9 +67,19 @@ _COLUMNS = {
 def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     """The figures of a run; writes what the options ask for."""
     cv2.setNumThreads(1)
-    rows = []
-    for moment in moments(SCENARIOS[name], seed, options.seconds, LibraryChain):
-        rows.append(row_of(moment))
+    scenario = SCENARIOS[name]
+    rows: list[Row] = []
+    world, chain = World.draw(seed, scenario, options.seconds), LibraryChain(scenario, seed)
+    with ExitStack() as stack:
+        video = None
+        if options.video:
+            video = stack.enter_context(RunVideo(_named(options.video, name, seed), world.layout))
+        for moment in moments(world, scenario, seed, options.seconds, chain):
+            rows.append(row_of(moment))
+            if video:
+                video.add(moment.truth.view.image, rows[-1], moment.truth.positions[1:])
+    if options.map:
+        draw_map(_named(options.map, name, seed), world.layout, rows)
     if options.trace:
         write_trace(_named(options.trace, name, seed), rows)
     return figures(rows)
@@ -117,9 +130,14 @@ def arguments() -> argparse.ArgumentParser:
     )
     made.add_argument("--seconds", type=float, default=100.0, help="of each run [%(default)s]")
     made.add_argument("--jobs", type=options_of.at_least(1), default=1, help="[%(default)s]")
-    made.add_argument(
-        "--trace", type=Path, metavar="FILE", help="CSV of each frame; {} is scenario and seed"
-    )
+    for name, what in (
+        ("--trace", "CSV of each frame"),
+        ("--video", "MP4 of the images and the map"),
+        ("--map", "PNG of the ways"),
+    ):
+        made.add_argument(
+            name, type=Path, metavar="FILE", help=f"{what}; {{}} is scenario and seed"
+        )
     options_of.add_folder(made)
     return made
 
@@ -131,8 +149,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     names = options.scenario or list(SCENARIOS)
     first, count = options.seeds
     runs = [(name, seed) for name in names for seed in range(first, first + count)]
-    if len(runs) > 1 and options.trace and "{}" not in str(options.trace):
-        parser.error("with several runs, a file needs {} in its name")
+    for path in (options.trace, options.video, options.map):
+        if len(runs) > 1 and path and "{}" not in path.name:
+            parser.error(f"{path}: with several runs, the name needs {{}}")
     results: dict[str, dict[int, dict[str, float]]] = {name: {} for name in names}
     context = multiprocessing.get_context("spawn")
     with (

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from follow_parts.layout import Layout
+from follow_parts.layout import Layout, distance_to_walls
 from follow_parts.people import Sprites
 from follow_parts.rendering import Placed
+from follow_parts.robot import Pose2D
 
 Array = NDArray[np.float64]
 
@@ -20,8 +22,13 @@ _ACCELERATION, _STANDS_BELOW = 2.5, 0.12
 _APART = 0.65
 # Half of the width of the corridor between robot and person that others keep out of, meters.
 _CORRIDOR = 0.75
-# How far the robot may fall behind, meters, and for how long, seconds, before the person comes back.
-_LEFT_BEHIND, _PATIENCE = 4.5, 8.0
+# How near the followed person passes the robot where the room allows it, meters.
+_PASSES = 1.4
+# Durations of absences, seconds.
+_ABSENCES = (5.0, 15.0)
+# How far the robot may fall behind, meters, and for how long it may look elsewhere, seconds, until
+# the person returns.
+_LEFT_BEHIND, _PATIENCE = 4.5, 3.0
 
 
 @dataclass(eq=False)
@@ -128,7 +135,7 @@ def drawn_crossings(generator: np.random.Generator, seconds: float) -> list[Cros
     count = max(1, round(int(generator.integers(3, 8)) * min(seconds, 100.0) / 100.0))
     slots = np.linspace(8.0, max(seconds - 6.0, 9.0), count + 1)
     crossings = []
-    for begin, end in zip(slots[:-1], slots[1:], strict=True):
+    for begin, end in pairwise(slots.tolist()):
         before = float(generator.uniform(0.5, 1.2)) if generator.random() < 0.6 else 0.0
         lingers = 2.5 if generator.random() < 0.5 else 0.0
         time = generator.uniform(begin, begin + 0.5 * (end - begin))
@@ -180,8 +187,7 @@ class Cast:
         self._generator = generator
         self._passage: Passage | None = None
         self._hiding = _Hiding(layout, hides, generator) if hides else None
-        self._left_behind = 0.0
-        self._returns_until = 0.0
+        self._alone_for = 0.0
         walkers[0].pause = 3.0
 
     @property
@@ -191,75 +197,82 @@ class Cast:
             return "hide"
         return f"{self._passage.walker} {self._passage.stage}" if self._passage else ""
 
-    def advance(self, time: float, interval: float, robot: Array) -> None:
+    def advance(self, time: float, interval: float, robot: Pose2D) -> None:
         """Move everybody.
 
         Args:
             time: Seconds since the start.
             interval: Seconds.
-            robot: (2,) position.
+            robot: Where it is.
         """
         self._move_followed(time, interval, robot)
-        self._begin_crossing(time, robot)
+        place = robot.position
+        self._begin_crossing(time, place)
         for number in range(1, len(self.walkers)):
             passage = self._passage
             if passage and passage.walker == number:
-                self._cross(passage, time, interval, robot)
+                self._cross(passage, time, interval, place)
             else:
-                self._wander(number, interval, robot)
+                self._wander(number, interval, place)
 
     # The followed person
 
-    def _move_followed(self, time: float, interval: float, robot: Array) -> None:
-        person, layout = self.walkers[0], self._layout
-        offset = person.position - robot
-        distance = float(np.hypot(*offset))
-        hides = self._hiding is not None and self._hiding.advance(
-            person, time, interval, robot, is_close=distance < 3.5
-        )
-        is_away = distance > _LEFT_BEHIND or not layout.sees(robot, person.position)
-        self._left_behind = self._left_behind + interval if is_away and not hides else 0.0
-        if self._left_behind > _PATIENCE:
-            self._left_behind = 0.0
-            person.way = layout.way(person.position, self._before_robot(robot))
-            person.pause, self._returns_until = 0.0, time + 12.0
-        elif not hides and not person.way and person.pause <= 0.0:
-            if time < self._returns_until and is_away:
-                pass
-            elif self._generator.random() < 0.6:
-                person.pause = self._generator.uniform(2.0, 6.0)
-                person.way = self._next_way(person, robot)
-            else:
-                person.way = self._next_way(person, robot)
-        speed = person.pace
-        push = np.zeros(2)
-        if distance < 0.9:
-            push = (0.9 - distance) * 2.0 * offset / max(distance, 1e-6)
-        person.advance(interval, layout, push, speed)
+    def _move_followed(self, time: float, interval: float, robot: Pose2D) -> None:
+        """Hide, or else wait where the robot sees them while it does not look, or else go on."""
+        person, place = self.walkers[0], robot.position
+        is_followed = self._is_followed(robot)
+        self._alone_for = 0.0 if is_followed else self._alone_for + interval
+        if self._hiding and self._hiding.advance(person, time, interval, place, is_followed):
+            # Afterwards they come back at once.
+            self._alone_for = _PATIENCE
+        elif self._alone_for > _PATIENCE:
+            if not person.way and not self._is_near(person.position, place):
+                person.way, person.pause = self._way_near(person, place), 0.0
+            elif person.way and self._is_near(person.position, place):
+                person.way, person.pause = [], 2.0
+        elif not person.way and person.pause <= 0.0:
+            person.way = self._next_way(person, place)
+            person.pause = self._generator.choice([0.0, 1.0], p=[0.4, 0.6])
+            person.pause *= self._generator.uniform(2.0, 6.0)
+        person.advance(interval, self._layout, _away(person.position, place, 0.9), person.pace)
 
-    def _before_robot(self, robot: Array) -> Array:
-        """A free place about 2 m from the robot that it can see."""
-        points = self._layout.free_points()
-        distances = np.hypot(*(points - robot).T)
-        near = points[(distances > 1.5) & (distances < 2.5)]
-        order = np.argsort(np.hypot(*(near - self.walkers[0].position).T))
-        for point in near[order]:
-            if self._layout.sees(robot, point):
-                return np.asarray(point)
-        return robot
+    def _is_followed(self, robot: Pose2D) -> bool:
+        """Whether the robot looks at the person from nearby."""
+        x, y = robot.inward(self.walkers[0].position)
+        is_ahead = x > 0.0 and abs(y) < 0.7 * x and np.hypot(x, y) < _LEFT_BEHIND
+        return bool(is_ahead and self._layout.sees(robot.position, self.walkers[0].position))
+
+    def _is_near(self, position: Array, robot: Array) -> bool:
+        distance = float(np.hypot(*(position - robot)))
+        return 1.6 < distance < 2.6 and self._layout.sees(robot, position)
+
+    def _way_near(self, person: Walker, robot: Array) -> list[Array]:
+        """A way to the nearest place near the robot."""
+        points = self._layout.free_points(0.5)
+        for index in np.argsort(np.hypot(*(points - person.position).T)):
+            if self._is_near(points[index], robot):
+                return self._layout.way(person.position, points[index], [robot])
+        return []
 
     def _next_way(self, person: Walker, robot: Array) -> list[Array]:
-        part = 0.55 if self._hiding and self._hiding.kind == "door" else 1.0
-        for _ in range(30):
+        """A way of 2 to 8 m that the robot sees and that passes it at a distance, if possible."""
+        part = 0.55 if self._layout.opening else 1.0
+        best: tuple[float, list[Array]] = (-math.inf, [])
+        for _ in range(16):
             goal = self._layout.free_point(self._generator, part=part)
-            if not 2.0 < np.hypot(*(goal - person.position)) < 8.0:
-                continue
-            if np.hypot(*(goal - robot)) < 1.5:
-                continue
-            way = self._layout.way(person.position, goal, [robot])
-            if way:
-                return way
-        return []
+            if 2.0 < np.hypot(*(goal - person.position)) < 8.0:
+                way = self._layout.way(person.position, goal, [robot])
+                if not way:
+                    continue
+                corners = np.array([person.position, *way])
+                middles = (corners[1:] + corners[:-1]) / 2.0
+                good = min(_nearest(person.position, way, robot), _PASSES)
+                good -= _PASSES * (not all(self._layout.sees(robot, one) for one in middles))
+                good -= _PASSES * (not all(self._layout.sees(robot, one) for one in way))
+                best = max(best, (good, way), key=lambda one: one[0])
+                if good == _PASSES:
+                    break
+        return best[1]
 
     # Those who walk in between
 
@@ -390,61 +403,51 @@ class Cast:
 class _Hiding:
     """Lets the followed person hide, time and again.
 
+    Attributes:
+        is_hiding: Whether they go to hide, or are hidden.
+
     Args:
         layout: The room.
-        kind: `door` or `pillar`.
+        kind: As of `Scenario.hides`.
         generator: What is drawn from.
     """
 
     def __init__(self, layout: Layout, kind: str, generator: np.random.Generator) -> None:
-        self.kind = kind
-        self._layout, self._generator = layout, generator
+        self.is_hiding = False
+        self._layout, self._kind, self._generator = layout, kind, generator
         self._next = generator.uniform(9.0, 13.0)
         self._count = int(generator.integers(2))
-        self.is_hiding = False
-        self._since = self._hidden_for = self._planned_at = self._lasts = 0.0
+        self._hidden_for = self._planned_at = self._lasts = 0.0
 
     def advance(
-        self, person: Walker, time: float, interval: float, robot: Array, *, is_close: bool
+        self, person: Walker, time: float, interval: float, robot: Array, is_followed: bool
     ) -> bool:
         """Lead the person; returns whether they hide."""
         if not self.is_hiding:
-            if time < self._next or not is_close:
+            if time < self._next or not is_followed:
                 return False
-            spot = self._spot(person, robot)
-            if spot is None:
+            if not self._go(person, robot, time):
                 self._next = time + 1.0
                 return False
-            self.is_hiding, self._since, self._hidden_for = True, time, 0.0
-            self._lasts = self._duration()
+            self.is_hiding, self._hidden_for = True, 0.0
             self._count += 1
-            self._go(person, spot, robot, time)
+            self._lasts = _ABSENCES[self._count % 2]
+            if self._kind == "pillar":
+                self._lasts = self._generator.uniform(*_ABSENCES)
         if not self._layout.sees(robot, person.position):
             self._hidden_for += interval
-        elif time - self._planned_at > 0.5 and (not person.way or self.kind == "pillar"):
-            spot = self._spot(person, robot)
-            if spot is not None:
-                self._go(person, spot, robot, time)
-        if self._hidden_for >= self._lasts or time - self._since > self._lasts + 12.0:
-            self.is_hiding = False
+        elif time - self._planned_at > 0.5 and (not person.way or self._kind == "pillar"):
+            self._go(person, robot, time)
+        if self._hidden_for >= self._lasts:
+            self.is_hiding, person.way = False, []
             self._next = time + self._generator.uniform(12.0, 18.0)
-            person.way, person.pause = self._return(person, robot), 0.0
-        return True
+        return self.is_hiding
 
-    def _duration(self) -> float:
-        if self.kind == "door":
-            return (5.0, 15.0)[self._count % 2]
-        return float(self._generator.uniform(5.0, 15.0))
-
-    def _go(self, person: Walker, spot: Array, robot: Array, time: float) -> None:
-        person.way, person.pause = self._layout.way(person.position, spot, [robot]), 0.0
-        self._planned_at = time
-
-    def _spot(self, person: Walker, robot: Array) -> Array | None:
-        """The nearest place that the robot does not see."""
+    def _go(self, person: Walker, robot: Array, time: float) -> bool:
+        """Send the person to the nearest place that the robot does not see, if there is one."""
         layout = self._layout
         points = layout.free_points(0.4)
-        if self.kind == "pillar":
+        if self._kind == "pillar":
             near = [
                 np.hypot(*(points - pillar.center).T) < pillar.radius + 0.9
                 for pillar in layout.pillars
@@ -452,14 +455,16 @@ class _Hiding:
             points = points[np.any(near, axis=0)]
         elif layout.opening:
             x, y = layout.opening
-            side = 1.0 if robot[0] < x else -1.0
-            offset = side * (points[:, 0] - x)
+            offset = (1.0 if robot[0] < x else -1.0) * (points[:, 0] - x)
             points = points[(offset > 0.5) & (offset < 2.0) & (np.abs(points[:, 1] - y) < 3.0)]
+        self._planned_at = time
         order = np.argsort(np.hypot(*(points - person.position).T))
-        for point in points[order][:80]:
-            if self._is_hidden(robot, np.asarray(point)) and layout.way(person.position, point):
-                return np.asarray(point)
-        return None
+        for point in points[order][:40]:
+            way = self._is_hidden(robot, point) and layout.way(person.position, point, [robot])
+            if way and _nearest(person.position, way, robot) > 1.0:
+                person.way, person.pause = way, 0.0
+                return True
+        return False
 
     def _is_hidden(self, robot: Array, point: Array) -> bool:
         ahead = point - robot
@@ -468,18 +473,11 @@ class _Hiding:
             self._layout.sees(robot, point + lateral * across) for lateral in (-0.3, 0.0, 0.3)
         )
 
-    def _return(self, person: Walker, robot: Array) -> list[Array]:
-        """A way to where the robot sees the person, 1.8 to 3 m away."""
-        points = self._layout.free_points(0.5)
-        distances = np.hypot(*(points - robot).T)
-        points = points[(distances > 1.8) & (distances < 3.5)]
-        order = np.argsort(np.hypot(*(points - person.position).T))
-        for point in points[order]:
-            if self._layout.sees(robot, point):
-                way = self._layout.way(person.position, point, [robot])
-                if way:
-                    return way
-        return []
+
+def _nearest(begin: Array, way: list[Array], point: Array) -> float:
+    """Least distance of a way to a point."""
+    walls = np.array(list(pairwise([begin, *way])))
+    return distance_to_walls(walls, point)
 
 
 def _away(position: ArrayLike, other: ArrayLike, apart: float) -> Array:

@@ -21,11 +21,11 @@ from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.localization.frame_localizer import FrameLocalizer, Sensors
-from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.localization.localizer_parameters import (
     CameraParameters,
     LocalizerParameters,
 )
+from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.localization.position_topics import POSITION_TOPICS, Headers
 from pf_tracker_ros.localization.problems import Problems
 from pf_tracker_ros.localization.sensors import (
@@ -128,6 +128,7 @@ class LibraryChain:
         self._session = Session(tracker_parameters(scenario), seed)
         self._session.frozen_after = node.frozen_after
         self._session.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
+        self._max_targets = scenario.max_targets
         self._parameters = localizer_parameters(scenario)
         self._calibration = CameraCalibration(_Feed(is_used=True))
         self._calibration.take(1, "camera", camera_info())
@@ -171,7 +172,7 @@ class LibraryChain:
         result = FrameResult(
             targets=outcome.targets,
             selected=outcome.selected,
-            max_targets=session.targets and len(session.targets) or 1,
+            max_targets=self._max_targets,
             detector_runs=session.detector_runs,
             image=image,
         )

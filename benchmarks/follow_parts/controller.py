@@ -1,8 +1,9 @@
-"""How the robot follows: distance by the pose, heading by the pose or the bearing, else a search."""
+"""How the robot follows: by the pose, by the bearing, by a prediction, else it searches."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from follow_parts.robot import Pose2D
@@ -12,7 +13,12 @@ DISTANCE = 2.0
 _SPEED_GAIN, _TURN_GAIN = 1.2, 2.0
 # Seconds for which the last pose or bearing counts, and after which the robot searches.
 _HOLD, _SEARCH_AFTER = 0.3, 2.0
-_SEARCH_TURN = 0.5
+_SEARCH_TURN = 0.7
+# Seconds for which a velocity is still true.
+_PREDICTED = 1.5
+# Headings that are tried where the way is blocked, radians from the wanted one; that far ahead,
+# meters, it has to be free.
+_DETOURS, _FREE = (0.0, 0.15, -0.15, 0.3, -0.3, 0.45, -0.45), 1.2
 
 
 @dataclass(frozen=True)
@@ -22,11 +28,13 @@ class Perceived:
     Attributes:
         time: Of the image, seconds.
         position: Of the pose in the odometry's frame, meters; None while there is none.
-        heading: Direction of the bearing in the odometry's frame, radians; None while there is none.
+        velocity: Of it, m/s.
+        heading: Of the bearing in the odometry's frame, radians; None while there is none.
     """
 
     time: float
     position: tuple[float, float] | None
+    velocity: tuple[float, float]
     heading: float | None
 
 
@@ -34,7 +42,7 @@ class FollowController:
     """Keeps a distance to a person."""
 
     def __init__(self) -> None:
-        self._position: tuple[float, tuple[float, float]] | None = None
+        self._posed: Perceived | None = None
         self._heading: tuple[float, float] | None = None
         self._known_at = 0.0
         self._side = 1.0
@@ -42,30 +50,49 @@ class FollowController:
     def take(self, perceived: Perceived) -> None:
         """Take what was perceived."""
         if perceived.position is not None:
-            self._position = perceived.time, perceived.position
+            self._posed = perceived
         if perceived.heading is not None:
             self._heading = perceived.time, perceived.heading
 
-    def command(self, time: float, base: Pose2D) -> tuple[float, float]:
+    def command(
+        self, time: float, base: Pose2D, is_free: Callable[[float, float], bool]
+    ) -> tuple[float, float]:
         """Speed in m/s and turn in rad/s.
 
         Args:
             time: Seconds.
             base: The robot by its odometry.
+            is_free: Whether the way is free at an angle to the left, radians, for so many meters,
+                by a laser scanner.
         """
-        if self._position and time - self._position[0] <= _HOLD:
-            x, y = self._position[1]
-            angle = _wrapped(math.atan2(y - base.y, x - base.x) - base.yaw)
-            distance = math.hypot(x - base.x, y - base.y)
+        speed = 0.0
+        if self._posed and time - self._posed.time <= _HOLD:
+            angle, distance = self._toward(0.0, base)
             speed = _SPEED_GAIN * (distance - DISTANCE) * max(math.cos(angle), 0.0)
+            if speed > 0.0:
+                ahead = min(distance - 1.0, _FREE)
+                ways = (angle + detour for detour in _DETOURS)
+                angle = next((way for way in ways if is_free(way, ahead)), angle)
+            self._known_at = time
         elif self._heading and time - self._heading[0] <= _HOLD:
-            angle, speed = _wrapped(self._heading[1] - base.yaw), 0.0
+            angle = _wrapped(self._heading[1] - base.yaw)
+            self._known_at = time
         elif time - self._known_at > _SEARCH_AFTER:
             return 0.0, self._side * _SEARCH_TURN
+        elif self._posed:
+            angle, _ = self._toward(min(time - self._posed.time, _PREDICTED), base)
         else:
             return 0.0, 0.0
-        self._known_at, self._side = time, 1.0 if angle >= 0.0 else -1.0
+        self._side = 1.0 if angle >= 0.0 else -1.0
         return speed, _TURN_GAIN * angle
+
+    def _toward(self, seconds: float, base: Pose2D) -> tuple[float, float]:
+        """Angle and distance to where the last pose is after some seconds."""
+        if not self._posed or not self._posed.position:
+            return 0.0, 0.0
+        (x, y), (vx, vy) = self._posed.position, self._posed.velocity
+        x, y = x + seconds * vx - base.x, y + seconds * vy - base.y
+        return _wrapped(math.atan2(y, x) - base.yaw), math.hypot(x, y)
 
 
 def _wrapped(angle: float) -> float:

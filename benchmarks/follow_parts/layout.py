@@ -71,68 +71,36 @@ class Layout:
         object.__setattr__(self, "_ways", clearance[::stride, ::stride])
 
     @classmethod
-    def draw(cls, generator: np.random.Generator, *, has_opening: bool) -> Layout:
-        """A room of 8 to 16 m with two pillars.
+    def draw(cls, generator: np.random.Generator, kind: str) -> Layout:
+        """A room of 8 to 16 m with two pillars, or a corridor.
 
         Args:
             generator: What is drawn from.
-            has_opening: Whether a wall with an opening divides it; else it may have a short one.
+            kind: `door` for a room that a wall with an opening divides, `corner` for a corridor
+                with a corner; else a room, which may have a short inner wall.
         """
+        if kind == "corner":
+            outline = _corridor(generator)
+            return cls(outline, *_walls([outline]), ())
         while True:
-            layout = cls._draw(generator, has_opening=has_opening)
-            if layout is not None:
-                return layout
-
-    @classmethod
-    def _draw(cls, generator: np.random.Generator, *, has_opening: bool) -> Layout | None:
-        width, depth = generator.uniform(9.0, 15.5), generator.uniform(8.0, 11.0)
-        if has_opening:
-            width = generator.uniform(12.0, 15.5)
-        skew = generator.uniform(0.0, 0.7, (4, 2))
-        corners = np.array([[0.0, 0.0], [width, 0.0], [width, depth], [0.0, depth]])
-        corners += np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * skew + _MARGIN
-        outline = corners
-        if generator.random() < 0.5:
-            # A corner is cut off.
-            which, size = int(generator.integers(4)), generator.uniform(1.0, 2.0)
-            around = [corners[which - 1], corners[(which + 1) % 4]]
-            cut = [
-                corners[which]
-                + size * (one - corners[which]) / np.linalg.norm(one - corners[which])
-                for one in around
-            ]
-            outline = np.insert(np.delete(corners, which, 0), which, cut, axis=0)
-        loops, opening = [outline], None
-        if has_opening:
-            x, y = width * generator.uniform(0.6, 0.66), depth * generator.uniform(0.35, 0.65)
-            gap = generator.uniform(1.2, 1.6)
-            opening = (x, y)
-            loops += [_box(x, -1.0, y - gap / 2), _box(x, y + gap / 2, depth + 2.0)]
-        elif generator.random() < 0.6:
-            x, length = width * generator.uniform(0.4, 0.6), generator.uniform(1.5, 0.35 * depth)
-            is_low = generator.random() < 0.5
-            loops.append(_box(x, -1.0, length) if is_low else _box(x, depth - length, depth + 2.0))
-        pillars: list[Pillar] = []
-        for _ in range(200):
+            width, depth = generator.uniform(9.0, 15.5), generator.uniform(8.0, 11.0)
+            if kind == "door":
+                width = generator.uniform(12.0, 15.5)
+            outline = _room(generator, width, depth)
+            loops, opening, part = [outline], None, 1.0
+            if kind == "door":
+                x, y = width * generator.uniform(0.6, 0.66), depth * generator.uniform(0.35, 0.65)
+                gap = generator.uniform(1.2, 1.6)
+                opening, part = (x, y), 0.6
+                loops += [_box(x, -1.0, y - gap / 2), _box(x, y + gap / 2, depth + 2.0)]
+            elif generator.random() < 0.6:
+                x, end = width * generator.uniform(0.4, 0.6), generator.uniform(1.5, 0.35 * depth)
+                is_low = generator.random() < 0.5
+                loops.append(_box(x, -1.0, end) if is_low else _box(x, depth - end, depth + 2.0))
+            pillars = _pillars(generator, (part * width, depth), _walls(loops)[0])
             if len(pillars) == 2:
-                break
-            part = 0.6 if has_opening else 1.0
-            center = (
-                generator.uniform(2.0, part * width - 1.5),
-                generator.uniform(2.0, depth - 1.5),
-            )
-            pillar = Pillar(center, generator.uniform(0.3, 0.4))
-            apart = [np.hypot(*np.subtract(center, one.center)) > 2.5 for one in pillars]
-            walls = _walls(loops)[0]
-            if all(apart) and _distance(walls, center) > pillar.radius + 1.2:
-                pillars.append(pillar)
-        if len(pillars) < 2:
-            return None
-        turns = np.linspace(0.0, 2.0 * np.pi, _PILLAR_SIDES, endpoint=False)
-        circle = np.stack([np.cos(turns), np.sin(turns)], axis=1)
-        loops += [np.array(one.center) + one.radius * circle for one in pillars]
-        walls, surfaces = _walls(loops)
-        return cls(outline, walls, surfaces, tuple(pillars), opening)
+                loops += [_circle(one) for one in pillars]
+                return cls(outline, *_walls(loops), tuple(pillars), opening)
 
     def clearance(self, point: ArrayLike) -> float:
         """Distance of a (2,) point to the nearest wall; 0 outside of the room."""
@@ -274,16 +242,64 @@ def _cheapest(cost: Array, start: tuple[int, int], goal: tuple[int, int]) -> lis
 
 def _to_segment(point: ArrayLike, begin: Array, end: Array) -> float:
     """Distance of a point to a segment."""
-    return _distance(np.array([[begin, end]]), point)
+    return distance_to_walls(np.array([[begin, end]]), point)
 
 
-def _distance(walls: Array, point: ArrayLike) -> float:
+def distance_to_walls(walls: Array, point: ArrayLike) -> float:
     """Distance of a point to the nearest of (W, 2, 2) walls."""
     point = np.asarray(point, float)
     along = walls[:, 1] - walls[:, 0]
     length = np.maximum((along**2).sum(axis=1), 1e-12)
     share = np.clip(((point - walls[:, 0]) * along).sum(axis=1) / length, 0.0, 1.0)
     return float(np.linalg.norm(walls[:, 0] + share[:, None] * along - point, axis=1).min())
+
+
+def _room(generator: np.random.Generator, width: float, depth: float) -> Array:
+    """Corners of a skew room; half of them have a corner cut off."""
+    skew = generator.uniform(0.0, 0.7, (4, 2))
+    corners = np.array([[0.0, 0.0], [width, 0.0], [width, depth], [0.0, depth]])
+    corners += np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * skew + _MARGIN
+    if generator.random() < 0.5:
+        return corners
+    which, size = int(generator.integers(4)), generator.uniform(1.0, 2.0)
+    here = corners[which]
+    around = [corners[which - 1] - here, corners[(which + 1) % 4] - here]
+    cut = [here + size * one / np.linalg.norm(one) for one in around]
+    return np.insert(np.delete(corners, which, 0), which, cut, axis=0)
+
+
+def _corridor(generator: np.random.Generator) -> Array:
+    """Corners of a corridor that turns at a right angle."""
+    (width, depth), wide = generator.uniform(8.0, 13.0, 2), generator.uniform(2.6, 3.4, 2)
+    x, y = width - wide[0], wide[1]
+    corners = np.array([[0, 0], [width, 0], [width, depth], [x, depth], [x, y], [0, y]])
+    if generator.random() < 0.5:
+        # Mirrored, still counterclockwise.
+        corners = ([width, 0.0] + corners * [-1.0, 1.0])[::-1]
+    return corners + _MARGIN
+
+
+def _pillars(
+    generator: np.random.Generator, size: tuple[float, float], walls: Array
+) -> list[Pillar]:
+    """Two pillars, or fewer without space."""
+    pillars: list[Pillar] = []
+    for _ in range(200):
+        center = (generator.uniform(2.0, size[0] - 1.5), generator.uniform(2.0, size[1] - 1.5))
+        pillar = Pillar(center, generator.uniform(0.3, 0.4))
+        apart = [np.hypot(*np.subtract(center, one.center)) > 2.5 for one in pillars]
+        if (
+            len(pillars) < 2
+            and all(apart)
+            and distance_to_walls(walls, center) > pillar.radius + 1.2
+        ):
+            pillars.append(pillar)
+    return pillars
+
+
+def _circle(pillar: Pillar) -> Array:
+    turns = np.linspace(0.0, 2.0 * np.pi, _PILLAR_SIDES, endpoint=False)
+    return pillar.center + pillar.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
 
 
 def _box(x: float, low: float, high: float, thickness: float = 0.2) -> Array:

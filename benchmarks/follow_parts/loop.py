@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -111,17 +110,17 @@ def true_box(seen: Seen) -> Box | None:
 
 
 def moments(
-    scenario: Scenario, seed: int, seconds: float, make_chain: Callable[[Scenario, int], Chain]
+    world: World, scenario: Scenario, seed: int, seconds: float, chain: Chain
 ) -> Iterator[Moment]:
-    """Run a scenario in the world of a seed, frame by frame.
+    """Run a scenario in a world, frame by frame.
 
     Args:
+        world: At its start.
         scenario: What happens.
-        seed: Of the world, the detector and the tracker.
+        seed: Of the detector.
         seconds: Duration.
-        make_chain: Makes tracker and localizer from the scenario and the seed.
+        chain: Tracker and localizer.
     """
-    world, chain, controller = World.draw(seed, scenario, seconds), make_chain(scenario, seed), None
     controller, user = FollowController(), _User(scenario, chain)
     generator = np.random.default_rng([seed, _DETECTOR])
     late: deque[tuple[float, float, Box | None, Detections]] = deque()
@@ -141,15 +140,15 @@ def moments(
         user.select(truth, report)
         yield Moment(truth, report)
         controller.take(_perceived(time, truth.odometry, report))
-        commands.append(controller.command(time, truth.odometry))
+        commands.append(controller.command(time, truth.odometry, world.is_free))
         for at, pose in world.advance(*commands.popleft()):
             chain.take_odometry(at, pose)
 
 
 def _perceived(time: float, odometry: Pose2D, report: Report) -> Perceived:
-    position, bearing = report.position, report.bearing
-    return Perceived(
-        time,
-        None if position is None else (float(position[0]), float(position[1])),
-        None if bearing is None or not math.isfinite(bearing) else odometry.yaw + bearing,
+    position, velocity = (
+        None if value is None else (float(value[0]), float(value[1]))
+        for value in (report.position, report.velocity)
     )
+    heading = None if report.bearing is None else odometry.yaw + report.bearing
+    return Perceived(time, position, velocity or (0.0, 0.0), heading)

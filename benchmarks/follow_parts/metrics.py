@@ -119,7 +119,7 @@ def row_of(moment: Moment) -> Row:
     person, people = truth.positions[0], truth.view.people
     said = measured = np.full(2, np.nan)
     nees = math.nan
-    robot = np.array([truth.robot.x, truth.robot.y])
+    robot = truth.robot.position
     if report.measured is not None:
         measured = truth.in_room(report.measured)
     if report.position is not None and report.covariance is not None:

@@ -170,6 +170,9 @@ class Sprites:
 
     def __post_init__(self) -> None:
         self._torso = _torso_texture(self.clothes, self.seed)
+        side = round(_ABOVE * self.body.height * SCALE)
+        grain = fractal_noise(np.random.default_rng(self.seed), (side, side), 10.0, 3)
+        self._grain = (0.8 + 0.35 * grain).astype(np.float32)
 
     def seen(self, angle: float, phase: float, *, is_walking: bool, is_far: bool) -> Sprite:
         """The sprite nearest to a view.
@@ -193,79 +196,115 @@ class Sprites:
         return self._known[key]
 
     def _draw(self, turn: float, phase: float, *, is_walking: bool) -> Sprite:
-        body, clothes = self.body, self.clothes
-        size = body.height * SCALE
-        rows, columns = round(_ABOVE * size), round(2.0 * _ASIDE * size)
-        canvas = np.zeros((rows, columns, 4), np.uint8)
-        middle, floor = columns / 2.0, rows - 0.02 * size
-        swing = np.sin(2.0 * np.pi * phase) if is_walking else 0.0
-        lift = body.bob * (1.0 - abs(swing)) if is_walking else 0.0
-        across, along = np.cos(turn), np.sin(turn)
-        girth = body.girth
-
-        def place(lateral: float, forward: float, up: float) -> tuple[float, float]:
-            """Pixel of a point in heights: to the person's left, forward and up."""
-            # Facing the camera, the left side is on the right of the image.
-            return (
-                middle + size * (lateral * across + forward * along),
-                floor - size * (up + lift),
-            )
-
-        def leg(side: float, *, is_far: bool) -> None:
-            angle = side * swing * body.leg_swing if is_walking else 0.0
-            bend = (0.7 * max(-angle, 0.0) + 0.1 * abs(angle)) if is_walking else 0.0
-            shade = 0.72 if is_far else 1.0
-            hip = place(0.05 * side * girth, 0.0, 0.5)
-            knee_up = 0.5 - 0.24 * np.cos(angle)
-            knee_forward = 0.24 * np.sin(angle)
-            lower = angle - bend
-            ankle_up = max(knee_up - 0.22 * np.cos(lower), 0.03)
-            ankle_forward = knee_forward + 0.22 * np.sin(lower)
-            knee = place(0.05 * side * girth, knee_forward, knee_up)
-            ankle = place(0.05 * side * girth, ankle_forward, ankle_up)
-            # Toes point forward; to the camera, the nearer foot is lower in the image.
-            toe = place(0.055 * side * girth, ankle_forward + 0.06, max(ankle_up - 0.025, 0.008))
-            toe = toe[0], toe[1] + 0.012 * size * across
-            _limb(canvas, ankle, toe, 0.022 * size, 0.018 * size, _shaded(clothes.shoes, shade))
-            color = _shaded(clothes.trousers, shade)
-            _limb(canvas, hip, knee, 0.052 * size * girth, 0.04 * size * girth, color)
-            _limb(canvas, knee, ankle, 0.04 * size * girth, 0.026 * size, _shaded(color, 0.95))
-
-        def arm(side: float, *, is_far: bool) -> None:
-            angle = -side * swing * body.arm_swing if is_walking else 0.03
-            shade = 0.75 if is_far else 0.95
-            lateral = 0.118 * side * girth
-            shoulder = place(lateral, 0.0, 0.79)
-            elbow_forward, elbow_up = 0.17 * np.sin(angle), 0.79 - 0.17 * np.cos(angle)
-            elbow = place(lateral + 0.012 * side, elbow_forward, elbow_up)
-            lower = angle + 0.25
-            hand_forward = elbow_forward + 0.15 * np.sin(lower)
-            hand = place(lateral + 0.015 * side, hand_forward, elbow_up - 0.15 * np.cos(lower))
-            sleeve, skin = _shaded(clothes.shirt, shade), _shaded(body.skin, shade)
-            if clothes.pattern == "halves":
-                sleeve = _shaded(clothes.second, shade)
-            _limb(canvas, elbow, hand, 0.024 * size, 0.02 * size, skin)
-            if clothes.sleeves == 1.0:
-                wrist = tuple(np.add(elbow, np.multiply(0.8, np.subtract(hand, elbow))))
-                _limb(canvas, elbow, wrist, 0.027 * size, 0.024 * size, sleeve)
-            _limb(canvas, shoulder, elbow, 0.034 * size, 0.027 * size, sleeve)
-
+        swing = float(np.sin(2.0 * np.pi * phase)) if is_walking else 0.0
+        lift = self.body.bob * (1.0 - abs(swing)) if is_walking else 0.0
+        figure = _Figure(self.body, self.clothes, turn, swing, lift)
+        along = np.sin(turn)
         # The person's left side is farther from the camera when going to the right of the image.
         far = 1.0 if along > 0.0 else -1.0
-        is_sideways = abs(along) > 0.4
-        arm(far, is_far=is_sideways)
-        leg(far, is_far=is_sideways)
-        leg(-far, is_far=False)
+        is_sideways = bool(abs(along) > 0.4)
+        figure.arm(far, is_far=is_sideways)
+        figure.leg(far, is_far=is_sideways)
+        figure.leg(-far, is_far=False)
         if not is_sideways:
-            arm(-far, is_far=False)
-        self._dress(canvas, place, size, turn)
-        self._head(canvas, place, size, turn)
+            figure.arm(-far, is_far=False)
+        figure.dress(self._torso)
+        figure.head()
         if is_sideways:
-            arm(-far, is_far=False)
-        return _cropped(canvas, (middle, floor))
+            figure.arm(-far, is_far=False)
+        colors = figure.pixels[..., :3]
+        rows, columns = colors.shape[:2]
+        colors[:] = np.clip(colors * self._grain[:rows, :columns, None], 0, figure.pixels[..., 3:])
+        return _cropped(figure.pixels, (figure.middle, figure.floor))
 
-    def _dress(self, canvas: NDArray[np.uint8], place: _Place, size: float, turn: float) -> None:
-        """Draw the torso."""
+
+class _Figure:
+    """A person that is being drawn.
+
+    Attributes:
+        pixels: (H, W, 4) as those of a sprite.
+        size: Height of the person, pixels.
+        middle: Column of the body's axis.
+        floor: Row of the floor.
+
+    Args:
+        body: Build and gait.
+        clothes: Clothes.
+        turn: Of the heading to the direction to the camera, radians.
+        swing: Of the left leg, -1 to 1.
+        lift: Of the body, in heights.
+    """
+
+    def __init__(
+        self, body: Body, clothes: Clothes, turn: float, swing: float, lift: float
+    ) -> None:
+        self.body, self.clothes, self.turn, self.swing, self.lift = body, clothes, turn, swing, lift
+        self.size = body.height * SCALE
+        rows, columns = round(_ABOVE * self.size), round(2.0 * _ASIDE * self.size)
+        self.pixels = np.zeros((rows, columns, 4), np.uint8)
+        self.middle, self.floor = columns / 2.0, rows - 0.02 * self.size
+
+    def place(self, lateral: float, forward: float, up: float) -> tuple[float, float]:
+        """Pixel of a point in heights: to the person's left, forward and up."""
+        # Facing the camera, the left side is on the right of the image.
+        x = lateral * np.cos(self.turn) + forward * np.sin(self.turn)
+        return self.middle + self.size * x, self.floor - self.size * (up + self.lift)
+
+    def leg(self, side: float, *, is_far: bool) -> None:
+        """Draw the left leg, side 1, or the right one, side -1."""
+        body, clothes, size, place = self.body, self.clothes, self.size, self.place
+        angle = side * self.swing * body.leg_swing
+        bend = 0.7 * max(-angle, 0.0) + 0.1 * abs(angle)
+        shade = 0.72 if is_far else 1.0
+        hip = place(0.05 * side * body.girth, 0.0, 0.5)
+        knee_up = 0.5 - 0.24 * np.cos(angle)
+        knee_forward = 0.24 * np.sin(angle)
+        lower = angle - bend
+        ankle_up = max(knee_up - 0.22 * np.cos(lower), 0.03)
+        ankle_forward = knee_forward + 0.22 * np.sin(lower)
+        knee = place(0.05 * side * body.girth, knee_forward, knee_up)
+        ankle = place(0.05 * side * body.girth, ankle_forward, ankle_up)
+        # Toes point forward; to the camera, the nearer foot is lower in the image.
+        toe = place(0.055 * side * body.girth, ankle_forward + 0.06, max(ankle_up - 0.025, 0.008))
+        toe = toe[0], toe[1] + 0.012 * size * np.cos(self.turn)
+        _limb(
+            self.pixels, (ankle, toe), (0.022 * size, 0.018 * size), _shaded(clothes.shoes, shade)
+        )
+        color = _shaded(clothes.trousers, shade)
+        _limb(
+            self.pixels, (hip, knee), (0.052 * size * body.girth, 0.04 * size * body.girth), color
+        )
+        _limb(
+            self.pixels,
+            (knee, ankle),
+            (0.04 * size * body.girth, 0.026 * size),
+            _shaded(color, 0.95),
+        )
+
+    def arm(self, side: float, *, is_far: bool) -> None:
+        """Draw the left arm, side 1, or the right one, side -1."""
+        body, clothes, size, place = self.body, self.clothes, self.size, self.place
+        angle = -side * self.swing * body.arm_swing + 0.03
+        shade = 0.75 if is_far else 0.95
+        lateral = 0.118 * side * body.girth
+        shoulder = place(lateral, 0.0, 0.79)
+        elbow_forward, elbow_up = 0.17 * np.sin(angle), 0.79 - 0.17 * np.cos(angle)
+        elbow = place(lateral + 0.012 * side, elbow_forward, elbow_up)
+        lower = angle + 0.25
+        hand_forward = elbow_forward + 0.15 * np.sin(lower)
+        hand = place(lateral + 0.015 * side, hand_forward, elbow_up - 0.15 * np.cos(lower))
+        sleeve, skin = _shaded(clothes.shirt, shade), _shaded(body.skin, shade)
+        if clothes.pattern == "halves":
+            sleeve = _shaded(clothes.second, shade)
+        _limb(self.pixels, (elbow, hand), (0.024 * size, 0.02 * size), skin)
+        if clothes.sleeves == 1.0:
+            wrist = tuple(np.add(elbow, np.multiply(0.8, np.subtract(hand, elbow))))
+            _limb(self.pixels, (elbow, wrist), (0.027 * size, 0.024 * size), sleeve)
+        _limb(self.pixels, (shoulder, elbow), (0.034 * size, 0.027 * size), sleeve)
+
+    def dress(self, torso: NDArray[np.float32]) -> None:
+        """Draw the torso in a texture that goes around it."""
+        canvas, size, turn, place = self.pixels, self.size, self.turn, self.place
         across, along, girth = abs(np.cos(turn)), abs(np.sin(turn)), self.body.girth
         shoulder = size * girth * np.hypot(0.125 * across, 0.075 * along)
         waist = size * girth * np.hypot(0.092 * across, 0.07 * along)
@@ -273,8 +312,8 @@ class Sprites:
         if self.clothes.has_backpack and np.cos(turn) < 0.9:
             x, y = place(0.0, -0.1, 0.67)
             half = size * np.hypot(0.1 * across, 0.055 * along)
-            corners = ((x - half, y - 0.13 * size), (x + half, y - 0.13 * size))
-            corners += ((x + half, y + 0.13 * size), (x - half, y + 0.13 * size))
+            sides = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+            corners = (x, y) + sides * (half, 0.13 * size)
             if np.cos(turn) > -0.5:
                 _polygon(canvas, corners, _shaded(self.clothes.second, 0.8))
         neck = 0.4 * shoulder
@@ -299,14 +338,14 @@ class Sprites:
         # The shirt around the body: the middle of the texture is the chest.
         offsets = np.clip((np.arange(x0, x1) - center) / shoulder, -0.99, 0.99)
         angles = np.arcsin(offsets) - turn
-        rows, columns = self._torso.shape[:2]
+        rows, columns = torso.shape[:2]
         map_x = np.broadcast_to(
             (angles / (2.0 * np.pi) + 0.5) % 1.0 * (columns - 1), (y1 - y0, x1 - x0)
         )
         level = np.clip((np.arange(y0, y1) - top) / (bottom - top), 0.0, 1.0) * (rows - 1)
         map_y = np.broadcast_to(level[:, None], map_x.shape)
         texture = cv2.remap(
-            self._torso, map_x.astype(np.float32), map_y.astype(np.float32), cv2.INTER_LINEAR
+            torso, map_x.astype(np.float32), map_y.astype(np.float32), cv2.INTER_LINEAR
         )
         texture = texture * (1.0 - 0.35 * offsets**2)[None, :, None]
         part = canvas[y0:y1, x0:x1].astype(np.float32)
@@ -316,17 +355,12 @@ class Sprites:
         if self.clothes.has_backpack and np.cos(turn) <= -0.5:
             _polygon(canvas, corners, _shaded(self.clothes.second, 0.9))
 
-    def _head(self, canvas: NDArray[np.uint8], place: _Place, size: float, turn: float) -> None:
+    def head(self) -> None:
         """Draw neck, head, face and hair."""
+        canvas, size, turn, place = self.pixels, self.size, self.turn, self.place
         body = self.body
-        _limb(
-            canvas,
-            place(0, 0, 0.8),
-            place(0, 0.01, 0.88),
-            0.03 * size,
-            0.028 * size,
-            _shaded(body.skin, 0.8),
-        )
+        neck = place(0, 0, 0.8), place(0, 0.01, 0.88)
+        _limb(canvas, neck, (0.03 * size, 0.028 * size), _shaded(body.skin, 0.8))
         x, y = place(0.0, 0.012, 0.925)
         half = size * np.hypot(0.046 * np.cos(turn), 0.056 * np.sin(turn))
         tall = 0.068 * size
@@ -378,10 +412,8 @@ def _fixed(points: Array) -> NDArray[np.int32]:
     return np.rint(np.asarray(points) * 2**_SHIFT).astype(np.int32)
 
 
-def _polygon(
-    canvas: NDArray[np.uint8], corners: tuple[tuple[float, float], ...], color: Color
-) -> None:
-    cv2.fillPoly(canvas, [_fixed(np.array(corners))], (*color, 255.0), cv2.LINE_AA, _SHIFT)
+def _polygon(canvas: NDArray[np.uint8], corners: Array, color: Color) -> None:
+    cv2.fillPoly(canvas, [_fixed(corners)], (*color, 255.0), cv2.LINE_AA, _SHIFT)
 
 
 def _ellipse(
@@ -393,27 +425,20 @@ def _ellipse(
 
 def _limb(
     canvas: NDArray[np.uint8],
-    begin: tuple[float, float],
-    end: tuple[float, float],
-    width: float,
-    end_width: float,
+    ends: tuple[tuple[float, float], tuple[float, float]],
+    widths: tuple[float, float],
     color: Color,
 ) -> None:
     """Draw a limb with round ends; widths are half the thickness, pixels."""
-    one, other = np.array(begin), np.array(end)
-    along = other - one
+    begin, end = np.array(ends)
+    along = end - begin
     length = float(np.linalg.norm(along))
     if length > 0.5:
-        normal = np.array([-along[1], along[0]]) / length
-        corners = [
-            one + width * normal,
-            other + end_width * normal,
-            other - end_width * normal,
-            one - width * normal,
-        ]
-        _polygon(canvas, tuple((float(x), float(y)) for x, y in corners), color)
-    _ellipse(canvas, begin, (width, width), color)
-    _ellipse(canvas, end, (end_width, end_width), color)
+        normals = np.outer([*widths], [-along[1], along[0]]) / length
+        corners = [begin + normals[0], end + normals[1], end - normals[1], begin - normals[0]]
+        _polygon(canvas, np.array(corners), color)
+    for place, width in zip(ends, widths, strict=True):
+        _ellipse(canvas, place, (width, width), color)
 
 
 def _cropped(canvas: NDArray[np.uint8], foot: tuple[float, float]) -> Sprite:

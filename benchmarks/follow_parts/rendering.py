@@ -1,7 +1,7 @@
 """Images and depth of a room with people, as a camera on a robot takes them.
 
-1. Rays in the plane of the floor find which part of which wall each column shows. As all walls reach
-   the ceiling, these parts do not cover each other.
+1. Rays in the plane of the floor find which part of which wall each column shows. As all walls
+   reach the ceiling, these parts do not cover each other.
 2. Floor, ceiling and each part of a wall are textures, mapped by a homography.
 3. People are sprites, upright on the floor at one depth, drawn from far to near.
 4. Light, motion blur and noise follow. Depth has half the resolution, noise and holes.
@@ -105,7 +105,7 @@ class Seen(NamedTuple):
 
     @property
     def shown(self) -> float:
-        """Share of the person that is seen; half of the box in the image is enough for all of it."""
+        """Share that is seen; half of the box in the image is enough for all of it."""
         return self.visible * min(1.0, 2.0 * self.in_view)
 
 
@@ -139,8 +139,8 @@ class Renderer:
         self._walls = [_wall_texture(generator) for _ in range(count)]
         self._offsets = generator.uniform(0.0, 4.0, len(layout.walls))
         self._floor = _floor_texture(generator)
-        self._ceiling = np.array(generator.uniform(170.0, 225.0)) * np.array([0.95, 1.0, 1.0])
-        self._brightness = 0.55 + 0.45 * generator.random(count)
+        ceiling = generator.uniform(170.0, 225.0) * np.array([0.95, 1.0, 1.0])
+        self._blank = np.full((CAMERA.height, CAMERA.width, 3), ceiling.astype(np.uint8))
         noise = np.random.default_rng(noise_seed)
         self._noise_generator = noise
         shape = (CAMERA.height + 64, CAMERA.width + 64, 3)
@@ -173,12 +173,11 @@ class Renderer:
             light: Brightness, 1 for the mean.
         """
         pose = camera_pose(camera)
-        image = np.empty((CAMERA.height, CAMERA.width, 3), np.uint8)
-        image[:] = self._ceiling
+        image = self._blank.copy()
         self._draw_floor(image, pose)
         self._draw_walls(image, pose, camera)
         walls = self._inverse.copy()
-        seen = self._draw_people(image, pose, camera, people, walls)
+        seen = self._draw_people(image, pose, people, walls)
         image = cv2.convertScaleAbs(image, alpha=light)
         length = round(abs(camera.yaw_rate) * _EXPOSURE * CAMERA.fx)
         if length >= 2:
@@ -188,28 +187,25 @@ class Renderer:
     # Room
 
     def _draw_floor(self, image: NDArray[np.uint8], pose: RigidPose) -> None:
-        """Draw the floor, and set the inverse depths to its own."""
+        """Draw the floor, and set the inverse depths to its own; walls cover the horizon."""
         axes = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
+        slope = -(pose.rotation.T @ [0.0, 0.0, 1.0]) / pose.translation[2]
+        self._inverse[:] = self._inverse_depth(slope, slice(None), slice(None))
+        is_floor = (self._inverse > 0.02).all(axis=1)
+        top = int(is_floor.argmax()) * REDUCTION
         homography = _homography(pose, np.zeros(3), axes, _FLOOR_SCALE)
+        homography = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -top], [0.0, 0.0, 1.0]]) @ homography
         cv2.warpPerspective(
             self._floor,
             homography,
-            _SIZE,
-            image,
+            (CAMERA.width, CAMERA.height - top),
+            image[top:],
             cv2.INTER_LINEAR,
             cv2.BORDER_WRAP,
         )
-        up = pose.rotation.T @ [0.0, 0.0, 1.0]
-        slope = -up / pose.translation[2]
-        self._inverse[:] = self._inverse_depth(slope, slice(None), slice(None))
-        # Above the horizon there is the ceiling.
-        above = self._inverse < 1e-3
-        slope = up / (CEILING - pose.translation[2])
-        ceiling = self._inverse_depth(slope, slice(None), slice(None))
-        self._inverse[above] = np.maximum(ceiling[above], 1e-3)
-        rows = slice(0, int(np.flatnonzero(above.any(axis=1))[-1] + 1) * REDUCTION + 2)
-        mask = cv2.resize(above.astype(np.uint8), _SIZE, interpolation=cv2.INTER_NEAREST)
-        image[rows][mask[rows] > 0] = self._ceiling
+        slope = -slope * pose.translation[2] / (CEILING - pose.translation[2])
+        ceiling = self._inverse_depth(slope, slice(top // REDUCTION), slice(None))
+        self._inverse[: top // REDUCTION] = np.maximum(ceiling, 1e-3)
 
     def _draw_walls(self, image: NDArray[np.uint8], pose: RigidPose, camera: CameraState) -> None:
         columns = np.arange(-_BEYOND, CAMERA.width + _BEYOND + 1, _RAY_STEP)
@@ -312,7 +308,6 @@ class Renderer:
         self,
         image: NDArray[np.uint8],
         pose: RigidPose,
-        camera: CameraState,
         people: Sequence[Placed],
         walls: NDArray[np.float32],
     ) -> list[Seen]:
@@ -324,7 +319,7 @@ class Renderer:
         for index in np.argsort(-inside[:, 2]).tolist():
             if inside[index, 2] > _NEAREST:
                 seen[index], sizes[index] = self._draw_person(
-                    image, pose, camera, people[index], inside[index], index, walls
+                    image, pose, people[index], index, walls
                 )
         return [
             one._replace(visible=float(np.count_nonzero(self._owner == index) / size))
@@ -337,18 +332,18 @@ class Renderer:
         self,
         image: NDArray[np.uint8],
         pose: RigidPose,
-        camera: CameraState,
         person: Placed,
-        foot: Array,
         index: int,
         walls: NDArray[np.float32],
     ) -> tuple[Seen, int]:
         """Draw a person; returns how they are seen, and their pixels of the depth image."""
+        foot = pose.rotation.T @ ([person.x, person.y, 0.0] - pose.translation)
         head = foot + pose.rotation.T @ [0.0, 0.0, person.sprites.body.height]
         if head[2] <= _NEAREST:
             return Seen(None, 0.0, 0.0), 0
         below, above = _project(foot), _project(head)
-        to_camera = math.atan2(camera.y - person.y, camera.x - person.x)
+        x, y, _ = pose.translation
+        to_camera = math.atan2(y - person.y, x - person.x)
         # Seen from the camera, a heading to the left of the direction to it goes to the right.
         sprite = person.sprites.seen(
             person.heading - to_camera,
@@ -491,6 +486,8 @@ def _wall_texture(generator: np.random.Generator) -> NDArray[np.uint8]:
         x += width
     skirting = round(0.1 * _WALL_SCALE)
     texture[-skirting:] *= 0.6
+    # Below and above the wall it goes on: pixels at the edges are mixed with that.
+    texture = np.vstack([texture, *[texture[-1:]] * 2, *[texture[:1]] * 2])
     return np.clip(texture, 0, 255).astype(np.uint8)
 
 

@@ -31,6 +31,11 @@ class Pose2D:
     y: float
     yaw: float
 
+    @property
+    def position(self) -> Array:
+        """(2,) meters."""
+        return np.array([self.x, self.y])
+
     def moved(self, distance: float, turn: float) -> Pose2D:
         """The pose after a short arc."""
         middle = self.yaw + turn / 2.0

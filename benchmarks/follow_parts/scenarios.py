@@ -18,7 +18,7 @@ class Scenario:
         crosses: Whether others walk between robot and person.
         is_alike: Whether all wear the same.
         is_by_hand: Whether the target is drawn by hand; else the detector starts it.
-        hides: Where the person goes to hide: `door`, `pillar`, or nowhere (empty).
+        hides: Behind what the person hides: a `door`, `corner` or `pillar`; empty for never.
     """
 
     name: str
@@ -43,6 +43,7 @@ SCENARIOS = {
         Scenario("image_detector", has_depth=False, has_detector=True, is_by_hand=False),
         Scenario("alike", has_detector=True, is_by_hand=False, is_alike=True),
         Scenario("door", has_detector=True, is_by_hand=False, crosses=False, hides="door"),
+        Scenario("corner", has_detector=True, is_by_hand=False, crosses=False, hides="corner"),
         Scenario("pillar", has_detector=True, crosses=False, hides="pillar"),
     )
 }

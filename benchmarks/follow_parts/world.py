@@ -86,7 +86,7 @@ class World:
         """
         # Independent generators: a change in one part leaves the others as they are.
         generators = np.random.default_rng(seed).spawn(8)
-        layout = Layout.draw(generators[0], has_opening=scenario.hides == "door")
+        layout = Layout.draw(generators[0], scenario.hides)
         renderer = Renderer(layout, generators[1], seed)
         start, person = _beginning(layout, generators[2], scenario)
         robot = Robot(start, generators[3])
@@ -133,7 +133,7 @@ class World:
             Time and pose of the odometry in between, that of the end included.
         """
         ranges = self._free_ahead()
-        self.cast.advance(self.time, INTERVAL, self.robot_position)
+        self.cast.advance(self.time, INTERVAL, self.robot.pose)
         measured = []
         first = round(self.time / _STEP)
         for step in range(first + 1, first + round(INTERVAL / _STEP) + 1):
@@ -143,10 +143,15 @@ class World:
         self.time = (first + round(INTERVAL / _STEP)) * _STEP
         return measured
 
-    @property
-    def robot_position(self) -> Array:
-        """(2,) in the room."""
-        return np.array([self.robot.pose.x, self.robot.pose.y])
+    def is_free(self, angle: float, distance: float) -> bool:
+        """Whether the robot can go straight on at an angle to its left, radians, so many meters."""
+        pose = self.robot.pose
+        way = pose.moved(0.0, angle)
+        end = self.robot.pose.position + distance * np.array([math.cos(way.yaw), math.sin(way.yaw)])
+        places = [way.inward(walker.position) for walker in self.cast.walkers[1:]]
+        return self.layout.is_open(self.robot.pose.position, end, _HALF_WIDTH + 0.1) and not any(
+            0.0 < x < distance + _PERSON and abs(y) < _HALF_WIDTH + _PERSON for x, y in places
+        )
 
     def _free_ahead(self) -> tuple[float, float]:
         """Free distances ahead and behind of the robot, meters."""
@@ -155,7 +160,7 @@ class World:
         free = []
         for turn in (0.0, math.pi):
             rays = np.stack([np.cos(angles + turn), np.sin(angles + turn)], axis=1)
-            ranges, _ = self.layout.ranges(self.robot_position, rays)
+            ranges, _ = self.layout.ranges(self.robot.pose.position, rays)
             along = ranges * np.cos(angles - pose.yaw)
             across = ranges * np.abs(np.sin(angles - pose.yaw))
             ahead = float(along[across < _HALF_WIDTH].min(initial=20.0))
@@ -188,11 +193,12 @@ def _walkers(
     generator: np.random.Generator,
     scenario: Scenario,
 ) -> list[Walker]:
-    """The followed person and 3 to 6 others."""
+    """The followed person and 3 to 6 others, at most two in a corridor."""
     robot = np.array([start.x, start.y])
     walkers: list[Walker] = []
     clothes = Clothes.draw(generator)
-    for number in range(1 + int(generator.integers(3, 7))):
+    others = int(generator.integers(3, 7)) // (3 if scenario.hides == "corner" else 1)
+    for number in range(1 + others):
         body, own = Body.draw(generator), Clothes.draw(generator)
         if number == 0 or scenario.is_alike:
             own = clothes
