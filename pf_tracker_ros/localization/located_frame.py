@@ -136,6 +136,7 @@ def hint_of_values(values: Mapping[str, str]) -> Hint:
         as_box(box) if box else None,
         float(values.get("expected_center_std", 0.0)),
         Standing(*ground) if ground else None,
+        float(values.get("place_odds", 0.0)),
     )
 
 
@@ -163,6 +164,8 @@ def located_values(target: LocatedTarget) -> StatusValues:
         names = ("expected_x", "expected_y", "expected_width", "expected_height")
         values |= dict(zip(names, box, strict=True))
         values["expected_center_std"] = target.hint.center_std
+    if target.hint.place_odds:
+        values["place_odds"] = target.hint.place_odds
     if expected is not None:
         values |= {"horizon": expected.horizon, "height_slope": expected.slope}
     if target.normalized_innovation is not None:

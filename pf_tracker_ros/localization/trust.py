@@ -81,12 +81,21 @@ class Trust:
         if not self._is_doubted:
             return
         if self._by_place is None:
-            by_place = 0.0 if log_density is None else log_density - math.log(_OTHERS_DENSITY)
-            self._by_place, self._measured_since = max(by_place, _LEAST_LOG_ODDS), stamp
+            self._by_place, self._measured_since = log_odds_by_place(log_density), stamp
         log_odds = self._by_place + _logit(confidence) - _logit(min_confidence)
         needed = max(-log_odds, 0.0) * hold / -_LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
+
+
+def log_odds_by_place(log_density: float | None) -> float:
+    """Log odds that a measurement is of the target, by its place, -4 up.
+
+    Args:
+        log_density: Of the measurement given its prediction, 1/m^2; None without one.
+    """
+    by_place = 0.0 if log_density is None else log_density - math.log(_OTHERS_DENSITY)
+    return max(by_place, _LEAST_LOG_ODDS)
 
 
 def _logit(confidence: float) -> float:

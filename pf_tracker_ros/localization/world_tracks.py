@@ -15,7 +15,7 @@ from pf_tracker_ros.localization.camera_pose import CameraPose
 from pf_tracker_ros.localization.expected_boxes import expected_box, standing
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
-from pf_tracker_ros.localization.trust import Trust
+from pf_tracker_ros.localization.trust import Trust, log_odds_by_place
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.world import (
@@ -148,6 +148,7 @@ class WorldTracks:
         stamp, localizer = scene.frame.stamp, scene.localizer
         track, parameters = self._tracks[target.id], scene.parameters
         place, covered_share = None, None
+        track.place_odds = 0.0
         problem = distrust(target, parameters.min_confidence)
         if problem:
             track.trust.lose_sight(is_hidden=target.state != "tracking")
@@ -269,6 +270,8 @@ class _Track:
         self._size = 0.0, 0.0
         # Width of a box over its height, and the height of the target in meters.
         self._aspect, self._height = 0.0, 0.0
+        # Log odds of a measurement that contradicts the prediction; else 0.
+        self.place_odds = 0.0
 
     def predicted_range(self, scene: _Scene) -> tuple[float, float] | None:
         """Distance from the camera to half the height, and its standard deviation, meters."""
@@ -301,7 +304,8 @@ class _Track:
         box, center_std = None, 0.0
         if found := expected_box(camera, pose, filtered, self._height, self._aspect):
             box, center_std = found
-        return Hint(share, box, center_std, standing(camera, pose, self._height))
+        ground = standing(camera, pose, self._height)
+        return Hint(share, box, center_std, ground, self.place_odds)
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
@@ -310,6 +314,7 @@ class _Track:
         stamp, parameters = scene.frame.stamp, scene.parameters
         if not self.filter.update(stamp, measured.mean, measured.covariance):
             innovation = self.filter.normalized_innovation
+            self.place_odds = log_odds_by_place(self.filter.log_density)
             return (
                 f"the position of target {target.id} jumped (squared innovation "
                 f"{innovation or 0.0:.1f}), as if the box were on something else"

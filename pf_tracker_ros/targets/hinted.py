@@ -5,6 +5,7 @@ A target out of sight is looked for where it is expected. While it is tracked, t
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -35,7 +36,12 @@ def with_hint(
         operations: Moves its filter state.
     """
     evidence = track.filter_state.occlusion_evidence._replace(share=hint.covered_share)
-    filter_state = replace(track.filter_state, occlusion_evidence=evidence, standing=hint.standing)
+    filter_state = replace(
+        track.filter_state,
+        occlusion_evidence=evidence,
+        standing=hint.standing,
+        place_factor=math.exp(min(hint.place_odds, 0.0)),
+    )
     track = replace(track, filter_state=filter_state)
     is_seen = filter_state.estimate.state == "tracking"
     if hint.box is None or is_seen or _is_as_expected(track.box, hint, image_size):

@@ -149,6 +149,8 @@ class FilterState:
         occlusion_evidence: Whether something is in front of it in the next frame.
         challenger: See `Challenger`; None while the target is in sight.
         standing: Heights of boxes in the image; None where nobody says.
+        place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
+            since it was in another place than predicted in meters.
         missed_factor: Factor, up to 1, of the odds that the box shows the target, since a detector
             has looked and not seen it.
     """
@@ -175,7 +177,13 @@ class FilterState:
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
     challenger: Challenger | None = None
     standing: Standing | None = None
+    place_factor: float = 1.0
     missed_factor: float = 1.0
+
+    @property
+    def outside_factor(self) -> float:
+        """Factor of the odds that the next box shows the target, from outside of the image."""
+        return self.occlusion_evidence.factor * self.place_factor * self.missed_factor
 
     @property
     def doubt(self) -> float:

@@ -32,9 +32,11 @@ class Hint(NamedTuple):
         box: Where it is expected, pixels; None where that is unknown.
         center_std: Standard deviation of the box's center, pixels.
         standing: Heights of boxes in the image; None where the ground is unknown.
+        place_odds: Log odds, at most 0, that it is the target by its place in meters.
     """
 
     covered_share: float = 0.0
     box: Box | None = None
     center_std: float = 0.0
     standing: Standing | None = None
+    place_odds: float = 0.0

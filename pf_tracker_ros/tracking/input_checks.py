@@ -61,15 +61,13 @@ def check_hint(hint: Hint) -> Hint:
         ValueError: The share is not a number from 0 to 1, or another number not finite or too
             small.
     """
-    share, box, center_std, standing = hint
-    numbers = [*(box or (0.0, 0.0, 1.0, 1.0)), center_std, *(standing or (0.0, 1.0))]
-    if not (
-        np.isfinite(numbers).all() and center_std >= 0.0 and min(*numbers[2:4], numbers[6]) > 0
-    ):
-        raise ValueError(
-            f"a hint has the box {box!r}, the standard deviation {center_std!r} and the ground "
-            f"{standing!r}; allowed: finite numbers, with sides and slope above 0"
-        )
+    box, standing = hint.box or (0.0, 0.0, 1.0, 1.0), hint.standing or (0.0, 1.0)
+    numbers = [*box, *standing, hint.center_std, hint.place_odds]
+    if not (np.isfinite(numbers).all() and hint.center_std >= 0.0):
+        raise ValueError(f"{hint} is no hint; allowed: finite numbers, center_std from 0 up")
+    if min(box[2], box[3], standing[1]) <= 0.0:
+        raise ValueError(f"{hint} is no hint; allowed: width, height and slope above 0")
+    share = hint.covered_share
     return hint._replace(covered_share=check_share(share))
 
 
