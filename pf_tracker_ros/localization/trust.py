@@ -20,7 +20,7 @@ import math
 from pf_tracker_ros.stamps import NANOSECONDS
 
 # People per square meter to whom a box may go over.
-_OTHERS_DENSITY = 0.2
+_OTHERS_DENSITY = 0.05
 # Least log odds by the place: it contradicts the prediction.
 _LEAST_LOG_ODDS = -4.0
 # Confidences closer to 0 or 1 count as this, since those of 0 and 1 are infinite.

@@ -397,8 +397,11 @@ def _is_place_unknown(track: Track) -> bool:
 
 
 def _needs_size(track: Track, detection: Detection | None, is_silent: bool) -> bool:
-    """Whether the size of a track comes from the image."""
-    return detection is None and (track.is_undetected or is_silent)
+    """Whether the size of a track comes from the image.
+
+    That of the selected one does between detections, too: it tells a robot the distance.
+    """
+    return detection is None and (track.is_undetected or track.is_selected or is_silent)
 
 
 def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> bool:
