@@ -202,6 +202,11 @@ class Inputs:
         """Those that a sensor publishes."""
         return self.camera_info, self.depth, self.odometry, self.gravity
 
+    @property
+    def silent_for(self) -> float:
+        """Seconds since the last message that frames wait for: of depth and odometry."""
+        return min(self.depth.arrivals.silent_for, self.odometry.arrivals.silent_for)
+
     def open(self, depth_transport: str) -> None:
         """Subscribe to the sensors."""
         self.camera_info.open()

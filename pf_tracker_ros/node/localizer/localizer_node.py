@@ -40,12 +40,15 @@ from pf_tracker_ros.node.parameter_group import ParameterValues
 from pf_tracker_ros.node.qos import DEFAULT_QOS, subscribe
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.parameters import build
+from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.topics import StatusValues
 
 _STATUS_TOPIC = "pf_tracker/status"
-# Seconds that a frame waits for other inputs, and between two looks at them.
+# Seconds without a message of the other sensors for which a frame waits for them, and between two
+# looks at them.
 _MAX_WAIT, _WAIT_PERIOD = 0.15, 0.02
-_MAX_WAITING = 50
+# While messages come, it waits by the stamps of later frames: so many seconds, and frames.
+_MAX_BEHIND, _MAX_WAITING = 0.5, 50
 # Seconds without a status of the tracker before a warning.
 _STATUS_TIMEOUT = 2.0
 
@@ -193,7 +196,12 @@ class LocalizerNode(ManagedNode):
         while self._waiting and self._statuses:
             frame, arrival = self._waiting[0]
             waited = time.monotonic() - arrival
-            is_last_chance = waited >= _MAX_WAIT or len(self._waiting) > _MAX_WAITING
+            behind = (self._waiting[-1][0].stamp - frame.stamp) / NANOSECONDS
+            is_last_chance = (
+                min(waited, self._inputs.silent_for) >= _MAX_WAIT
+                or behind >= _MAX_BEHIND
+                or len(self._waiting) > _MAX_WAITING
+            )
             try:
                 located = self._locate(frame, waited, is_last_chance=is_last_chance)
             except NotYetError:
