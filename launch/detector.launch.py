@@ -16,29 +16,19 @@ from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
 from pf_tracker_ros.launching import (
-    DETECTOR_PARAMETERS,
     TRACKER_ARGUMENTS,
     LaunchArguments,
     argument,
+    detector_overrides,
     shared_arguments,
     tracker_nodes,
-    tracker_overrides,
 )
-from pf_tracker_ros.parameters import declarations
-from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 
 def start_tracker(context: LaunchContext) -> list[Node]:
     """The tracker with the given arguments, and a console on request."""
     given = LaunchArguments(context)
-    parameters = tracker_overrides(given, *DETECTOR_PARAMETERS)
-    if labels := given.words("labels"):
-        parameters["detector.labels"] = labels
-    if given.text("score_above"):
-        declared = declarations(TrackerParameters)
-        parameters["detector.score_above"] = given.parameter(
-            "score_above", declared["detector.score_above"]
-        )
+    parameters = detector_overrides(given)
     topics = {"image": given.text("image"), "detections": given.text("detections")}
     return tracker_nodes(given, parameters, topics)
 
@@ -47,11 +37,7 @@ def generate_launch_description() -> LaunchDescription:
     """Arguments and the tracker; an empty argument keeps the node's default."""
     return LaunchDescription(
         [
-            *shared_arguments("image", "detections"),
-            argument(
-                "labels", "Labels of the detections to use, such as person,car; empty for all."
-            ),
-            argument("score_above", "Minimum score of detections."),
+            *shared_arguments("image", "detections", "labels", "score_above"),
             argument("max_targets", "Maximum number of targets.", default="32"),
             *shared_arguments("built_in_detector", "built_in_detector_rate"),
             *shared_arguments(*TRACKER_ARGUMENTS),

@@ -18,21 +18,20 @@ from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
 
 from pf_tracker_ros.launching import (
-    DETECTOR_PARAMETERS,
     TRACKER_ARGUMENTS,
     LaunchArguments,
     argument,
+    detector_overrides,
     localizer_node,
     shared_arguments,
     tracker_nodes,
-    tracker_overrides,
 )
 
 
 def start_nodes(context: LaunchContext) -> list[Node]:
     """Tracker and localizer with the given arguments, and a console on request."""
     given = LaunchArguments(context)
-    parameters = tracker_overrides(given, *DETECTOR_PARAMETERS)
+    parameters = detector_overrides(given)
     if box := given.box("target_box"):
         parameters["target_box"] = box
     topics = {"image": given.text("image"), "detections": given.text("detections")}
@@ -61,8 +60,10 @@ def generate_launch_description() -> LaunchDescription:
             argument("depth_transport", "raw, compressed or compressedDepth."),
             argument("depth_tolerance", "Largest difference of the stamps of image and depth, s."),
             argument("min_confidence", "Confidence of the tracker from which there is a pose."),
+            argument("coast", "Longest time for which the pose is predicted, seconds."),
+            argument("hold", "Longest time without a pose after a doubt, seconds."),
             argument("max_targets", "Maximum number of targets; with 1 it is the selected one."),
-            *shared_arguments("target_box", "detections"),
+            *shared_arguments("target_box", "detections", "labels", "score_above"),
             *shared_arguments("built_in_detector", "built_in_detector_rate"),
             *shared_arguments(*TRACKER_ARGUMENTS),
             OpaqueFunction(function=start_nodes),

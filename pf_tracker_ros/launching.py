@@ -17,6 +17,7 @@ from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 PACKAGE = "pf_tracker_ros"
 # Launch arguments that are tracker parameters of the same names; those of a detector are not in
@@ -58,6 +59,8 @@ _SHARED = {
         "Topic of a detector, vision_msgs/Detection2DArray, stamped as its images.",
         "detections",
     ),
+    "labels": ("Labels of the detections to use, such as person,car; empty for all.", ""),
+    "score_above": ("Minimum score of detections.", ""),
     "built_in_detector": ("Detector within the tracker: none, people or motion.", ""),
     "built_in_detector_rate": ("Maximum rate of the built-in detector, Hz.", ""),
     "console": ("Serve the console page on the loopback interface.", "false"),
@@ -224,6 +227,24 @@ def tracker_overrides(given: LaunchArguments, *further: str) -> dict[str, Any]:
     for name in (*TRACKER_PARAMETERS, *further):
         if given.text(name):
             parameters[name] = given.parameter(name, declared[name])
+    return parameters
+
+
+def detector_overrides(given: LaunchArguments) -> dict[str, Any]:
+    """Tracker parameters that launch arguments set, with those of a detector.
+
+    Args:
+        given: The launch arguments.
+
+    Raises:
+        ValueError: An argument is not allowed.
+    """
+    parameters = tracker_overrides(given, *DETECTOR_PARAMETERS)
+    if labels := given.words("labels"):
+        parameters["detector.labels"] = labels
+    name = "detector.score_above"
+    if given.text("score_above"):
+        parameters[name] = given.parameter("score_above", declarations(TrackerParameters)[name])
     return parameters
 
 

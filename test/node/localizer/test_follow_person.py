@@ -89,8 +89,10 @@ def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, follower):
     )
     # Without either, where it was going, and then on to that side.
     robot.wait_for(
-        lambda: robot.commands[-1] == (0.0, -follower.SEARCH_TURN)
-        or robot.commands[-1] == (0.0, follower.SEARCH_TURN),
+        lambda: (
+            robot.commands[-1] == (0.0, -follower.SEARCH_TURN)
+            or robot.commands[-1] == (0.0, follower.SEARCH_TURN)
+        ),
         "the search",
     )
     count = len(robot.commands)
