@@ -38,6 +38,8 @@ def check_file(path: Path, what: str) -> None:
             return
     except OSError as error:
         raise unreadable(path, what, error) from error
+    except ValueError as error:
+        raise FootageError(f"{what} {str(path)!r} is no path of a file ({error})") from error
     kind = next((name for name, is_kind in _KINDS.items() if is_kind(mode)), "no file")
     raise FootageError(f"{what} {path} is {kind}; accepted are regular files")
 

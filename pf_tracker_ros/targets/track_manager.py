@@ -228,7 +228,7 @@ class TrackManager:
         """The error message for an image of another size or type."""
         return (
             f"image is {image.shape} {image.dtype}, but the others were "
-            f"{self._front_end.image_format}; start again to change the image's size or type"
+            f"{self._front_end.image_format}; start again to change their type or aspect ratio"
         )
 
     def update(

@@ -155,7 +155,8 @@ class Tracker:
         """Estimate the target in the next frame.
 
         Args:
-            image: As for `start`, of the same size and type.
+            image: As for `start`, of the same type and, within 1 %, the same aspect ratio. If the
+                size changes, the target is rescaled.
             dt: Seconds since the last frame; None means the nominal interval, 0.04 s.
             covered_share: Share, 0 to 1, of the box that something in front covers, where a depth
                 camera or another sensor says so. It lowers the confidence of this frame, for at
@@ -171,11 +172,12 @@ class Tracker:
         if not self.started:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
-        if not self._manager.accepts_image(image):
-            raise ValueError(self._manager.image_mismatch(image))
         interval, share = None if dt is None else check_interval(dt), check_share(covered_share)
         shares = {target.id: share for target in self._manager.targets if share}
-        self._manager.update(Frame(image.copy()), interval, covered_shares=shares)
+        frame = Frame(image.copy())
+        if not (self._manager.accepts_image(image) or self._manager.resize(frame)):
+            raise ValueError(self._manager.image_mismatch(image))
+        self._manager.update(frame, interval, covered_shares=shares)
         return self._manager.targets[0].estimate
 
     def map_likelihood(self) -> LikelihoodMap | None:
