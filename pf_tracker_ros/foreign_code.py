@@ -36,7 +36,7 @@ def foreign_code() -> Iterator[None]:
         with handled_signals({signal.SIGINT: on_interrupt} if is_default else {}):
             yield
     except BaseException as error:
-        if interrupts or isinstance(error, GeneratorExit):
+        if interrupts:
             raise
         raise ForeignError(_reason(error)) from error
 
