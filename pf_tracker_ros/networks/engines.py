@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.networks.onnx_files import (
     check_is_whole,
+    content_hash,
     file_hash,
-    hash_of,
     read_network,
     with_output_shapes,
 )
@@ -139,7 +139,7 @@ def load_network(path: Path, engine: str) -> Network:
 def _load(path: Path, sha256: str, engine: str, process: int) -> Network:
     """A network by its hash; a forked process loads its own."""
     content = read_network(path)
-    if hash_of(content) != sha256:
+    if content_hash(content) != sha256:
         raise ParameterError(f"{path} was changed while it was read; try again")
     try:
         return Network(_within_time_limit(partial(_read, content, engine)))

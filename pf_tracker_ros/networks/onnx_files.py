@@ -78,10 +78,10 @@ def file_hash(path: Path) -> str:
 
 @lru_cache(maxsize=_HASHED)
 def _hash_at(path: Path, modified: int, size: int) -> str:
-    return hash_of(read_network(path))
+    return content_hash(read_network(path))
 
 
-def hash_of(content: bytes) -> str:
+def content_hash(content: bytes) -> str:
     """SHA-256 of a network, hexadecimal."""
     return hashlib.sha256(content).hexdigest()
 
