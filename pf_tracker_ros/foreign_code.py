@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
 import signal
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from pf_tracker_ros.signals import handled_signals
@@ -39,6 +42,17 @@ def foreign_code() -> Iterator[None]:
         if interrupts:
             raise
         raise ForeignError(_reason(error)) from error
+
+
+def foreign_exit(ended: SystemExit) -> str:
+    """Where another package has ended the process; empty if it is an end of this package's own."""
+    place = traceback.extract_tb(ended.__traceback__)[-1]
+    file = Path(place.filename).resolve()
+    if file == Path(argparse.__file__).resolve() or file.is_relative_to(
+        Path(__file__).resolve().parent
+    ):
+        return ""
+    return f"{place.filename}, line {place.lineno}, has ended the process ({_reason(ended)})"
 
 
 def _reason(error: BaseException) -> str:

@@ -73,7 +73,7 @@ def test_a_large_file_is_not_read(model, monkeypatch):
 
 @pytest.mark.parametrize("name", ["template", "weights", "a\\0b", "/dev/zero"])
 def test_a_description_of_any_text_is_refused_in_a_sentence(tmp_path, name):
-    with pytest.raises(ParameterError, match="cannot be read|is no path"):
+    with pytest.raises(ParameterError, match=r"cannot be read|is no path"):
         read_model(str(tmp_path / name.replace("\\0", "\0")))
 
 
