@@ -47,10 +47,8 @@ def foreign_code() -> Iterator[None]:
 def foreign_exit(ended: SystemExit) -> str:
     """Where another package has ended the process; empty if it is an end of this package's own."""
     place = traceback.extract_tb(ended.__traceback__)[-1]
-    file = Path(place.filename).resolve()
-    if file == Path(argparse.__file__).resolve() or file.is_relative_to(
-        Path(__file__).resolve().parent
-    ):
+    file, package = Path(place.filename).resolve(), Path(__file__).resolve().parent
+    if file == Path(argparse.__file__).resolve() or file.is_relative_to(package):
         return ""
     return f"{place.filename}, line {place.lineno}, has ended the process ({_reason(ended)})"
 

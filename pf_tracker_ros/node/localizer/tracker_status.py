@@ -16,6 +16,8 @@ from pf_tracker_ros.stamps import stamp_of
 # Most targets that are located in a frame, the selected one and the most confident, each in about a
 # millisecond: those of a faulty tracker would take the time of all others.
 _MAX_TARGETS = 100
+# Most that are read: no tracker has so many.
+_MAX_READ = 2000
 # Largest id and size that messages and images have.
 _MAX_WHOLE = 2**31 - 1
 _STATES = ("tracking", "occluded", "lost")
@@ -37,6 +39,8 @@ def read_status(message: DiagnosticArray) -> tuple[TrackerFrame, str]:
     if not message.status:
         raise ValueError("it is empty; remap pf_tracker/status to the ~/status of a tracker")
     own, *others = message.status
+    if len(others) > _MAX_READ:
+        raise ValueError(f"it has {len(others)} targets; expected at most {_MAX_READ}")
     values = _values(own)
     targets: list[ReportedTarget] = []
     problem = ""

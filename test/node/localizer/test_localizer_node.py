@@ -529,6 +529,8 @@ def test_of_many_targets_the_selected_and_the_most_confident_are_located(given):
     frame, problem = read_status(given.status(given.start, targets, selected=3))
     assert [target.id for target in frame.targets] == [3, *range(903, 1002)]
     assert problem.startswith("it has 1001 targets; 100 of them are located, the selected one")
+    with pytest.raises(ValueError, match="it has 2001 targets; expected at most 2000"):
+        read_status(given.status(given.start, targets[:1] * 2001))
 
 
 def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given, capfd):
