@@ -231,10 +231,7 @@ class MultiTracker:
                 f"covered_shares is {covered_shares!r}; allowed: a mapping from ids to shares"
             )
         shares = {id: check_share(share) for id, share in (covered_shares or {}).items()}
-        frame = Frame(image.copy(), stamp)
-        if not (self._manager.accepts_image(image) or self._manager.resize(frame)):
-            raise ValueError(self._manager.image_mismatch(image))
-        self._manager.update(frame, interval, stamped, shares)
+        self._manager.update(Frame(image.copy(), stamp), interval, stamped, shares)
         self._stamp = stamp
         return self.targets
 

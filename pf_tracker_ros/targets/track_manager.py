@@ -241,17 +241,17 @@ class TrackManager:
         """Advance all targets by one frame.
 
         Args:
-            frame: Of the size and type of the earlier ones, with a checked image; the manager keeps
-                it.
+            frame: Of the type and aspect ratio of the earlier ones, with a checked image; the
+                manager keeps it. Of another size, it rescales the targets, see `resize`.
             interval: Seconds since the last frame, from 0; None if unknown.
             detections: Received since the last frame; of this frame or of earlier ones.
             covered_shares: Id of a target to the share, 0 to 1, of its box that something in front
                 covers, where that is known. It lowers the confidence of this frame.
 
         Raises:
-            ValueError: The image has another size or type; the state is unchanged.
+            ValueError: The image has another type or aspect ratio; the state is unchanged.
         """
-        if not self.accepts_image(frame.image):
+        if not (self.accepts_image(frame.image) or self.resize(frame)):
             raise ValueError(self.image_mismatch(frame.image))
         interval = NOMINAL_INTERVAL if interval is None else interval
         self.rejected_detections = ()

@@ -174,10 +174,7 @@ class Tracker:
         check_image(image)
         interval, share = None if dt is None else check_interval(dt), check_share(covered_share)
         shares = {target.id: share for target in self._manager.targets if share}
-        frame = Frame(image.copy())
-        if not (self._manager.accepts_image(image) or self._manager.resize(frame)):
-            raise ValueError(self._manager.image_mismatch(image))
-        self._manager.update(frame, interval, covered_shares=shares)
+        self._manager.update(Frame(image.copy()), interval, covered_shares=shares)
         return self._manager.targets[0].estimate
 
     def map_likelihood(self) -> LikelihoodMap | None:
