@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pf_tracker_ros.footage.access import check_file, entries, exists, resolved
+from pf_tracker_ros.footage.access import check_file, entries, exists
 from pf_tracker_ros.footage.base import FootageError
 
 METADATA_FILE = "metadata.yaml"
@@ -126,7 +126,7 @@ class Rosbag2Reader:
             metadata = self._library.MetadataIo().read_metadata(str(self._path))
             is_compressed = bool(metadata.compression_format)
             for name in metadata.relative_file_paths:
-                if not resolved(self._path / name).is_relative_to(resolved(self._path)):
+                if Path(name).is_absolute() or ".." in Path(name).parts:
                     raise FootageError(
                         f"bag {self._path} names the file {name}, which is not in its folder; "
                         "copy it there, and run `ros2 bag reindex`"

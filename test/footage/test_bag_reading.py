@@ -128,9 +128,8 @@ def test_rosbag2_py_receives_the_storage_of_a_file(tmp_path, messages, monkeypat
     assert set(library.opened) == {("SequentialReader", str(tmp_path / name), storage)}
 
 
-@pytest.mark.parametrize("name", ["../other.mcap", "/etc/passwd", "link"])
+@pytest.mark.parametrize("name", ["../other.mcap", "/etc/passwd"])
 def test_a_bag_that_names_a_file_elsewhere_is_refused(bag_folder, messages, monkeypatch, name):
-    (bag_folder / "link").symlink_to("/etc/passwd")
     library = DocumentedRosbag2(TOPICS, messages, paths=["talk_0.mcap", name])
     monkeypatch.setitem(sys.modules, "rosbag2_py", library)
     with pytest.raises(FootageError, match=f"names the file {name}, which is not in its folder"):
