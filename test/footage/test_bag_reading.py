@@ -163,7 +163,7 @@ def test_errors_of_rosbag2_py_become_footage_errors(bag_folder, messages, monkey
 @pytest.mark.parametrize("missing", ["rosbags", "rosbags.rosbag2"])
 def test_without_any_reader_both_packages_are_named(bag_folder, monkeypatch, missing):
     monkeypatch.setitem(sys.modules, "rosbag2_py", None)
-    monkeypatch.delitem(sys.modules, "rosbags.rosbag2")
+    monkeypatch.delitem(sys.modules, "rosbags.rosbag2", raising=False)
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(FootageError, match=r"ros-jazzy-rosbag2-py.*pip install rosbags\)$"):
         open_bag(bag_folder)

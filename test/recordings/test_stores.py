@@ -207,6 +207,15 @@ def test_the_files_of_a_run_with_more_outputs_are_removed(memory):
     ]
 
 
+@pytest.mark.parametrize("name", ["pf_tracker_ros_bagfiles", "pf_tracker_ros_scratch_2024"])
+def test_folders_of_others_in_the_temporary_folder_stay(scratch, name):
+    (scratch / name).mkdir()
+    (scratch / name / "drive.mcap").write_bytes(b"a day of work")
+    with scratch_folder():
+        pass
+    assert (scratch / name / "drive.mcap").read_bytes() == b"a day of work"
+
+
 def test_an_object_whose_name_leads_elsewhere_is_not_downloaded(memory, tmp_path):
     secret = f"/fleet/day_0/drive_0/{'../' * 20}{tmp_path.as_posix().lstrip('/')}/planted"
     memory.store[secret] = memory.store["/fleet/day_0/drive_0/groundtruth.txt"]
