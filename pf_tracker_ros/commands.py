@@ -13,6 +13,7 @@ from importlib.util import find_spec
 from types import ModuleType
 
 from pf_tracker_ros.command_lines import Parser, split_ros_arguments
+from pf_tracker_ros.foreign_code import foreign_exit
 from pf_tracker_ros.opencv import require_opencv
 from pf_tracker_ros.signals import hold_signals
 
@@ -117,6 +118,13 @@ def _run(command: str, module: str) -> int:
         # Interrupted during the imports; the commands handle later interrupts themselves.
         print(f"{command}: interrupted", file=sys.stderr)
         return 130
+    except SystemExit as ended:
+        # A part of another package may raise it in any method.
+        if not (where := foreign_exit(ended)):
+            raise
+        advice = "remove its package, or choose none of its parts"
+        print(f"{command}: error: {where}; {advice}", file=sys.stderr)
+        return 1
 
 
 def _node(module: str) -> ModuleType:

@@ -274,6 +274,29 @@ def declarations(group_type: type) -> dict[str, Declaration]:
     return {name: _with_condition_described(one, found) for name, one in found.items()}
 
 
+def check_declaration(declaration: Declaration) -> None:
+    """Check a declaration of another package.
+
+    Raises:
+        ParameterError: The default is not allowed.
+        TypeError: The type is none of those of `Declaration`, a text is no text, or a range is
+            beyond 64 bits.
+    """
+    if declaration.type not in _TYPE_NAMES:
+        raise TypeError(
+            f"the type of '{declaration.name}' is {quoted(declaration.type)}; allowed: "
+            f"{', '.join(_TYPE_NAMES.values())}"
+        )
+    for text in (declaration.description, declaration.unit):
+        if not isinstance(text, str):
+            raise TypeError(f"'{declaration.name}' is described by {quoted(text)}; allowed: a text")
+        text.encode()
+    limits = (declaration.minimum, declaration.maximum)
+    if declaration.type is int and max(map(abs, limits)) >= 1 << 63:
+        raise TypeError(f"the range of '{declaration.name}' is not within 64 bits")
+    declaration.validate(declaration.default)
+
+
 def build(group_type: type[Group], values: Mapping[str, Any]) -> Group:
     """Build a group from full names and values; other tunables keep their defaults.
 

@@ -6,9 +6,12 @@ import importlib
 import logging
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from pf_tracker_ros.foreign_code import ForeignError, foreign_code
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -142,33 +145,56 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
         self._loaded.add(name)
         points = self._entry_points[name]
         try:
-            if len(points) > 1:
-                raise ImportError("only one package may provide it; uninstall the others")
-            factory = points[0].load()
-            if self._factories.get(name) is not factory:
-                raise ImportError(
-                    f"it is not registered by that name; decorate it by .register('{name}')"
-                )
-            self._check_parameters(name)
-        except Exception as error:
+            with foreign_code():
+                if len(points) > 1:
+                    raise ImportError("only one package may provide it; uninstall the others")
+                factory = points[0].load()
+                if name not in self._factories or self._factories[name] is not factory:
+                    raise ImportError(
+                        f"it is not registered by that name; decorate it by .register('{name}')"
+                    )
+                self._check_parameters(name)
+            self._factories[name] = partial(self._call, points, factory)
+        except ForeignError as error:
             # A broken package must not stop a tracker that does not use its part.
-            self._unusable[name] = self._report(points, _in_one_line(error))
+            self._unusable[name] = self._report(points, str(error))
             self._factories[name] = partial(self._refuse, name)
             self._parameters[name] = self._common
+
+    def _call(
+        self, points: Sequence[EntryPoint], factory: Callable[..., Part], *arguments: Any
+    ) -> Part:
+        """Call the factory of another package's part.
+
+        Raises:
+            ParameterError: It failed.
+        """
+        from pf_tracker_ros.parameters import ParameterError
+
+        try:
+            with foreign_code():
+                return factory(*arguments)
+        except ForeignError as error:
+            if isinstance(error.__cause__, ParameterError):
+                raise error.__cause__ from None
+            raise ParameterError(self._message(points, str(error))) from error
 
     def _refuse(self, name: str, *arguments: Any, **keywords: Any) -> Any:
         """Factory of an unusable part: raises the reason."""
         self.check(name)
 
     def _check_parameters(self, name: str) -> None:
-        """Check a part's tunables against those of the other parts.
+        """Check a part's tunables, and those that it shares with other parts.
 
         Raises:
-            TypeError: A tunable is declared differently.
+            ParameterError: A default is not allowed.
+            TypeError: A declaration is invalid, or differs from that of another part.
         """
-        from pf_tracker_ros.parameters import declarations
+        from pf_tracker_ros.parameters import check_declaration, declarations
 
         own = declarations(self._parameters[name])
+        for one in own.values():
+            check_declaration(one)
         for other in () if self.prefix else self._factories:
             for declared, theirs in declarations(self._parameters[other]).items():
                 if own.get(declared, theirs) != theirs:
@@ -179,29 +205,48 @@ class Registry(Mapping[str, Callable[..., Part]], Generic[Part]):
 
     def _report(self, points: Sequence[EntryPoint], reason: str) -> str:
         """Log that a part cannot be used; returns the message."""
+        message = self._message(points, reason)
+        logging.getLogger(__name__).warning(message)
+        return message
+
+    def _message(self, points: Sequence[EntryPoint], reason: str) -> str:
         where = " and ".join(
             f"{point.dist.name if point.dist else 'unknown'} ({point.value})" for point in points
         )
-        message = f"the {self._kind} '{points[0].name}' of {where} cannot be used: {reason}"
-        logging.getLogger(__name__).warning(message)
-        return message
+        return f"the {self._kind} '{points[0].name}' of {where} cannot be used: {reason}"
 
 
 @cache
 def _installed_entry_points() -> Any:
     """The entry points of all packages, of every group: reading them takes long."""
     # Imported here: only lists of parts need it.
-    from importlib.metadata import entry_points
+    from importlib.metadata import EntryPoints, distributions, entry_points
 
-    return entry_points()
+    # Of all packages at once, which is faster, and fails if those of any package are damaged.
+    with suppress(Exception):
+        return entry_points()
+    found: dict[str, EntryPoints] = {}
+    for distribution in distributions():
+        # The first one of a name is the one that Python imports.
+        name = str(getattr(distribution, "_path", "unknown"))
+        try:
+            with foreign_code():
+                name = distribution.metadata["Name"] or name
+                if name not in found:
+                    found[name] = distribution.entry_points
+        except ForeignError as error:
+            found[name] = EntryPoints()
+            logging.getLogger(__name__).warning(
+                "the entry points of the package %s cannot be read, so its parts are unknown: %s; "
+                "install it again, or remove it",
+                name,
+                error,
+            )
+    return EntryPoints(point for points in found.values() for point in points)
 
 
 def _top_package(name: str) -> str:
     return name.partition(":")[0].partition(".")[0]
-
-
-def _in_one_line(error: Exception) -> str:
-    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def import_all(package: str, path: list[str]) -> None:

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.access import check_file
+from pf_tracker_ros.footage.access import read_file
 
 _MAX_DEPTH = 50
+# Bytes of a file, which PyYAML reads in about a minute.
+_MAX_BYTES = 10 * 10**6
 
 
 class YamlError(ValueError):
@@ -32,8 +34,7 @@ def read_yaml(path: Path, what: str) -> Any:
     import yaml
 
     try:
-        check_file(path, what)
-        text = path.read_text(encoding="utf-8")
+        text = read_file(path, what, _MAX_BYTES).decode("utf-8")
         depth = 0
         for event in yaml.parse(text):
             if isinstance(event, yaml.AliasEvent):

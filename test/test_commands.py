@@ -54,6 +54,30 @@ def test_an_unknown_argument_is_refused_with_its_ros_form(name, arguments, cure)
     assert cure in line
 
 
+def test_another_package_that_ends_a_command_is_named(tmp_path):
+    """As a cue may, in any of its methods."""
+    (tmp_path / "cue.py").write_text("import sys\ndef main():\n    sys.exit(3)\n")
+    code = (
+        "import sys, pf_tracker_ros.commands as c, pf_tracker_ros.evaluation.__main__ as e\n"
+        "import cue; e.main = cue.main; sys.exit(c.evaluate())"
+    )
+    outcome = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path[1:]])},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT,
+        check=False,
+    )
+    assert outcome.returncode == 1
+    place = f"{tmp_path / 'cue.py'}, line 3"
+    assert outcome.stderr == (
+        f"evaluate: error: {place}, has ended the process (SystemExit: 3); remove its package, or "
+        "choose none of its parts\n"
+    )
+    assert run("evaluate", "--presets").returncode == 2
+
+
 def test_the_console_reports_a_missing_package():
     code = (
         "import sys; sys.modules['aiohttp'] = None\n"

@@ -39,8 +39,8 @@ def decode_depth(message: RawImage | CompressedImage, max_pixels: int) -> Pixels
         max_pixels: Maximum number of pixels of a compressed image.
 
     Returns:
-        (height, width) uint16 in millimeters, 0 without a measurement; or (height, width) float32
-        in meters, not finite or 0 without a measurement.
+        (height, width) uint16 in millimeters, 0 or 65535 without a measurement; or (height, width)
+        float32 in meters, not finite or 0 without a measurement.
 
     Raises:
         ImageError: The message has no such image.

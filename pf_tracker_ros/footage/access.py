@@ -38,8 +38,33 @@ def check_file(path: Path, what: str) -> None:
             return
     except OSError as error:
         raise unreadable(path, what, error) from error
+    except ValueError as error:
+        raise FootageError(f"{what} {str(path)!r} is no path of a file ({error})") from error
     kind = next((name for name, is_kind in _KINDS.items() if is_kind(mode)), "no file")
     raise FootageError(f"{what} {path} is {kind}; accepted are regular files")
+
+
+def read_file(path: Path, what: str, max_bytes: int) -> bytes:
+    """The content of a regular file.
+
+    Args:
+        path: The file.
+        what: Kind of file for messages.
+        max_bytes: Largest size.
+
+    Raises:
+        FootageError: As for `check_file`, or it is larger.
+    """
+    check_file(path, what)
+    try:
+        with path.open("rb") as file:
+            # The size of a file of the system, as in /proc, is unknown before.
+            content = file.read(max_bytes + 1)
+    except OSError as error:
+        raise unreadable(path, what, error) from error
+    if len(content) > max_bytes:
+        raise FootageError(f"{what} {path} is larger than {max_bytes} bytes, the most allowed")
+    return content
 
 
 def entries(folder: Path) -> list[Path]:

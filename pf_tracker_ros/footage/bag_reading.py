@@ -121,9 +121,16 @@ class Rosbag2Reader:
     def _open(self) -> Any:
         is_folder = self._path.is_dir()
         # The plain reader does not decompress messages.
-        is_compressed = is_folder and bool(
-            self._library.MetadataIo().read_metadata(str(self._path)).compression_format
-        )
+        is_compressed = False
+        if is_folder:
+            metadata = self._library.MetadataIo().read_metadata(str(self._path))
+            is_compressed = bool(metadata.compression_format)
+            for name in metadata.relative_file_paths:
+                if Path(name).is_absolute() or ".." in Path(name).parts:
+                    raise FootageError(
+                        f"bag {self._path} names the file {name}, which is not in its folder; "
+                        "copy it there, and run `ros2 bag reindex`"
+                    )
         reader = (
             self._library.SequentialCompressionReader()
             if is_compressed
@@ -181,7 +188,9 @@ def _check_files(path: Path) -> None:
         return
     for entry in entries(path):
         is_part = entry.name == METADATA_FILE or set(entry.suffixes) & set(BAG_SUFFIXES)
-        if is_part and not entry.is_dir():
+        # The metadata may name any file.
+        is_special = entry.exists() and not entry.is_file()
+        if (is_part or is_special) and not entry.is_dir():
             check_file(entry, "bag file")
 
 

@@ -39,6 +39,8 @@ _CORNERS = ("xtl", "ytl", "xbr", "ybr")
 _IN_ARCHIVE = "annotations.xml"
 # Bytes of the XML in an archive; a small archive can expand beyond any memory.
 _MAX_SIZE = 2**30
+# Frames between keyframes that are filled in: two boxes can be any number of frames apart.
+_MAX_FILLED = 10**7
 # Damaged, encrypted, or of an unknown compression.
 _ARCHIVE_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)
 _ACCEPTED = 'in CVAT, export as "CVAT for video 1.1"'
@@ -67,12 +69,16 @@ def read_cvat(path: Path) -> tuple[BoxTrack, ...]:
     if not elements:
         found = "<image> elements" if root.find("image") is not None else "no <track> element"
         raise FormatError(f"{path} has {found}; {_ACCEPTED}")
-    tracks = TracksBuilder(path)
+    tracks, filled = TracksBuilder(path), 0
     for number, element in enumerate(elements):
         place = f"{path}, track {element.get('id', f'number {number + 1}')}"
         try:
             id = as_whole(element.get("id", str(number)), "'id'")
-            boxes = _boxes(element)
+            given = _boxes(element)
+            filled += max(given) - min(given) if given else 0
+            if filled > _MAX_FILLED:
+                raise ValueError(f": more than {_MAX_FILLED} frames lie between the boxes")
+            boxes = interpolated(given)
         except ValueError as error:
             raise FormatError(f"{place}{error}") from error
         for frame, labeled in boxes.items():
@@ -167,7 +173,7 @@ def _parse(path: Path) -> ElementTree.Element:
 
 
 def _boxes(track: ElementTree.Element) -> Mapping[int, LabeledBox]:
-    """Frame to box, with the frames between; errors begin with the place after the track."""
+    """Frame to box, in order; errors begin with the place after the track."""
     boxes: dict[int, LabeledBox] = {}
     for element in track:
         if element.tag != "box":
@@ -182,7 +188,7 @@ def _boxes(track: ElementTree.Element) -> Mapping[int, LabeledBox]:
             boxes[frame] = _labeled(element)
         except ValueError as error:
             raise ValueError(f", <box> of frame {frame}: {error}") from error
-    return interpolated(dict(sorted(boxes.items())))
+    return dict(sorted(boxes.items()))
 
 
 def _labeled(element: ElementTree.Element) -> LabeledBox:

@@ -16,7 +16,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.networks.described import DescribedNetwork
 from pf_tracker_ros.networks.description import DESCRIPTION_FILE, SHIPPED, read_model
 from pf_tracker_ros.networks.embedding import EmbeddingNetwork
-from pf_tracker_ros.networks.engines import file_hash
+from pf_tracker_ros.networks.onnx_files import file_hash, network_path
 from pf_tracker_ros.networks.siamese import SiameseNetwork
 from pf_tracker_ros.opencv import one_opencv_thread
 from pf_tracker_ros.parameters import ParameterError
@@ -68,8 +68,8 @@ def _add(name: str, folder: Path) -> Iterator[str]:
 
     document = read_yaml(SHIPPED / f"{name}.yaml", "description of a network")
     for part in _parts_with_files(document):
-        path = folder / part["file"]
-        if not path.is_file():
+        path = network_path(folder, part["file"])
+        if not path.exists():
             raise ParameterError(f"{path} is missing; it comes from {document['source']}")
         part["sha256"] = file_hash(path)
     target = folder / DESCRIPTION_FILE

@@ -9,7 +9,8 @@ from typing import Any, ClassVar, TypeVar
 from weakref import WeakValueDictionary
 
 from pf_tracker_ros.networks.description import ModelDescription, description_path, read_model
-from pf_tracker_ros.networks.engines import Network, Tensor, engine_name, file_hash, load_network
+from pf_tracker_ros.networks.engines import Network, Tensor, engine_name, load_network
+from pf_tracker_ros.networks.onnx_files import file_hash, network_path
 from pf_tracker_ros.parameters import ParameterError
 
 Described = TypeVar("Described", bound="DescribedNetwork")
@@ -48,20 +49,20 @@ class DescribedNetwork(ABC):
         self.hashes: dict[str, str] = {}
         self._networks: dict[str, Network] = {}
         for name, expected in self._files().items():
-            path = folder / name
+            path = network_path(folder, name)
             try:
                 found = file_hash(path)
-                if expected and found != expected.lower():
-                    raise ParameterError(
-                        f"{path} is not the file that {self.description.name} describes: its "
-                        f"SHA-256 is {found}, not {expected}"
-                    )
-                self._networks[name] = load_network(path, self.engine)
-            except OSError as error:
+            except ParameterError as error:
                 raise ParameterError(
-                    f"the network {self.description.name} needs {path}, which cannot be read "
-                    f"({error.strerror}); it comes from {self.description.source}"
+                    f"the network {self.description.name} cannot be used: {error}; it comes from "
+                    f"{self.description.source}"
                 ) from error
+            if expected and found != expected.lower():
+                raise ParameterError(
+                    f"{path} is not the file that {self.description.name} describes: its SHA-256 "
+                    f"is {found}, not {expected}"
+                )
+            self._networks[name] = load_network(path, self.engine)
             self.hashes[name] = found
         key = (type(self), self.description, self.engine, tuple(self.hashes.items()))
         if key not in _CHECKED:

@@ -2,22 +2,32 @@
 
 A network is loaded once in each process and engine, by the hash of its file. Both engines give the
 same bits for the same input on one machine with one version of the library.
+
+A file may come from anywhere: it is regular, of limited size and whole (`onnx_files`), and loading
+and each run have a time limit.
 """
 
 from __future__ import annotations
 
-import hashlib
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, wait
+from functools import lru_cache, partial
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.networks.onnx_files import (
+    check_is_whole,
+    content_hash,
+    file_hash,
+    read_network,
+    with_output_shapes,
+)
 from pf_tracker_ros.opencv import one_opencv_thread, quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 
@@ -25,22 +35,72 @@ Tensor = NDArray[np.float32]
 
 # Networks that stay loaded in a process.
 _LOADED = 16
-# Path of the message fields from ModelProto to the tensor type of an output, and the number of its
-# shape: graph, output, type, tensor_type; shape. Source: onnx.proto of ONNX.
-_OUTPUT_TYPES, _SHAPE = (7, 12, 2, 1), 2
-# Wire types of Protocol Buffers: variable-length number, 8 bytes, bytes with their length, 4 bytes.
-_NUMBER, _EIGHT, _BYTES, _FOUR = 0, 1, 2, 5
+# Seconds that loading or one run may take. Networks here take milliseconds.
+_TIME_LIMIT = 10.0
+# A process that was stopped and goes on has used up one part of the time only.
+_PARTS = 20
+Result = TypeVar("Result")
 
 
-class Network(Protocol):
-    """A loaded network."""
+class _Engine(Protocol):
+    """A network in a library."""
+
+    def run(self, inputs: Mapping[str, Tensor], outputs: Sequence[str]) -> list[Tensor]:
+        """See `Network.run`."""
+
+    def stop(self) -> None:
+        """End a run in another thread, if the library can."""
+
+
+class Network:
+    """A loaded network. No run blocks its caller for longer than a time limit.
+
+    Args:
+        engine: The network in a library.
+    """
+
+    def __init__(self, engine: _Engine) -> None:
+        self._engine = engine
+        self._timed_out = False
 
     def run(self, inputs: Mapping[str, Tensor], outputs: Sequence[str]) -> list[Tensor]:
         """The named outputs for the named inputs.
 
         Raises:
+            TimeoutError: This run or an earlier one takes longer than the time limit.
             Exception: The engine refuses names, shapes or an operation; its type is the engine's.
         """
+        if self._timed_out:
+            raise TimeoutError(f"an earlier run took more than {_TIME_LIMIT:g} s")
+        try:
+            return _within_time_limit(partial(self._engine.run, inputs, outputs))
+        except TimeoutError:
+            self._timed_out = True
+            self._engine.stop()
+            raise
+
+
+def _within_time_limit(work: Callable[[], Result]) -> Result:
+    """The result of work in a thread of its own, where it goes on if it takes too long.
+
+    Raises:
+        TimeoutError: It takes too long.
+        Exception: As of the work.
+    """
+    outcome: Future[Result] = Future()
+
+    def run() -> None:
+        try:
+            outcome.set_result(work())
+        except BaseException as error:
+            outcome.set_exception(error)
+
+    # The end of the process does not wait for the thread.
+    threading.Thread(target=run, name="network", daemon=True).start()
+    for _ in range(_PARTS):
+        if wait([outcome], timeout=_TIME_LIMIT / _PARTS).done:
+            return outcome.result()
+    raise TimeoutError(f"it takes more than {_TIME_LIMIT:g} s")
 
 
 def engine_name(engine: str) -> str:
@@ -62,21 +122,6 @@ def engine_name(engine: str) -> str:
     return engine
 
 
-def file_hash(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal.
-
-    Raises:
-        OSError: The file cannot be read.
-    """
-    stat = path.stat()
-    return _hash_of(path, stat.st_mtime_ns, stat.st_size)
-
-
-@lru_cache(maxsize=4 * _LOADED)
-def _hash_of(path: Path, modified: int, size: int) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def load_network(path: Path, engine: str) -> Network:
     """The network of a file, loaded once in a process.
 
@@ -85,8 +130,7 @@ def load_network(path: Path, engine: str) -> Network:
         engine: As returned by `engine_name`.
 
     Raises:
-        ParameterError: The engine cannot read the file.
-        OSError: The file cannot be read.
+        ParameterError: It cannot be read, keeps weights in another file, or takes too long to load.
     """
     return _load(path, file_hash(path), engine, os.getpid())
 
@@ -94,15 +138,21 @@ def load_network(path: Path, engine: str) -> Network:
 @lru_cache(maxsize=_LOADED)
 def _load(path: Path, sha256: str, engine: str, process: int) -> Network:
     """A network by its hash; a forked process loads its own."""
+    content = read_network(path)
+    if content_hash(content) != sha256:
+        raise ParameterError(f"{path} was changed while it was read; try again")
     try:
-        return _LOADERS[engine](path.read_bytes())
-    except OSError:
-        raise
+        return Network(_within_time_limit(partial(_read, content, engine)))
     except Exception as error:
         reason = " ".join(str(error).split())
         raise ParameterError(
             f"{path} cannot be read as a network in the ONNX format by {engine} ({reason})"
         ) from error
+
+
+def _read(content: bytes, engine: str) -> _Engine:
+    check_is_whole(content)
+    return _ENGINES[engine](content)
 
 
 class _OpenCvNetwork:
@@ -124,6 +174,9 @@ class _OpenCvNetwork:
             # Copies: the arrays may be the network's own memory.
             return [values.copy() for values in self._net.forward(list(outputs))]
 
+    def stop(self) -> None:
+        """See `_Engine.stop`; OpenCV cannot."""
+
 
 class _RuntimeNetwork:
     """A network in ONNX Runtime."""
@@ -134,95 +187,24 @@ class _RuntimeNetwork:
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
+        # Not its own format, which `check_is_whole` does not read.
+        options.add_session_config_entry("session.load_model_format", "ONNX")
         self._session = onnxruntime.InferenceSession(
             content, options, providers=["CPUExecutionProvider"]
         )
+        self._run_options = onnxruntime.RunOptions()
 
     def run(self, inputs: Mapping[str, Tensor], outputs: Sequence[str]) -> list[Tensor]:
         """See `Network.run`."""
-        results: list[Any] = self._session.run(list(outputs), dict(inputs))
+        results: list[Any] = self._session.run(list(outputs), dict(inputs), self._run_options)
         return results
 
+    def stop(self) -> None:
+        """See `_Engine.stop`."""
+        self._run_options.terminate = True
 
-_LOADERS: Mapping[str, Callable[[bytes], Network]] = {
+
+_ENGINES: Mapping[str, Callable[[bytes], _Engine]] = {
     "opencv": _OpenCvNetwork,
     "onnxruntime": _RuntimeNetwork,
 }
-
-
-def with_output_shapes(content: bytes) -> bytes:
-    """An ONNX file whose outputs without a shape have an empty one, which OpenCV requires.
-
-    Raises:
-        IndexError: The bytes are not in the format of Protocol Buffers.
-        ValueError: The same.
-    """
-    return _edited(content, _OUTPUT_TYPES)
-
-
-def _edited(message: bytes, path: tuple[int, ...]) -> bytes:
-    if not path:
-        has_shape = any(field.number == _SHAPE for field in _fields(message))
-        return message if has_shape else message + _field(_SHAPE, b"")
-    return b"".join(
-        _field(field.number, _edited(field.content, path[1:]))
-        if field.number == path[0] and field.content is not None
-        else field.encoded
-        for field in _fields(message)
-    )
-
-
-class _Field(NamedTuple):
-    """A field of a message: number, content if it has a length, and all of its bytes."""
-
-    number: int
-    content: bytes | None
-    encoded: bytes
-
-
-def _fields(message: bytes) -> Iterator[_Field]:
-    """The fields of a message in the format of Protocol Buffers."""
-    place = 0
-    while place < len(message):
-        start, content = place, None
-        key, place = _read_number(message, place)
-        kind = key & 7
-        if kind == _BYTES:
-            length, place = _read_number(message, place)
-            content = message[place : place + length]
-            place += length
-        elif kind == _NUMBER:
-            _, place = _read_number(message, place)
-        elif kind in (_FOUR, _EIGHT):
-            place += 4 if kind == _FOUR else 8
-        else:
-            raise ValueError(f"unknown wire type {kind}")
-        if place > len(message):
-            raise ValueError("the file is cut short")
-        yield _Field(key >> 3, content, message[start:place])
-
-
-def _read_number(message: bytes, place: int) -> tuple[int, int]:
-    """A variable-length number and the place after it."""
-    value = shift = 0
-    while True:
-        byte = message[place]
-        value |= (byte & 127) << shift
-        place += 1
-        if byte < 128:
-            return value, place
-        shift += 7
-
-
-def _field(number: int, content: bytes) -> bytes:
-    return _number(number << 3 | _BYTES) + _number(len(content)) + content
-
-
-def _number(value: int) -> bytes:
-    """A variable-length number."""
-    parts = bytearray()
-    while value > 127:
-        parts.append(value & 127 | 128)
-        value >>= 7
-    parts.append(value)
-    return bytes(parts)

@@ -10,12 +10,14 @@ from typing import Any
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
+_LONGEST_TRACEBACK = 5000
+
 
 class ManagedNode(LifecycleNode):
     """Runs `configure`, `activate`, `deactivate` and `clean_up` as its transitions.
 
     rclpy ignores exceptions of a transition. Here a ValueError refuses it: the reason is logged,
-    and the node keeps its state. Any other exception is logged with its traceback, and the node is
+    and the node keeps its state. Anything else is logged with its traceback, and the node is
     cleaned up.
 
     Args:
@@ -90,8 +92,11 @@ class ManagedNode(LifecycleNode):
             logger.error(f"cannot {transition.__name__.replace('_', ' ')}: {error}")
             undo()
             return TransitionCallbackReturn.FAILURE
-        except Exception:
+        except BaseException:
+            # A part of another package may raise what would end the process.
             if self.context.ok():
-                logger.error(f"{transition.__name__} failed: {traceback.format_exc()}")
+                # The end of a traceback is its most useful part.
+                details = traceback.format_exc()[-_LONGEST_TRACEBACK:]
+                logger.error(f"{transition.__name__} failed: {details}")
             return TransitionCallbackReturn.ERROR
         return TransitionCallbackReturn.SUCCESS

@@ -33,6 +33,8 @@ _SYNTAX = (
 
 _PARSE_ERROR = "Couldn't parse"
 
+_LONGEST_TRACEBACK = 5000
+
 # Seconds between garbage collections.
 _COLLECTION_PERIOD = 1.0
 
@@ -157,10 +159,12 @@ def _spin(executor: SingleThreadedExecutor, node: Node) -> None:
                 executor.spin()
             except ExternalShutdownException:
                 return
-            except Exception:
+            except BaseException:
+                # A part of another package may raise what would end the process.
                 if ok():
+                    details = traceback.format_exc()[-_LONGEST_TRACEBACK:]
                     node.get_logger().error(
-                        f"unexpected error, continuing: {traceback.format_exc()}",
+                        f"unexpected error, continuing: {details}",
                         throttle_duration_sec=5.0,
                     )
     finally:

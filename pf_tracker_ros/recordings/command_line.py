@@ -54,6 +54,7 @@ exit codes:
   {errors.DISK_FULL}    the disk is full
   {errors.WRONG_TARGET}    the target or its file is invalid, or belongs to another recording
   {errors.WRONG_DETECTIONS}    the detections are invalid, or belong to another recording
+  {errors.FILES_KEPT}    files added to the results of an archive, or changed there, were kept
   {errors.INTERRUPTED}  interrupted (Ctrl-C); a second Ctrl-C discards the unfinished files
   {errors.TERMINATED}  terminated (SIGTERM)
 

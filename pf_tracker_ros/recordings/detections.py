@@ -17,6 +17,7 @@ from pf_tracker_ros.footage import FootageError, is_bag
 from pf_tracker_ros.footage.access import check_file
 from pf_tracker_ros.footage.bags import read_topic, topics_of_type
 from pf_tracker_ros.footage.cdr import deserialize_detections
+from pf_tracker_ros.foreign_code import ForeignError
 from pf_tracker_ros.messages import DETECTIONS_TYPE
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.errors import REFUSED, WRONG_DETECTIONS, RecordingError
@@ -297,8 +298,8 @@ class BuiltInDetector(DetectionSource):
     def detections_before(self, frame: RecordedFrame) -> Iterator[DetectorOutput]:  # noqa: D102
         try:
             result = self._thread.take(wait=True)
-        except Exception as error:
-            # The detector may raise anything, on an earlier frame than this one.
+        except ForeignError as error:
+            # On an earlier frame than this one.
             yield DetectorOutput(
                 None,
                 error=f"the detector '{self._name}' failed in frame {self._last_frame}: {error}",

@@ -17,6 +17,7 @@ from typing import Protocol
 
 from pf_tracker_ros.atomic_files import flush_to_disk, hidden_folder, move_without_overwriting
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.footage.access import is_folder, resolved
 from pf_tracker_ros.recordings.errors import OUTPUT_EXISTS, RecordingError, unwritable
 from pf_tracker_ros.recordings.keyframes.summary import FRAMES_TO_CHECK, FramesToCheck
 from pf_tracker_ros.recordings.label_files import LabelFile, label_files
@@ -158,15 +159,25 @@ def _remove_empty(folder: Path) -> None:
 BOXES, PARQUET, VIDEO, BAG = "boxes.csv", "boxes.parquet", "overlay.mp4", "topics.mcap"
 
 
-def check_outputs(options: argparse.Namespace) -> None:
+def check_outputs(options: argparse.Namespace, source: Path) -> None:
     """Check that the files can be created, before anything is tracked.
 
+    Args:
+        options: Of the command line.
+        source: The recording.
+
     Raises:
-        RecordingError: A file exists, or OpenCV does not support the name of the folder.
+        RecordingError: A file exists, a folder is in the recording, or OpenCV does not support its
+            name.
     """
     if options.video:
         _check_video_folder(options.output)
     for folder, names in _output_files(options).items():
+        if is_folder(source) and resolved(folder).is_relative_to(resolved(source)):
+            raise RecordingError(
+                f"the output {folder} is in the recording {source}, which could not be read any "
+                "more; give a folder outside it"
+            )
         check_free(folder, names)
 
 

@@ -199,7 +199,7 @@ def run_recording(
     recording = open_from_options(path, options)
     if options.archive is None:
         check_applies(options, recording)
-    check_outputs(options)
+    check_outputs(options, path)
     with closing(make_plan(recording, options, draw)) as plan:
         summary = RunSummary(_target_source(options, plan), plan.max_targets > 1)
         outputs = open_outputs(options, plan, name)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
+from queue import SimpleQueue
 from typing import NamedTuple, Protocol
 
 import cv2
@@ -13,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import pairwise_iou
+from pf_tracker_ros.foreign_code import ForeignError, foreign_code
 from pf_tracker_ros.frames import Frame, check_image
+from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detections
@@ -205,6 +210,8 @@ class _FrameSource:
 
 # Lets the threads that track come first.
 _NICENESS = 10
+# Seconds that the end of the thread waits for a running detection.
+_PATIENCE = 10.0
 
 
 class DetectorResult(NamedTuple):
@@ -236,9 +243,10 @@ class DetectorThread:
         self._last = 0
         self._pending: Future[DetectorResult | None] | None = None
         self._is_discarded = False
-        self._executor = ThreadPoolExecutor(
-            1, thread_name_prefix="detector", initializer=_lower_priority
-        )
+        self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        # The end of the process does not wait for a detector without an end.
+        self._thread = threading.Thread(target=self._work, name="detector", daemon=True)
+        self._thread.start()
 
     def offer(self, image: NDArray[np.generic], stamp: int) -> bool:
         """Start detection in a frame, if one is due and the last result has been taken.
@@ -256,7 +264,8 @@ class DetectorThread:
             return False
         interval = elapsed / NANOSECONDS if known and elapsed > 0 else NOMINAL_INTERVAL
         self._last, self._is_discarded = stamp, False
-        self._pending = self._executor.submit(self._detect, image, stamp, interval)
+        self._pending = Future()
+        self._tasks.put(partial(self._detect, self._pending, image, stamp, interval))
         return True
 
     def take(self, *, wait: bool = False) -> DetectorResult | None:
@@ -266,7 +275,7 @@ class DetectorThread:
             wait: Whether to wait for a running detection.
 
         Raises:
-            Exception: Whatever the detector has raised.
+            ForeignError: The detector has failed.
         """
         pending = self._pending
         if pending is None or not (wait or pending.done()):
@@ -280,14 +289,34 @@ class DetectorThread:
         self._is_discarded = True
 
     def close(self) -> None:
-        """End the thread; a detection that has not started is canceled."""
-        self._executor.shutdown(cancel_futures=True)
+        """End the thread, after a running detection, for which it does not wait long."""
+        self._tasks.put(None)
+        self._thread.join(_PATIENCE)
+
+    def _work(self) -> None:
+        _lower_priority()
+        while task := self._tasks.get():
+            task()
 
     def _detect(
-        self, image: NDArray[np.generic], stamp: int, interval: float
-    ) -> DetectorResult | None:
-        detections = self._detector.detect(image, interval)
-        return DetectorResult(detections, stamp) if detections is not None else None
+        self,
+        outcome: Future[DetectorResult | None],
+        image: NDArray[np.generic],
+        stamp: int,
+        interval: float,
+    ) -> None:
+        try:
+            # The detector may be of another package.
+            with foreign_code():
+                detections = self._detector.detect(image, interval)
+                if detections is not None and not isinstance(detections, Detections):
+                    raise TypeError(
+                        f"it returned {quoted(detections)}; allowed: Detections or None"
+                    )
+            result = DetectorResult(detections, stamp) if detections is not None else None
+            outcome.set_result(result)
+        except ForeignError as error:
+            outcome.set_exception(error)
 
 
 def _lower_priority() -> None:

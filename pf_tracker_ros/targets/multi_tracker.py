@@ -198,7 +198,9 @@ class MultiTracker:
         """Update all targets with the next frame.
 
         Args:
-            image: As for `Tracker.start`; always of the same size and type.
+            image: As for `Tracker.start`; always of the same type and, within 1 %, the same aspect
+                ratio. If the size changes, targets are rescaled, and late detections of earlier
+                frames are rejected.
             dt: Seconds since the last frame; None means the nominal interval, 0.04 s.
             detections: Of this frame, or of an earlier one by their age; one or several, or None
                 without a new detector result. Invalid ones are listed in `rejected_detections`.
@@ -213,8 +215,6 @@ class MultiTracker:
                 is unchanged.
         """
         check_image(image)
-        if not self._manager.accepts_image(image):
-            raise ValueError(self._manager.image_mismatch(image))
         batches = _as_list(detections)
         if batches:
             require_scipy()

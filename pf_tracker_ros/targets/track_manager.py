@@ -229,7 +229,7 @@ class TrackManager:
         """The error message for an image of another size or type."""
         return (
             f"image is {image.shape} {image.dtype}, but the others were "
-            f"{self._front_end.image_format}; start again to change the image's size or type"
+            f"{self._front_end.image_format}; start again to change their type or aspect ratio"
         )
 
     def update(
@@ -244,8 +244,8 @@ class TrackManager:
         """Advance all targets by one frame.
 
         Args:
-            frame: Of the size and type of the earlier ones, with a checked image; the manager keeps
-                it.
+            frame: Of the type and aspect ratio of the earlier ones, with a checked image; the
+                manager keeps it. Of another size, it rescales the targets, see `resize`.
             interval: Seconds since the last frame, from 0; None if unknown.
             detections: Received since the last frame; of this frame or of earlier ones.
             hints: Id of a target to what is known of it in the last frame. A covered share lowers
@@ -255,9 +255,9 @@ class TrackManager:
                 it, 0 for none.
 
         Raises:
-            ValueError: The image has another size or type; the state is unchanged.
+            ValueError: The image has another type or aspect ratio; the state is unchanged.
         """
-        if not self.accepts_image(frame.image):
+        if not (self.accepts_image(frame.image) or self.resize(frame)):
             raise ValueError(self.image_mismatch(frame.image))
         interval = NOMINAL_INTERVAL if interval is None else interval
         self.rejected_detections = ()

@@ -156,7 +156,8 @@ class Tracker:
         """Estimate the target in the next frame.
 
         Args:
-            image: As for `start`, of the same size and type.
+            image: As for `start`, of the same type and, within 1 %, the same aspect ratio. If the
+                size changes, the target is rescaled.
             dt: Seconds since the last frame; None means the nominal interval, 0.04 s.
             covered_share: Share, 0 to 1, of the box that something in front covers, where a depth
                 camera or another sensor says so. It lowers the confidence of this frame, for at
@@ -172,8 +173,6 @@ class Tracker:
         if not self.started:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
-        if not self._manager.accepts_image(image):
-            raise ValueError(self._manager.image_mismatch(image))
         interval, share = None if dt is None else check_interval(dt), check_share(covered_share)
         hints = {target.id: Hint(share) for target in self._manager.targets if share}
         self._manager.update(Frame(image.copy()), interval, hints=hints)

@@ -21,6 +21,7 @@ from pf_tracker_ros.atomic_files import atomic_write
 from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.reports.content import FrameRange, frame_ranges
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.footage.access import check_file
 from pf_tracker_ros.footage.bags import COMPRESSED_IMAGE_TYPE, is_bag, open_bag
 from pf_tracker_ros.overlay import STATE_COLORS, draw_box, draw_overlay
 from pf_tracker_ros.plurals import counted
@@ -302,6 +303,8 @@ def run_node(
 def _read_boxes(path: Path) -> NDArray[np.float64]:
     problem = ""
     try:
+        if path.exists():
+            check_file(path, "baseline")
         with path.open(newline="", encoding="utf-8") as file:
             reader = csv.DictReader(file)
             rows = list(reader)

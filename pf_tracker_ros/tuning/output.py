@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +12,9 @@ import numpy as np
 
 from pf_tracker_ros.evaluation.output_files import OutputFile
 from pf_tracker_ros.evaluation.reports.page import fill
+from pf_tracker_ros.evaluation.results import EvaluationError
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.access import read_file
 from pf_tracker_ros.parameter_files import section_lines, yaml_text
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.tuning.comparison import Comparison
@@ -19,10 +23,15 @@ from pf_tracker_ros.tuning.search import TuningRequest
 from pf_tracker_ros.tuning.tuning import Tuning, TuningResult
 
 _LINE_LENGTH = 100
+# Bytes of an output that is read back.
+_MAX_BYTES = 100 * 10**6
 
 
 class ParametersAndPage:
     """A parameter file and the page beside it. The constructor checks that they can be written.
+
+    The last line of each has the hash of the lines above it. A file that was changed since is not
+    replaced.
 
     Args:
         path: The parameter file.
@@ -32,27 +41,48 @@ class ParametersAndPage:
         page: Path of the page.
 
     Raises:
-        EvaluationError: A file cannot be written.
+        EvaluationError: A file cannot be written, or was changed since tune wrote it.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.page = path.with_suffix(".html")
+        for each in (self.path, self.page):
+            if each.is_file() and not _is_unchanged(each):
+                raise EvaluationError(
+                    f"{each} was changed since tune wrote it, and is not replaced; rename it, or "
+                    "choose another --output"
+                )
         self._parameter_file = OutputFile(path)
         self._page_file = OutputFile(self.page)
 
     def write_parameters(self, text: str) -> str | None:
         """Write the parameter file; an error message or None."""
-        return self._parameter_file.write(lambda path: path.write_text(text, encoding="utf-8"))
+        content = f"{text}# {_hash_text(text.encode())}\n"
+        return self._parameter_file.write(lambda path: path.write_text(content, encoding="utf-8"))
 
     def write_both(self, text: str, page: str) -> list[str]:
         """Write the parameter file and the page; error messages."""
-        content = page.encode("utf-8", "replace")
+        content = f"{page}\n".encode("utf-8", "replace")
+        content += f"<!-- {_hash_text(content)} -->\n".encode()
         errors = [
             self.write_parameters(text),
             self._page_file.write(lambda path: path.write_bytes(content)),
         ]
         return [error for error in errors if error is not None]
+
+
+def _hash_text(content: bytes) -> str:
+    return f"SHA-256 of the lines above: {hashlib.sha256(content).hexdigest()}"
+
+
+def _is_unchanged(path: Path) -> bool:
+    try:
+        content = read_file(path, "output", _MAX_BYTES)
+    except FootageError as error:
+        raise EvaluationError(str(error)) from error
+    above, newline, last = content.removesuffix(b"\n").rpartition(b"\n")
+    return _hash_text(above + newline).encode() in last
 
 
 class TuningFiles(ParametersAndPage):

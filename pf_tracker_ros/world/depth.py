@@ -28,6 +28,8 @@ from pf_tracker_ros.world.box_samples import BoxSamples
 
 # Width of a bin of the logarithm of depth, and depth of the first and beyond the last, meters.
 _BIN, _NEAREST, _FARTHEST = 0.02, 0.1, 200.0
+# Value of a 16-bit image without a measurement, or with one beyond its range.
+_SATURATED = 65535
 _BINS = math.ceil(math.log(_FARTHEST / _NEAREST) / _BIN)
 # Half the extent of a mode: that of a person, meters, and noise relative to the distance.
 _EXTENT, _RELATIVE_EXTENT = 0.12, 0.03
@@ -139,7 +141,8 @@ def read_depth(
     """The depth of a target in a box.
 
     Args:
-        depth: (H, W) float in meters or uint16 in millimeters; 0, NaN and infinity are holes.
+        depth: (H, W) float in meters or uint16 in millimeters; 0, NaN, infinity and 65535 mm are
+            holes.
         samples: Of the box and a ring around it.
         target_probability: (R, C) probability, 0 to 1, of each sample in the box to be the
             target's.
@@ -200,6 +203,7 @@ def _meters(
     """Values of a depth image in meters, and which of them are a depth."""
     meters = values.astype(np.float64)
     if dtype == np.uint16:
+        meters[values == _SATURATED] = np.nan
         meters *= 1e-3
     # A comparison with NaN is false.
     return meters, (meters > _NEAREST) & (meters < _FARTHEST)

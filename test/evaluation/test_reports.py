@@ -1,6 +1,7 @@
 """The report: figures of the results in a self-contained page."""
 
 import json
+import os
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -222,6 +223,9 @@ def test_a_file_that_is_no_result_file_is_refused(tmp_path, text):
         read_results(tmp_path / "old.json")
     with pytest.raises(EvaluationError, match="cannot be read"):
         read_results(tmp_path / "nowhere.json")
+    os.mkfifo(tmp_path / "pipe.json")
+    with pytest.raises(EvaluationError, match="is a FIFO"):
+        read_results(tmp_path / "pipe.json")
 
 
 def test_lost_ranges():

@@ -1,5 +1,6 @@
 """Bag readers, and the advice for truncated bags."""
 
+import os
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -17,7 +18,7 @@ class DocumentedRosbag2(ModuleType):
     It has one bag in memory and records how it is opened.
     """
 
-    def __init__(self, topics, messages, compression_format=""):
+    def __init__(self, topics, messages, compression_format="", paths=()):
         super().__init__("rosbag2_py")
         self.opened = []
         library = self
@@ -42,7 +43,9 @@ class DocumentedRosbag2(ModuleType):
                 for name, kind, count in topics
             ]
             return SimpleNamespace(
-                topics_with_message_count=infos, compression_format=compression_format
+                topics_with_message_count=infos,
+                compression_format=compression_format,
+                relative_file_paths=list(paths),
             )
 
         class MetadataIo:
@@ -125,6 +128,20 @@ def test_rosbag2_py_receives_the_storage_of_a_file(tmp_path, messages, monkeypat
     assert set(library.opened) == {("SequentialReader", str(tmp_path / name), storage)}
 
 
+@pytest.mark.parametrize("name", ["../other.mcap", "/etc/passwd"])
+def test_a_bag_that_names_a_file_elsewhere_is_refused(bag_folder, messages, monkeypatch, name):
+    library = DocumentedRosbag2(TOPICS, messages, paths=["talk_0.mcap", name])
+    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
+    with pytest.raises(FootageError, match=f"names the file {name}, which is not in its folder"):
+        open_bag(bag_folder)
+
+
+def test_a_pipe_in_a_bag_is_not_opened(bag_folder):
+    os.mkfifo(bag_folder / "talk_0")
+    with pytest.raises(FootageError, match="talk_0 is a FIFO; accepted are regular files"):
+        open_bag(bag_folder)
+
+
 def test_rosbag2_py_decompresses_bags(bag_folder, messages, monkeypatch):
     library = DocumentedRosbag2(TOPICS, messages, compression_format="zstd")
     monkeypatch.setitem(sys.modules, "rosbag2_py", library)
@@ -146,7 +163,7 @@ def test_errors_of_rosbag2_py_become_footage_errors(bag_folder, messages, monkey
 @pytest.mark.parametrize("missing", ["rosbags", "rosbags.rosbag2"])
 def test_without_any_reader_both_packages_are_named(bag_folder, monkeypatch, missing):
     monkeypatch.setitem(sys.modules, "rosbag2_py", None)
-    monkeypatch.delitem(sys.modules, "rosbags.rosbag2")
+    monkeypatch.delitem(sys.modules, "rosbags.rosbag2", raising=False)
     monkeypatch.setitem(sys.modules, missing, None)
     with pytest.raises(FootageError, match=r"ros-jazzy-rosbag2-py.*pip install rosbags\)$"):
         open_bag(bag_folder)

@@ -118,6 +118,13 @@ def test_given_keyframes_stay_keyframes():
 ENTITIES = '<!DOCTYPE a [<!ENTITY b "x"><!ENTITY c "&b;&b;">]><annotations>&c;</annotations>'
 
 
+def test_two_boxes_in_a_few_bytes_do_not_fill_the_memory(tmp_path):
+    corners = 'xtl="1" ytl="1" xbr="9" ybr="9"'
+    path = file_of(tmp_path, f'frame="0" {corners}', f'frame="99999999" {corners}')
+    with pytest.raises(FormatError, match="more than 10000000 frames lie between the boxes"):
+        read(path)
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

@@ -149,6 +149,33 @@ def mean_colors(bias=0.0):
     )
 
 
+def endless(iterations=10**12):
+    """The bytes of an embedding network with a loop of so many iterations."""
+    body = _field(1, _node("Identity", ["condition"], "go_on"))
+    body += _field(1, _node("Identity", ["before"], "after")) + _field(2, "body")
+    for number, names in ((11, ("iteration", "condition", "before")), (12, ("go_on", "after"))):
+        for name in names:
+            # Without dimensions; the elements are whole numbers, truth values or floats.
+            element = {"iteration": 7, "condition": 9, "go_on": 9}.get(name, 1)
+            dimensions = b"" if element == 1 else _field(2, b"")
+            tensor = _field(1, element) + dimensions
+            body += _field(number, _field(1, name) + _field(2, _field(1, tensor)))
+    loop = _field(5, _field(1, "body") + _field(6, body) + _field(20, 5))
+    times = _field(2, 7) + _field(8, "times") + _field(9, np.int64(iterations).tobytes())
+    return _model(
+        [_node("Loop", ["times", "", "input"], "output", loop)],
+        [times],
+        [_value("input", (1, 3, 2 * SIDE, SIDE))],
+        [_value("output", (1, 3, 2 * SIDE, SIDE))],
+    )
+
+
+@pytest.fixture(scope="session")
+def endless_bytes():
+    """The function `endless`."""
+    return endless
+
+
 @pytest.fixture
 def write_embedding(tmp_path):
     """Writes an embedding network and its description into a new folder; returns the folder."""

@@ -19,7 +19,7 @@ def test_check_says_what_is_wrong(model, capsys):
     (model / "correlation.onnx").unlink()
     assert main(["check", str(model)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("model: error: the network a correlation needs ")
+    assert line.startswith("model: error: the network a correlation cannot be used: ")
 
 
 def test_check_refuses_boxes_far_from_the_crop(write_model, correlation_bytes, description, capsys):

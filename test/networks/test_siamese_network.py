@@ -122,7 +122,10 @@ def edited(old, new):
 
 
 WRONG = [
-    (without_file, "needs .*correlation.onnx, which cannot be read .*comes from the tests"),
+    (
+        without_file,
+        "cannot be used: network .*correlation.onnx cannot be read .*comes from the tests",
+    ),
     (with_text, "correlation.onnx cannot be read as a network in the ONNX format by opencv"),
     (cut_short, "correlation.onnx cannot be read as a network in the ONNX format by opencv"),
     (lambda folder: (folder / "model.yaml").unlink(), "description of a network .*`model add`"),

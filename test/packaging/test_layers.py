@@ -10,10 +10,9 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
 # Each layer may import itself and those above it; docs/architecture.md lists their contents.
 LAYERS = (
-    {"parameters", "registry"},
+    {"parameters", "registry", "foreign_code", "signals"},
     {"boxes", "stamps", "plurals", "messages"},
     {
-        "signals",
         "opencv",
         "progress",
         "ros_domains",

@@ -106,6 +106,23 @@ def test_an_output_that_exists_is_left_alone(track, moving_square_sequence, tmp_
     assert "is not a folder" in one_sentence(errors)
 
 
+@pytest.mark.parametrize("place", ["", "out", "../link/deeper"])
+@pytest.mark.parametrize("option", ["--output", "--report"])
+def test_an_output_in_the_recording_is_refused(
+    track, moving_square_sequence, tmp_path, place, option
+):
+    """Its files would be read as a part of the recording."""
+    (tmp_path / "link").symlink_to(moving_square_sequence)
+    output = moving_square_sequence / place
+    before = sorted(moving_square_sequence.rglob("*"))
+    given = ("--output", output) if option == "--output" else ("--output", tmp_path / "apart")
+    given += ("--report", output) if option == "--report" else ()
+    code, _, errors = track(moving_square_sequence, *given, "--bag")
+    assert code == 2
+    assert f"the output {output} is in the recording {moving_square_sequence}" in errors
+    assert sorted(moving_square_sequence.rglob("*")) == before
+
+
 def test_a_video_is_refused_if_opencv_would_abort_the_process(start_track, long_sequence):
     folder = os.fsdecode(b"\xe4")
     process = start_track(long_sequence, "--output", folder, "--video", *QUICK)
@@ -447,15 +464,15 @@ def test_an_image_of_another_size_is_tracked_on_in_every_kind_of_recording(
     folder.mkdir()
     for index, image in enumerate(images):
         assert cv2.imwrite(str(folder / f"{index}.png"), image)
-    bag = write_images_bag("cropped_bag", images, range(20))
+    bag, outputs = write_images_bag("cropped_bag", images, range(20)), tmp_path / "outputs"
     for source in (folder, bag):
-        code, _, errors = track(source, "--output", tmp_path / source.stem, *BOX, *QUICK)
+        code, _, errors = track(source, "--output", outputs / source.stem, *BOX, *QUICK)
         assert code == 0
         assert errors == (
             "track: frames were skipped, the first because image is (112, 152, 3) uint8, but the "
             "targets are tracked in images of (120, 160, 3) uint8\n"
         )
-    assert rows(tmp_path / "cropped") == rows(tmp_path / "cropped_bag")
+    assert rows(outputs / "cropped") == rows(outputs / "cropped_bag")
 
 
 def test_a_bag_with_fewer_images_than_it_declares_is_read_in_part(

@@ -1,5 +1,6 @@
 """The results of an archive replace earlier results only, never recordings or other files."""
 
+import hashlib
 import json
 import shutil
 
@@ -12,7 +13,17 @@ from pf_tracker_ros.recordings.archives.sources import find_recordings
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 TARGET = "target_box: [20, 60, 24, 40]"
-DONE = json.dumps({"name": "a.avi", "source": "/rec/a.avi", "key": "0"})
+DONE = json.dumps(
+    {
+        "name": "a.avi",
+        "source": "/rec/a.avi",
+        "key": "0",
+        "files": {
+            name: hashlib.sha256(text).hexdigest()
+            for name, text in {"boxes.csv": b"boxes", "notes.txt": b"mine"}.items()
+        },
+    }
+)
 
 
 @pytest.fixture
@@ -314,7 +325,7 @@ def test_objects_without_results_are_not_overwritten(memory, objects, tmp_path):
 def test_results_in_a_store_are_replaced_even_if_unfinished(memory, monkeypatch):
     results = ResultsStore("memory://boxes")
     memory.pipe_file("/boxes/a.avi/done.json", DONE.encode())
-    memory.pipe_file("/boxes/a.avi/report.html", b"page")
+    memory.pipe_file("/boxes/a.avi/notes.txt", b"mine")
     whole = ["/boxes/a.avi/boxes.csv", "/boxes/a.avi/done.json"]
     put_file = type(memory).put_file
 

@@ -275,7 +275,7 @@ def test_the_detections_of_a_built_in_detector_do_not_depend_on_the_machine(
     (line,) = errors.splitlines()
     assert line == (
         "track: 1 warning on detections and targets, first: frame 9: the detector 'motion' failed "
-        "in frame 8: blind (frames counted from 0)"
+        "in frame 8: RuntimeError: blind (frames counted from 0)"
     )
 
 

@@ -16,7 +16,7 @@ from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.results import ResultsStore, results_at
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
-from pf_tracker_ros.recordings.archives.sources import find_recordings
+from pf_tracker_ros.recordings.archives.sources import find_recordings, local_copy
 from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
 from pf_tracker_ros.recordings.archives.tasks import (
     done_entries,
@@ -205,6 +205,26 @@ def test_the_files_of_a_run_with_more_outputs_are_removed(memory):
         "/boxes/day_0/drive_0/boxes.csv",
         "/boxes/day_0/drive_0/done.json",
     ]
+
+
+@pytest.mark.parametrize("name", ["pf_tracker_ros_bagfiles", "pf_tracker_ros_scratch_2024"])
+def test_folders_of_others_in_the_temporary_folder_stay(scratch, name):
+    (scratch / name).mkdir()
+    (scratch / name / "drive.mcap").write_bytes(b"a day of work")
+    with scratch_folder():
+        pass
+    assert (scratch / name / "drive.mcap").read_bytes() == b"a day of work"
+
+
+def test_an_object_whose_name_leads_elsewhere_is_not_downloaded(memory, tmp_path):
+    secret = f"/fleet/day_0/drive_0/{'../' * 20}{tmp_path.as_posix().lstrip('/')}/planted"
+    memory.store[secret] = memory.store["/fleet/day_0/drive_0/groundtruth.txt"]
+    with (
+        pytest.raises(FootageError, match=r"has an object of the name .*planted'; allowed: no"),
+        local_copy("memory://fleet/day_0/drive_0"),
+    ):
+        pass
+    assert not (tmp_path / "planted").exists()
 
 
 def test_a_single_recording_may_have_a_url(track, memory, rows, scratch, tmp_path):

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections
+from pf_tracker_ros.foreign_code import ForeignError
+from pf_tracker_ros.targets import built_in_detectors
 from pf_tracker_ros.targets.built_in_detectors import (
     DetectorThread,
     MotionDetector,
@@ -199,12 +201,22 @@ def test_a_detector_that_is_not_ready_gives_no_result(start):
     assert thread.take(wait=True).stamp == 0
 
 
+def test_a_detector_without_an_end_does_not_keep_its_user(monkeypatch):
+    monkeypatch.setattr(built_in_detectors, "_PATIENCE", 0.1)
+    gate = Gate()
+    thread = DetectorThread(gate, 5.0)
+    thread.offer(picture(1), SECOND)
+    thread.close()
+    assert thread.take() is None
+    gate.opened.set()
+
+
 def test_an_error_of_the_detector_is_raised_once(start):
     gate = Gate(RuntimeError("no eyes"))
     gate.opened.set()
     thread = start(gate)
     thread.offer(picture(1), SECOND)
-    with pytest.raises(RuntimeError, match="no eyes"):
+    with pytest.raises(ForeignError, match="RuntimeError: no eyes"):
         thread.take(wait=True)
     assert thread.take() is None
     assert thread.offer(picture(1), 2 * SECOND)

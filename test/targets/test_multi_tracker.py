@@ -2,6 +2,7 @@ import copy
 import pickle
 from functools import partial
 
+import cv2
 import numpy as np
 import pytest
 
@@ -27,6 +28,21 @@ def test_detections_start_targets_that_are_tracked_between_them(run, walkers, ma
             assert target.estimate.state == "tracking"
             assert target.age == pytest.approx(number * INTERVAL)
             assert target.unconfirmed_for == pytest.approx(number % 10 * INTERVAL)
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_images_may_change_their_size_at_the_same_aspect_ratio(walkers, make_tracker, iou, scale):
+    tracker = make_tracker()
+    for number in range(8):
+        tracker.update(walkers.images[number], INTERVAL, walkers.detections(number))
+    for number in range(8, 12):
+        image = cv2.resize(walkers.images[number], None, fx=scale, fy=scale)
+        targets = tracker.update(image, INTERVAL)
+    assert [target.id for target in targets] == [1, 2, 3]
+    for target in targets:
+        assert max(iou(target.estimate.box, scale * box) for box in walkers.boxes[11]) > 0.5
+    with pytest.raises(ValueError, match="start again to change their type or aspect ratio"):
+        tracker.update(image[:, :-20], INTERVAL)
 
 
 def test_without_detections_there_are_no_targets(walkers, make_tracker):

@@ -92,6 +92,23 @@ def test_a_change_of_size_is_followed(preset):
     assert overlap(estimates[-1].box, frames[-1][1]) > 0.6
 
 
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+@every_preset
+def test_images_may_change_their_size_at_the_same_aspect_ratio(preset, scale):
+    """As in the node and in `track`: the target is rescaled."""
+    frames = walk()
+    tracker = Tracker.from_preset(preset)
+    run(tracker, frames[:8])
+    for image, box in frames[8:12]:
+        estimate = tracker.update(cv2.resize(image, None, fx=scale, fy=scale))
+        assert overlap(estimate.box, scale * np.array(box)) > 0.5
+    before = tracker.update(image)
+    for other in (image[:, :-20], image[:, :, 0]):
+        with pytest.raises(ValueError, match=r"start again to change their type or aspect ratio"):
+            tracker.update(other)
+    assert overlap(tracker.update(image).box, before.box) > 0.8
+
+
 def test_li2007_keeps_the_size_of_the_first_box():
     frames = [frame(160, 120, 1.0 + 0.02 * t) for t in range(20)]
     for estimate in run(Tracker.from_preset("li2007"), frames):

@@ -59,6 +59,19 @@ def test_parameters_and_report_are_written_and_the_run_is_extended(folder, capsy
     assert (folder / "mine.yaml").read_bytes() == before
 
 
+@pytest.mark.parametrize("name", ["mine.yaml", "mine.html"])
+def test_a_result_that_was_changed_by_hand_is_not_replaced(folder, capsys, name):
+    arguments = ["sequences", *FEW, "--trials", "1", "--output", "mine.yaml"]
+    assert __main__.main(arguments) == 0
+    edited = (folder / name).read_text().replace("li2007", "li2007 ", 1)
+    (folder / name).write_text(edited)
+    assert __main__.main([*arguments, "--trials", "2"]) == 2
+    assert f"{name} was changed since tune wrote it, and is not replaced" in capsys.readouterr().err
+    assert (folder / name).read_text() == edited
+    (folder / name).rename(folder / "edited")
+    assert __main__.main([*arguments, "--trials", "2"]) == 0
+
+
 def test_an_interrupted_extension_keeps_the_finished_result(folder, capsys, monkeypatch):
     arguments = ["sequences", *FEW, "--trials", "1", "--output", "mine.yaml"]
     assert __main__.main(arguments) == 0

@@ -1,5 +1,6 @@
 """Searches and comparison, with success AUCs of a formula."""
 
+import os
 import zlib
 
 import numpy as np
@@ -189,6 +190,31 @@ def test_a_journal_of_another_run_is_refused(tune, tmp_path):
         with pytest.raises(EvaluationError, match="no journal of tune"):
             journal.open_journal(tmp_path / "mine.journal").__enter__()
         assert (tmp_path / "mine.journal").read_text() == content
+
+
+def test_a_journal_with_a_missing_or_changed_line_is_refused(tune, tmp_path):
+    path = tmp_path / "mine.journal"
+    with journal.open_journal(path) as storage:
+        tune(Formula(OWN_NOISE), trials=1, storage=storage)
+    lines = path.read_bytes().splitlines(keepends=True)
+    with journal.open_journal(path):
+        pass
+    for number in range(len(lines) - 1):
+        edited = lines[number].replace(b'"op_code":', b'"op_code":1', 1)
+        for damaged in ([], [edited], [lines[number]] * 2, [b"[" * 10**5 + b"\n"]):
+            path.write_bytes(b"".join([*lines[:number], *damaged, *lines[number + 1 :]]))
+            with pytest.raises(EvaluationError, match="is no journal of tune, or is damaged"):
+                journal.open_journal(path).__enter__()
+    # A run that was killed.
+    path.write_bytes(b"".join(lines)[:-5])
+    with journal.open_journal(path) as storage:
+        tune(Formula(OWN_NOISE), trials=1, storage=storage)
+
+
+def test_a_journal_that_is_no_file_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "mine.journal")
+    with pytest.raises(EvaluationError, match="is a FIFO"):
+        journal.open_journal(tmp_path / "mine.journal").__enter__()
 
 
 def test_a_hopeless_trial_ends_early(tune):

@@ -39,6 +39,14 @@ def test_background_in_half_of_the_box_and_holes(hole):
     assert reading.row == pytest.approx(0.5, abs=0.03)
 
 
+def test_a_saturated_value_is_a_hole():
+    """Drivers write 65535 where there is no measurement, or one beyond their range."""
+    depth = np.full((480, 640), 65535, np.uint16)
+    assert read(depth) is None
+    depth[TARGET] = 4000
+    assert read(depth).depth == pytest.approx(4.0)
+
+
 def test_the_target_is_not_the_largest_mode_but_the_one_inside_the_box():
     """Background in three quarters of the box goes on around it."""
     depth = scene()

@@ -20,9 +20,13 @@ from pf_tracker_ros.evaluation.reports.svg_plots import (
 )
 from pf_tracker_ros.evaluation.reports.thumbnails import FrameThumbnail
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.access import read_file
 from pf_tracker_ros.plurals import counted
 
 REPORT_FILE = "report.html"
+# Bytes of a result file.
+_MAX_RESULTS = 100 * 10**6
 # Smaller differences of the success AUC are within the noise of the seeds.
 _NOTABLE = 0.01
 _FIGURES = ("success_auc", "precision_20px", "cpu_ms_median", "frames")
@@ -164,11 +168,9 @@ def read_results(path: Path) -> SavedResults:
         EvaluationError: It cannot be read, or is no result file.
     """
     try:
-        document: Any = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise EvaluationError(
-            f"{path} cannot be read ({error.strerror or type(error).__name__})"
-        ) from error
+        document: Any = json.loads(read_file(path, "result file", _MAX_RESULTS))
+    except FootageError as error:
+        raise EvaluationError(str(error)) from error
     except (ValueError, RecursionError) as error:
         raise EvaluationError(f"{path} cannot be read as JSON ({error})") from error
     try:

@@ -32,6 +32,8 @@ _MAX_REQUEST = 65_536
 _HEARTBEAT = 20.0
 _START_TIMEOUT = 10.0
 _CANCEL_INTERVAL = 0.1
+# How often tasks are canceled at the end; seconds that slow browsers are waited for there.
+_CANCELLATIONS, _PATIENCE = 20, 1.0
 _LOG = logging.getLogger(__name__)
 
 
@@ -126,9 +128,12 @@ class WebServer:
         self._started.set()
         await self._stopping.wait()
         running.cancel()
-        for response in list(self._sockets):
-            await response.close(code=1001)
+        # All at once: each waits for its browser.
+        closing = [asyncio.ensure_future(each.close(code=1001)) for each in self._sockets]
+        if closing:
+            await asyncio.wait(closing, timeout=_PATIENCE)
         await runner.cleanup()
+        await _end_tasks()
         self._bridge.close()
 
     async def _on_parameter_file(self, request: web.Request) -> web.Response:
@@ -188,6 +193,17 @@ class WebServer:
                 "the connection to a browser is closed after an error; the browser reconnects"
             )
             await response.close(code=1011)
+
+
+async def _end_tasks() -> None:
+    """End all other tasks of the event loop, which is about to be closed."""
+    for _ in range(_CANCELLATIONS):
+        others = asyncio.all_tasks() - {asyncio.current_task()}
+        if not others:
+            return
+        for task in others:
+            task.cancel()
+        await asyncio.wait(others, timeout=_CANCEL_INTERVAL)
 
 
 def _read(text: str) -> Any:

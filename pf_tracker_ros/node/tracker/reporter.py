@@ -58,7 +58,7 @@ class Reporter:
             self._recent.append((now, error))
             self._logger.error(error)
 
-    def report_failure(self, error: Exception) -> None:
+    def report_failure(self, error: BaseException) -> None:
         """Show why a frame was refused in the next status; a lasting cause is logged once."""
         kind = type(error).__name__
         cause = "other"

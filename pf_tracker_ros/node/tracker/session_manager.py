@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from pf_tracker_ros.foreign_code import ForeignError
 from pf_tracker_ros.node.parameter_group import ParameterValues
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import build, declarations
@@ -127,8 +128,8 @@ class SessionManager:
             return ()
         try:
             found = self.detector_thread.take()
-        except Exception as error:
-            # Any error of the detector's thread; the present frame is processed all the same.
+        except ForeignError as error:
+            # The present frame is processed all the same.
             return (f"the detector '{self._choice.name}' failed: {error}",)
         try:
             if found:

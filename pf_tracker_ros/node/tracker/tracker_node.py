@@ -322,7 +322,8 @@ class TrackerNode(ManagedNode):
         """The value of a step; None if it fails, which is reported, or the context is shut down."""
         try:
             return step()
-        except Exception as error:
+        except BaseException as error:
+            # A part of another package may raise what would end the process.
             if self.context.ok():
                 self._reporter.report_failure(error)
             return None

@@ -38,6 +38,7 @@ from pf_tracker_ros.recordings.archives.sources import (
 )
 from pf_tracker_ros.recordings.archives.stores import is_url
 from pf_tracker_ros.recordings.archives.tasks import (
+    MANIFEST,
     ArchiveEntry,
     ArchiveTask,
     done_entries,
@@ -46,7 +47,7 @@ from pf_tracker_ros.recordings.archives.tasks import (
     run_tasks,
     write_manifest,
 )
-from pf_tracker_ros.recordings.errors import DONE, FAILED, RecordingError
+from pf_tracker_ros.recordings.errors import DONE, FAILED, FILES_KEPT, RecordingError
 from pf_tracker_ros.recordings.plan import SIDECAR, make_plan, open_from_options
 from pf_tracker_ros.recordings.sidecar_files import DETECTIONS_SUFFIX
 
@@ -59,7 +60,7 @@ def run_archive(options: argparse.Namespace) -> int:
     """Track every recording of an archive without up-to-date results, and print a table of all.
 
     Returns:
-        Exit code: 1 if a recording failed.
+        Exit code: 1 if a recording failed, 9 if files were kept that track has not written.
 
     Raises:
         RecordingError: The request is invalid.
@@ -107,6 +108,13 @@ def _run(
     entries = done_entries(tasks, results)
     pending = [task for task in tasks if task.name not in entries]
     archive = _base_name(options.archive)
+    # Files that are not of this run stay. Those that have no new file in their place are reported
+    # only by the run that meets them.
+    kept = [
+        f"{results.name}/{entry.name}: {entry.kept_sentence}"
+        for entry in entries.values()
+        if entry.unwritten
+    ]
     try:
         with (
             progress_bar(len(pending), "recordings", archive) as on_progress,
@@ -118,17 +126,31 @@ def _run(
                     print(f"track: error: {entry.error}", file=sys.stderr)
                 for warning in entry.warnings:
                     print(f"track: {entry.name}: {warning}", file=sys.stderr)
+                if entry.kept:
+                    kept.append(f"{results.name}/{entry.name}: {entry.kept_sentence}")
                 on_progress(archive, 1)
     finally:
         # A worker may have ended after its results were in place, but before it returned.
         missing = [task for task in tasks if task.name not in entries]
         entries = {**done_entries(missing, results), **entries}
         known = [entries[task.name] for task in tasks if task.name in entries]
-        write_manifest(results, known)
-    if options.report is not None:
-        _write_report(known, options, results)
+        if not write_manifest(results, known):
+            kept.append(_kept_text(results, MANIFEST))
+    if options.report is not None and not _write_report(known, options, results):
+        kept.append(_kept_text(results, REPORT_FILE))
     _print_table(known, len(pending), results)
-    return FAILED if any(entry.error for entry in known) else DONE
+    for sentence in kept:
+        print(f"track: {sentence}", file=sys.stderr)
+    if any(entry.error for entry in known):
+        return FAILED
+    return FILES_KEPT if kept else DONE
+
+
+def _kept_text(results: Results, name: str) -> str:
+    return (
+        f"{results.name}: kept {name} (added or changed since) in place of the new version; move "
+        "it, and run the command again"
+    )
 
 
 def _base_name(path_or_url: PathOrUrl) -> str:
@@ -138,7 +160,8 @@ def _base_name(path_or_url: PathOrUrl) -> str:
 
 def _write_report(
     entries: Sequence[ArchiveEntry], options: argparse.Namespace, results: Results
-) -> None:
+) -> bool:
+    """Write the report of the archive; see `Results.put_text`."""
     frames = sum(entry.frames for entry in entries)
     failed = sum(bool(entry.error) for entry in entries)
     page = fill(
@@ -165,7 +188,7 @@ def _write_report(
             for entry in sorted(entries, key=lambda entry: (not entry.error, not entry.warnings))
         ],
     )
-    results.put_text(page, REPORT_FILE)
+    return results.put_text(page, REPORT_FILE)
 
 
 def _state_columns(entries: Sequence[ArchiveEntry]) -> tuple[str, ...]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -12,7 +14,9 @@ from pathlib import Path
 
 from pf_tracker_ros.recordings.errors import unwritable
 
-_PREFIX = "pf_tracker_ros_"
+_PREFIX = "pf_tracker_ros_scratch_"
+# With random digits, so that no other folder has such a name.
+_NAME = re.compile(re.escape(_PREFIX) + r"[0-9a-f]{16}_[a-z0-9_]{8}")
 
 
 @contextmanager
@@ -39,7 +43,7 @@ def scratch_folder() -> Iterator[Path]:
 def _locked_folder() -> tuple[Path, int]:
     """A new folder and its lock, which the system releases when this process ends."""
     while True:
-        folder = Path(tempfile.mkdtemp(prefix=_PREFIX))
+        folder = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{secrets.token_hex(8)}_"))
         # Another process may remove it as abandoned before it is locked.
         with suppress(FileNotFoundError):
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
@@ -51,7 +55,8 @@ def _locked_folder() -> tuple[Path, int]:
 
 
 def _remove_abandoned() -> None:
-    for folder in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*"):
+    found = Path(tempfile.gettempdir()).glob(f"{_PREFIX}*")
+    for folder in [each for each in found if _NAME.fullmatch(each.name)]:
         # Folders of other users and locked folders stay.
         with suppress(OSError):
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

@@ -20,7 +20,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pf_tracker_ros.footage import FootageError, is_bag
-from pf_tracker_ros.footage.access import entries, exists, is_folder, lexists, resolved
+from pf_tracker_ros.footage.access import entries, exists, is_folder, lexists, read_file, resolved
 from pf_tracker_ros.footage.ground_truth import ground_truth_file
 from pf_tracker_ros.recordings.archives.recording_filter import RecordingFilter
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
@@ -45,6 +45,8 @@ from pf_tracker_ros.yaml_files import YamlError, read_yaml
 PathOrUrl = Path | str
 """A path, or a URL."""
 
+# Bytes of a list of recordings.
+_MAX_LIST = 100 * 10**6
 # A path may contain the sign, but not after white space.
 _COMMENT = re.compile(r"(^|\s)#.*")
 
@@ -164,8 +166,8 @@ def _in_folder(
     if archive.is_dir():
         return resolved(archive), sorted(set(_below(archive, without_target)))
     try:
-        text = archive.read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
+        text = read_file(archive, "list", _MAX_LIST).decode("utf-8-sig")
+    except ValueError as error:
         raise FootageError(f"the list {archive} cannot be read ({error})") from error
     if "\0" in text:
         raise FootageError(f"the list {archive} contains null characters; allowed: UTF-8 text")
@@ -316,7 +318,10 @@ def _download(url: str, folder: Path) -> Path:
             raise FileNotFoundError(url)
         parent, _, base_name = path.rpartition("/")
         for name in [*names, *filter(store.exists, _sidecar_paths(store, path))]:
-            copy = folder / name.removeprefix(f"{parent}/")
+            relative = PurePosixPath(name.removeprefix(f"{parent}/"))
+            if relative.is_absolute() or ".." in relative.parts:
+                raise FootageError(f"{url} has an object of the name {name!r}; allowed: no '..'")
+            copy = folder / relative
             try:
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 store.get_file(name, str(copy))

@@ -14,11 +14,12 @@ import argparse
 import hashlib
 import json
 import platform
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from copy import copy
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from pf_tracker_ros import __version__
 from pf_tracker_ros.atomic_files import flush_to_disk
@@ -29,6 +30,7 @@ from pf_tracker_ros.footage.stamp_order import WINDOW
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings.archives.executors import Executor
+from pf_tracker_ros.recordings.archives.file_records import file_hashes, parse_json
 from pf_tracker_ros.recordings.archives.results import DONE_FILE, Results
 from pf_tracker_ros.recordings.archives.sources import (
     PathOrUrl,
@@ -106,6 +108,9 @@ class ArchiveEntry:
         frames: Number of frames.
         states: State to number of frames.
         warnings: Of `track`, a sentence each.
+        files: Name to SHA-256 of each file of the results.
+        kept: Names in the folder that were added or changed since an earlier run wrote it, and so
+            were not replaced.
     """
 
     name: str
@@ -116,6 +121,27 @@ class ArchiveEntry:
     frames: int
     states: dict[str, int]
     warnings: Sequence[str] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+    kept: Sequence[str] = ()
+
+    @property
+    def unwritten(self) -> list[str]:
+        """Names of files of this run that were not written, because others are kept."""
+        return [name for name in self.kept if name in self.files]
+
+    @property
+    def kept_sentence(self) -> str:
+        """What was kept, and what to do; empty if nothing was."""
+        others = [name for name in self.kept if name not in self.files]
+        parts = []
+        if self.unwritten:
+            parts.append(
+                f"{', '.join(self.unwritten)} (added or changed since) in place of the new "
+                "version; move it, and run the command again"
+            )
+        if others:
+            parts.append(f"{', '.join(others)} (added or changed since)")
+        return f"kept {'; kept '.join(parts)}" if parts else ""
 
 
 def make_tasks(
@@ -137,14 +163,55 @@ def done_entries(tasks: Sequence[ArchiveTask], results: Results) -> dict[str, Ar
     found = {}
     texts = results.read([f"{task.name}/{DONE_FILE}" for task in tasks])
     for task in tasks:
-        try:
-            entry = ArchiveEntry(**json.loads(texts[f"{task.name}/{DONE_FILE}"]))
-        except (KeyError, ValueError, TypeError):
-            continue
+        entry = _parse_entry(texts.get(f"{task.name}/{DONE_FILE}", ""))
         # A recording that failed may be readable by now.
-        if entry.key == task.key and entry.exit_code == DONE:
-            found[task.name] = entry
-    return found
+        if entry is not None and entry.key == task.key and entry.exit_code == DONE:
+            found[task.name] = replace(entry, name=task.name)
+    complete = results.complete({name: entry.files for name, entry in found.items()})
+    return {name: entry for name, entry in found.items() if name in complete}
+
+
+def _parse_entry(text: str) -> ArchiveEntry | None:
+    """The entry in the text of a `done.json`, of any origin; None if it is none."""
+    try:
+        values = parse_json(text)
+    except ValueError:
+        return None
+    if not isinstance(values, dict) or values.keys() != _ENTRY_TYPES.keys():
+        return None
+    if any(not _ENTRY_TYPES[name](value) for name, value in values.items()):
+        return None
+    return ArchiveEntry(**values)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and 0 <= value < 1 << 53
+
+
+def _are_texts(value: Any) -> bool:
+    return isinstance(value, list) and all(map(_is_text, value))
+
+
+def _are_counts(value: Any) -> bool:
+    return isinstance(value, dict) and all(map(_is_count, value.values()))
+
+
+def _are_named_texts(value: Any) -> bool:
+    return isinstance(value, dict) and all(map(_is_text, value.values()))
+
+
+# Attribute of an entry to the check of its value.
+_ENTRY_TYPES: Mapping[str, Callable[[Any], bool]] = {
+    **dict.fromkeys(("name", "source", "key", "error"), _is_text),
+    **dict.fromkeys(("exit_code", "frames"), _is_count),
+    **dict.fromkeys(("warnings", "kept"), _are_texts),
+    "states": _are_counts,
+    "files": _are_named_texts,
+}
 
 
 def run_tasks(
@@ -194,14 +261,17 @@ def do_task(task: ArchiveTask) -> ArchiveEntry | WorkerEnded:
         return _failed(task, REFUSED, str(error))
 
 
-def write_manifest(results: Results, entries: Sequence[ArchiveEntry]) -> None:
+def write_manifest(results: Results, entries: Sequence[ArchiveEntry]) -> bool:
     """Write the entries of all recordings to `archive.json` atomically.
+
+    Returns:
+        Whether it was written; False if another file of this name stays in its place.
 
     Raises:
         RecordingError: It cannot be written.
     """
     document = [asdict(entry) for entry in entries]
-    results.put_text(json.dumps(document, indent=1) + "\n", MANIFEST)
+    return results.put_text(json.dumps(document, indent=1) + "\n", MANIFEST)
 
 
 def _track(task: ArchiveTask, source: Path, folder: Path) -> ArchiveEntry | WorkerEnded:
@@ -224,23 +294,26 @@ def _track(task: ArchiveTask, source: Path, folder: Path) -> ArchiveEntry | Work
     is_partial = exit_code == UNREADABLE_SOURCE and (folder / BOXES).exists()
     if exit_code != DONE and not is_partial:
         return _failed(task, exit_code, error)
-    entry = ArchiveEntry(
-        task.name,
-        name,
-        task.key,
-        exit_code,
-        error,
-        summary.frames,
-        dict(summary.states),
-        [_in_one_line(each) for each in summary.warnings],
-    )
     try:
+        kept = task.results.kept_files(task.name)
+        entry = ArchiveEntry(
+            task.name,
+            name,
+            task.key,
+            exit_code,
+            error,
+            summary.frames,
+            dict(summary.states),
+            [_in_one_line(each) for each in summary.warnings],
+            file_hashes(folder),
+            kept,
+        )
         (folder / DONE_FILE).write_text(json.dumps(asdict(entry), indent=1) + "\n")
         # A folder with an incomplete file could not be replaced.
         flush_to_disk(folder / DONE_FILE)
     except OSError as failure:
         raise unwritable(folder, failure) from failure
-    task.results.put(folder, task.name)
+    task.results.put(folder, task.name, kept)
     return entry
 
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import gc
 import http.client
 import os
 import re
@@ -137,6 +138,46 @@ def test_the_token_is_on_the_terminal_once_with_a_warning(ros_domain):
     process.stderr.close()
     assert process.wait(DEADLINE) == 0
     assert len(re.findall(r"\?token=[\w-]{32,}", "".join(lines))) == 1
+
+
+class Bridge:
+    """Sends more than a browser that reads nothing takes."""
+
+    def __init__(self):
+        self.welcomed = threading.Semaphore(0)
+        self.is_closed = False
+
+    async def run(self):
+        await asyncio.Event().wait()
+
+    async def welcome(self, browser):
+        sending = asyncio.ensure_future(browser.send_bytes(bytes(2 * 10**7)))
+        while browser._transport.get_write_buffer_size() < 10**6:
+            await asyncio.sleep(0.01)
+        self.welcomed.release()
+        await sending
+
+    def close(self):
+        self.is_closed = True
+
+
+def test_the_end_does_not_wait_for_slow_browsers_and_leaves_no_task(caplog):
+    bridge = Bridge()
+    server = web_server.WebServer("127.0.0.1", 0, lambda: bridge)
+    server.start()
+    netloc = urlsplit(server.url).netloc
+    lines = [f"{name}: {value}" for name, value in UPGRADE.items()]
+    lines = ["GET /socket HTTP/1.1", f"Host: {netloc}", f"Origin: http://{netloc}", *lines]
+    request = "\r\n".join([*lines, "", ""]).encode()
+    with contextlib.ExitStack() as stack:
+        for _ in range(8):
+            browser = stack.enter_context(socket.create_connection(("127.0.0.1", server._port)))
+            browser.sendall(request)
+            assert bridge.welcomed.acquire(timeout=DEADLINE)
+        server.close()
+    gc.collect()
+    assert bridge.is_closed
+    assert caplog.text == ""
 
 
 def test_the_loopback_link_has_no_token(console):

@@ -505,6 +505,13 @@ def test_with_an_invalid_parameter_it_says_why_there_is_no_position(scene, make_
         ("box_width", "inf", "box_width is 'inf'; expected a finite number"),
         ("covariance_xx", "a", "covariance_xx is 'a'; expected a finite number"),
         ("id", "1.5", "id is '1.5'; expected a whole number"),
+        ("id", "9" * 300, f"id is '{'9' * 199}...; expected a whole number from 0 to 2147483647"),
+        ("id", "-1", "id is '-1'; expected a whole number"),
+        ("confidence", "2", "confidence is 2; expected 0 to 1"),
+        ("confidence", "-0.5", "confidence is -0.5; expected 0 to 1"),
+        ("state", "resting", "state is 'resting'; expected tracking, occluded, lost"),
+        ("box_height", "0", "its box is 1 x 0 px; expected positive sides"),
+        ("covariance_hh", "-1", "its covariance has a negative variance; expected 0 or more"),
     ],
 )
 def test_a_target_that_cannot_be_read_does_not_cost_the_others(given, key, value, reason):
@@ -514,6 +521,16 @@ def test_a_target_that_cannot_be_read_does_not_cost_the_others(given, key, value
     frame, problem = read_status(given.status(given.start, [broken, given.target(id=2)]))
     assert [target.id for target in frame.targets] == [2]
     assert problem.startswith(f"'target {broken['id']}' is left out: {reason}")
+
+
+def test_of_many_targets_the_selected_and_the_most_confident_are_located(given):
+    """A tracker with an error would otherwise take the time of all other frames."""
+    targets = [given.target(id=id, confidence=id / 1001) for id in range(1, 1002)]
+    frame, problem = read_status(given.status(given.start, targets, selected=3))
+    assert [target.id for target in frame.targets] == [3, *range(903, 1002)]
+    assert problem.startswith("it has 1001 targets; 100 of them are located, the selected one")
+    with pytest.raises(ValueError, match="it has 2001 targets; expected at most 2000"):
+        read_status(given.status(given.start, targets[:1] * 2001))
 
 
 def test_messages_that_are_no_status_of_a_tracker_are_told_of(scene, make_localizer, given, capfd):

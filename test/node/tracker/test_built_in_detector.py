@@ -118,7 +118,7 @@ def test_an_error_while_detecting_costs_no_frame(graph, client, monkeypatch):
     monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Broken))
     graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     status, _ = show_until(client, lambda status: status.level == "WARN")
-    assert status.message == "the detector 'motion' failed: no eyes"
+    assert status.message == "the detector 'motion' failed: RuntimeError: no eyes"
     assert status.values["frame"] == "waiting"
 
 

@@ -1,6 +1,7 @@
 """The status tells how often the network of the cue `siamese` ran, and how long it took."""
 
 import importlib.util
+import os
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,20 @@ def model(tmp_path):
     (tmp_path / "correlation.onnx").write_bytes(small.correlation())
     (tmp_path / "model.yaml").write_text(small.DESCRIPTION, encoding="utf-8")
     return tmp_path
+
+
+def test_a_network_that_cannot_be_read_is_refused_and_the_node_goes_on(
+    graph, client, images, box, model
+):
+    """A pipe would keep the node for good."""
+    (model / "correlation.onnx").unlink()
+    os.mkfifo(model / "correlation.onnx")
+    graph.tracker(client, target_box=list(box), particles=20, image_reliability="reliable")
+    client.show_all(images[:2])
+    refused = client.set_parameters(preset="learned", siamese__model=str(model))
+    assert not refused.successful
+    assert "correlation.onnx is a FIFO; accepted are regular files" in refused.reason
+    assert client.show(images[2], client.at(2)).values["state"] == "tracking"
 
 
 def test_a_frame_has_the_runs_of_its_network_and_their_time(graph, client, images, box, model):
