@@ -236,6 +236,9 @@ _STEPS = 2
 # Root mean square length of the cells' features after scaling. It sets the effect of the penalties:
 # weak features make a filter that responds to what all samples have in common.
 _FEATURE_SCALE = 0.294
+# Energy of a window without contrast, relative to that of its channels' means: rounding has 1e-13,
+# the faintest edge 1e-3.
+_NO_CONTRAST = 1e-8
 # Cached peaks and weights; each target size has its own.
 _TARGETS = 8
 
@@ -245,16 +248,20 @@ def spectra_of(features: NDArray[np.float32]) -> Spectrum:
 
     Each channel's mean is subtracted: it is similar in every window, so a filter trained with it
     would respond to any window. A cosine window lets the features fall to 0 at the borders. All
-    channels together are scaled to a fixed energy.
+    channels together are scaled to a fixed energy. A window without contrast has the spectrum 0.
     """
     cells = features.shape[-1]
     windowed, flat = _windowed(cells)
     spectra = windowed.apply(features)
-    spectra -= (spectra[..., :1, :1] / flat[0, 0]) * flat
-    for spectrum in spectra:
-        # Every column but the first and the last also represents its conjugate.
-        energy = 2.0 * _energy(spectrum) - _energy(spectrum[..., 0]) - _energy(spectrum[..., -1])
-        scale = _FEATURE_SCALE * cells * cells / math.sqrt(max(energy, 1e-9))
+    means = spectra[..., :1, :1] / flat[0, 0]
+    spectra -= means * flat
+    flat_energy = _half_energy(flat)
+    for spectrum, its_means in zip(spectra, means, strict=True):
+        energy = _half_energy(spectrum)
+        if energy <= _NO_CONTRAST * flat_energy * _energy(its_means):
+            spectrum[:] = 0.0
+            continue
+        scale = _FEATURE_SCALE * cells * cells / math.sqrt(energy)
         np.multiply(spectrum, np.float32(scale), out=spectrum)
     return spectra
 
@@ -333,6 +340,12 @@ def response_at_center(trained: Spectrum, spectrum: Spectrum) -> float:
     product = (np.conj(trained) * spectrum).real
     total = 2.0 * product.sum() - product[..., 0].sum() - product[..., -1].sum()
     return float(total) / cells**2
+
+
+def _half_energy(spectrum: Spectrum) -> float:
+    """Energy of (..., n, n // 2 + 1) half spectra, and of the half that they leave out."""
+    # Every column but the first and the last also represents its conjugate.
+    return 2.0 * _energy(spectrum) - _energy(spectrum[..., 0]) - _energy(spectrum[..., -1])
 
 
 def _energy(spectrum: Spectrum) -> float:
