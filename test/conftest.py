@@ -25,6 +25,19 @@ from pf_tracker_ros.ros_domains import unused_domain
 pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+# What is slow and rarely breaks: `make test` leaves these folders and files to `make test-all`.
+# `.ci/run` names the parts that they test.
+SLOW = (
+    "benchmarks",
+    "decoding/test_hostile_compressed_images.py",
+    "demo",
+    "evaluation/test_accuracy.py",
+    "packaging/ros2",
+    "packaging/test_installations.py",
+    "packaging/test_site.py",
+    "recordings/test_ray.py",
+    "scenes",
+)
 # A long run of the properties is made by hand, with as many random cases each as this says; else
 # they are the same ones in each run. How long a case takes is the machine's matter.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
@@ -39,6 +52,15 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 # Each of the many processes that the tests start would compile the package anew.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the slow folders and files."""
+    slow = [REPOSITORY / "test" / path for path in SLOW]
+    for item in items:
+        if any(item.path.is_relative_to(path) for path in slow):
+            item.add_marker("slow")
+
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER_FLAGS = [
