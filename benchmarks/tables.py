@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import rich.table
 from rich.console import Console
@@ -63,6 +64,14 @@ class Table:
         rows = [self.headings, alignment, *(row for group in self.groups for row in group)]
         # A vertical bar would end the cell.
         return ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
+
+
+def save_tables(path: Path | None, tables: Sequence[Table]) -> None:
+    """Write tables with their titles into a Markdown file; None for no file."""
+    if path is not None:
+        lines = [line for one in tables for line in (f"**{one.title}**", "", *one.markdown(), "")]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines), encoding="utf-8")
 
 
 def bold(text: str, is_bold: bool = True) -> str:
