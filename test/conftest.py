@@ -32,11 +32,18 @@ SLOW = (
     "decoding/test_hostile_compressed_images.py",
     "demo",
     "evaluation/test_accuracy.py",
+    "evaluation/test_interruption.py",
+    "extending/test_own_package.py",
     "packaging/ros2",
     "packaging/test_installations.py",
     "packaging/test_site.py",
+    "recordings/test_archive.py",
     "recordings/test_ray.py",
+    "recordings/test_stores.py",
     "scenes",
+    "tracking/test_gray_recovery.py",
+    "tracking/test_honesty.py",
+    "tuning",
 )
 # A long run of the properties is made by hand, with as many random cases each as this says; else
 # they are the same ones in each run. How long a case takes is the machine's matter.
