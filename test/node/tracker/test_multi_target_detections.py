@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import rclpy
+from common import overlap
 from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
@@ -56,13 +57,6 @@ def show_with_detections(client, detector, walkers, numbers, *, delay=0):
             detector.publish(boxes[seen], client.at(seen))
         status = client.show(images[number], client.at(number))
     return status
-
-
-def overlap(one, other):
-    one, other = np.asarray(one, float), np.asarray(other, float)
-    sides = np.minimum(one[:2] + one[2:], other[:2] + other[2:]) - np.maximum(one[:2], other[:2])
-    shared = np.maximum(sides, 0.0).prod()
-    return shared / (one[2:].prod() + other[2:].prod() - shared)
 
 
 @pytest.mark.parametrize("delay", [0, 3])
