@@ -17,6 +17,9 @@ SPELLED := $(addprefix ./,$(wildcard *.md *.py *.rst *.toml *.cfg *.xml Makefile
 SEQUENCES ?=
 BENCH_ARGS ?=
 
+# What `make figures` runs on: see benchmarks/figures.py.
+FOOTAGE ?=
+
 PYTEST := $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadfile
 
 # Further arguments for `make console`.
@@ -34,7 +37,7 @@ endif
 # The built documentation.
 DOCS := build/docs
 
-.PHONY: help setup test test-all lint demo console docs bench sequences-given generate lock clean
+.PHONY: help setup test test-all lint demo console docs bench figures sequences-given generate lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -74,6 +77,10 @@ docs: $(INSTALLED)  ## build the documentation; open build/docs/index.html
 
 bench: sequences-given $(BENCH_INSTALLED)  ## all presets and other trackers on SEQUENCES="..." (in .venv-bench)
 	$(BENCH_VENV)/bin/python benchmarks/peers.py $(SEQUENCES) $(BENCH_ARGS)
+
+figures: $(BENCH_INSTALLED)  ## measure all figures of README and docs on FOOTAGE=FOLDER, hours
+	$(BENCH_VENV)/bin/python benchmarks/figures.py measure $(FOOTAGE)
+	$(BENCH_VENV)/bin/python benchmarks/figures.py write
 
 sequences-given:
 	@test -n "$(strip $(SEQUENCES))" || { \
