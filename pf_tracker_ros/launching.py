@@ -35,6 +35,8 @@ LOCALIZER_PARAMETERS = (
     "depth_transport",
     "depth_tolerance",
     "min_confidence",
+    "coast",
+    "hold",
 )
 _LOG_LEVELS = "debug, info, warn, error, fatal"
 

@@ -6,7 +6,8 @@
    and positive.
 
 For a nonlinear model, pass its Jacobian as the matrix and its value as the mean: this is the
-extended Kalman filter.
+extended Kalman filter. With a gain of 0 for a part of the state, that part is considered and not
+estimated, as after Schmidt 1966; Joseph's form holds for any gain.
 
 Source: Zhang Bo, section 3.3.
 """
@@ -79,6 +80,8 @@ class Gaussian:
         observation: ArrayLike,
         noise: ArrayLike,
         expected: ArrayLike | None = None,
+        *,
+        considered: int = 0,
     ) -> Gaussian:
         """Correction step: the state given a measurement z = G x + v.
 
@@ -87,12 +90,15 @@ class Gaussian:
             observation: (M, D) G, or the Jacobian of a nonlinear measurement at `self.mean`.
             noise: (M, M) covariance of v, positive definite.
             expected: (M,) expected measurement; None means G times `self.mean`.
+            considered: Numbers at the end of the state that are not estimated.
         """
         matrix = np.asarray(observation, dtype=np.float64)
         error = np.asarray(noise, dtype=np.float64)
         predicted = matrix @ self.mean if expected is None else np.asarray(expected)
         cross = matrix @ self.covariance
         gain = np.linalg.solve(cross @ matrix.T + error, cross).T
+        if considered:
+            gain[-considered:] = 0.0
         left = np.eye(len(self.mean)) - gain @ matrix
         return Gaussian(
             self.mean + gain @ (np.asarray(measurement, dtype=np.float64) - predicted),

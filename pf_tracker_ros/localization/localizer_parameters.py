@@ -104,6 +104,23 @@ class LocalizerParameters:
         minimum=0.0,
         maximum=1.0,
     )
+    coast: float = declared(
+        0.5,
+        "Longest time for which the selected target has a predicted pose, with a growing "
+        "covariance, while it is hidden or in doubt. 0 asks for a measurement in each image.",
+        unit="s",
+        minimum=0.0,
+        maximum=60.0,
+    )
+    hold: float = declared(
+        3.0,
+        "Time without a pose after the position of a target that was out of sight contradicts the "
+        "one from before, as on somebody else. It is shorter where position and confidence agree "
+        "more, down to 0.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
     autostart: bool = declared(
         True,
         "Configure and activate the node at start-up; false waits for a lifecycle manager.",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.localization.tracker_frame import TrackerFrame
 from pf_tracker_ros.localization.world_tracks import LocatedTarget, Sensed
 from pf_tracker_ros.messages import OK, WARN, Status
 from pf_tracker_ros.stamps import NANOSECONDS, format_stamp
 from pf_tracker_ros.topics import StatusValues
+from pf_tracker_ros.tracking.hints import Hint, Standing
 from pf_tracker_ros.world_messages import WorldTarget
 
 
@@ -49,10 +51,9 @@ class LocatedFrame:
         return [one.world for one in self.targets if one.world]
 
     @property
-    def covered_shares(self) -> dict[int, float]:
-        """Id of a target to `LocatedTarget.covered_share`, where that is known."""
-        shares = {one.reported.id: one.covered_share for one in self.targets}
-        return {id: share for id, share in shares.items() if share is not None}
+    def hints(self) -> dict[int, Hint]:
+        """Id of a target to `LocatedTarget.hint`."""
+        return {one.reported.id: one.hint for one in self.targets}
 
     @property
     def level(self) -> int:
@@ -62,7 +63,11 @@ class LocatedFrame:
     @property
     def message(self) -> str:
         """The status as a sentence."""
-        if not self.silence:
+        selected = self.selected
+        if not self.silence and selected and selected.coasts:
+            seconds = selected.predicted_for
+            texts = [f"target {self.frame.selected} is predicted for {seconds:.1f} s"]
+        elif not self.silence:
             texts = [f"target {self.frame.selected} is located"]
         else:
             seconds = (self.frame.stamp - self.silent_since) / NANOSECONDS
@@ -74,6 +79,9 @@ class LocatedFrame:
         """Values by key."""
         values: StatusValues = {"selected": self.frame.selected}
         values["pose"] = "silent" if self.silence else "published"
+        if self.selected and self.selected.coasts:
+            values["pose"] = "predicted"
+            values["predicted_for"] = self.selected.predicted_for
         if self.silence:
             values["silent_since"] = format_stamp(self.silent_since)
             values["reason"] = self.silence
@@ -111,6 +119,26 @@ class LocatedFrame:
         ]
 
 
+def hint_of_values(values: Mapping[str, str]) -> Hint:
+    """The hint among the values of a target, see `located_values`.
+
+    Raises:
+        ValueError: A value is no number.
+    """
+
+    def numbers(*names: str) -> list[float] | None:
+        return [float(values[name]) for name in names] if values.keys() >= set(names) else None
+
+    box = numbers("expected_x", "expected_y", "expected_width", "expected_height")
+    ground = numbers("horizon", "height_slope")
+    return Hint(
+        float(values.get("covered_share", 0.0)),
+        as_box(box) if box else None,
+        float(values.get("expected_center_std", 0.0)),
+        Standing(*ground) if ground else None,
+    )
+
+
 def located_values(target: LocatedTarget) -> StatusValues:
     """The values of a target by key: meters, meters per second, radians."""
     reported, world, place = target.reported, target.world, target.place
@@ -130,6 +158,13 @@ def located_values(target: LocatedTarget) -> StatusValues:
         values |= {"method": place.method, "range": place.range}
     if target.covered_share is not None:
         values["covered_share"] = target.covered_share
+    box, expected = target.hint.box, target.hint.standing
+    if box is not None:
+        names = ("expected_x", "expected_y", "expected_width", "expected_height")
+        values |= dict(zip(names, box, strict=True))
+        values["expected_center_std"] = target.hint.center_std
+    if expected is not None:
+        values |= {"horizon": expected.horizon, "height_slope": expected.slope}
     if target.normalized_innovation is not None:
         values["normalized_innovation"] = target.normalized_innovation
     if target.rejected_for is not None:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pf_tracker_ros.localization.located_frame import LocatedFrame
-from pf_tracker_ros.localization.world_tracks import distrust
 from pf_tracker_ros.messages import DETECTIONS_3D_TYPE, MARKERS_TYPE, MessageFactory
 from pf_tracker_ros.world_messages import (
     BEARING_TYPE,
@@ -41,13 +40,12 @@ class PositionTopic(NamedTuple):
     Attributes:
         name: Below the node's name.
         message_type: As `package/msg/Name`.
-        build: Builds the message from `new`, the headers, the frame and the confidence below which
-            a target is not trusted; None without a message.
+        build: Builds the message from `new`, the headers and the frame; None without a message.
     """
 
     name: str
     message_type: str
-    build: Callable[[MessageFactory, Headers, LocatedFrame, float], Any]
+    build: Callable[[MessageFactory, Headers, LocatedFrame], Any]
 
 
 def certain_target(located: LocatedFrame) -> WorldTarget | None:
@@ -58,30 +56,28 @@ def certain_target(located: LocatedFrame) -> WorldTarget | None:
 
 def _of_selected(
     build: Callable[[MessageFactory, Any, WorldTarget], Any],
-) -> Callable[[MessageFactory, Headers, LocatedFrame, float], Any]:
-    def built(new: MessageFactory, headers: Headers, located: LocatedFrame, _: float) -> Any:
+) -> Callable[[MessageFactory, Headers, LocatedFrame], Any]:
+    def built(new: MessageFactory, headers: Headers, located: LocatedFrame) -> Any:
         target = certain_target(located)
         return build(new, headers.fixed, target) if target else None
 
     return built
 
 
-def _bearing(
-    new: MessageFactory, headers: Headers, located: LocatedFrame, min_confidence: float
-) -> Any:
+def _bearing(new: MessageFactory, headers: Headers, located: LocatedFrame) -> Any:
     selected = located.selected
-    if not selected or not selected.bearing or distrust(selected.reported, min_confidence):
+    if not selected or not selected.bearing or not selected.has_bearing:
         return None
     return bearing_message(new, headers.image, selected.bearing.direction)
 
 
-def _detections_3d(new: MessageFactory, headers: Headers, located: LocatedFrame, _: float) -> Any:
+def _detections_3d(new: MessageFactory, headers: Headers, located: LocatedFrame) -> Any:
     if not located.sensed:
         return None
     return detections_3d_message(new, headers.fixed, located.world_targets)
 
 
-def _markers(new: MessageFactory, headers: Headers, located: LocatedFrame, _: float) -> Any:
+def _markers(new: MessageFactory, headers: Headers, located: LocatedFrame) -> Any:
     if not located.sensed:
         return None
     return world_markers_message(new, headers.fixed, located.world_targets, located.frame.selected)

@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import is_truncated
 from pf_tracker_ros.localization.box_errors import BoxErrors
 from pf_tracker_ros.localization.camera_pose import CameraPose
+from pf_tracker_ros.localization.expected_boxes import expected_box, standing
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.localization.trust import Trust
 from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.world import (
     METHODS,
     Bearing,
@@ -29,17 +33,11 @@ from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
 # Times after which half of a box's errors correlate by 1/e, seconds. Those of a tracker last longer
 # than those of a detector: each box depends on the one before.
 _CORRELATION_TIMES = 0.3, 5.0
-# Seconds after the last measurement in which the prediction stands for the target.
-_PREDICTED_FOR = 0.5
-# A doubted target counts as the same after so many seconds with a confidence that is higher than
-# `min_confidence` by so much, or after so many seconds in which it is not below that.
-_HIGH_ABOVE, _HIGH_FOR, _FAIR_FOR = 0.2, 1.0, 5.0
-# Seconds of positions that contradict the earlier ones after which a target is in doubt, however
-# confident the tracker is, and for so many seconds.
-_JUMPED_FOR, _JUMP_DOUBTED_FOR = 0.1, 5.0
 # Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
 # dimensions), from which a target has a heading.
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
+# Share of each measurement in the height of a target.
+_HEIGHT_RATE = 0.1
 # What a box with absurd numbers raises; the other targets are still located.
 _UNUSABLE = ValueError, ArithmeticError
 
@@ -78,8 +76,12 @@ class LocatedTarget:
             was not.
         covered_share: Share, 0 to 1, of the box that something in front of the target covers; None
             where that is unknown.
+        hint: What the tracker may take of all this.
         problem: Why this frame has no measurement that was used; empty if it has.
         doubt: Why it may be something else than before; empty if there is no reason.
+        predicted_for: Seconds since the last measurement without a doubt; infinite without one.
+        coasts: Whether the prediction stands for the target in this frame: it has no measurement
+            without a doubt, and `predicted_for` is at most `coast`.
     """
 
     reported: ReportedTarget
@@ -89,17 +91,23 @@ class LocatedTarget:
     normalized_innovation: float | None
     rejected_for: float | None
     covered_share: float | None
+    hint: Hint
     problem: str
     doubt: str
+    predicted_for: float
+    coasts: bool
 
     @property
     def silence(self) -> str:
         """Why a robot gets no pose of it; empty if it does."""
-        if self.doubt:
-            return self.doubt
-        if self.rejected_for is not None or self.world is None:
-            return self.problem or f"target {self.reported.id} has no position"
-        return ""
+        if self.world is not None and (self.coasts or self.predicted_for == 0.0):
+            return ""
+        return self.problem or self.doubt or f"target {self.reported.id} has no position"
+
+    @property
+    def has_bearing(self) -> bool:
+        """Whether a robot may turn by its direction: it is tracked, without a doubt."""
+        return self.bearing is not None and self.reported.state == "tracking" and not self.doubt
 
 
 class WorldTracks:
@@ -138,10 +146,12 @@ class WorldTracks:
 
     def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
         stamp, localizer = scene.frame.stamp, scene.localizer
-        track, min_confidence = self._tracks[target.id], scene.parameters.min_confidence
-        place, covered_share, problem = None, None, distrust(target, min_confidence)
+        track, parameters = self._tracks[target.id], scene.parameters
+        place, covered_share = None, None
+        problem = distrust(target, parameters.min_confidence)
+        if problem:
+            track.trust.lose_sight(is_hidden=target.state != "tracking")
         if target.state == "lost":
-            track.filter.reset()
             track.box_errors.reset()
         try:
             if problem:
@@ -163,18 +173,34 @@ class WorldTracks:
                     problem = f"the box of target {target.id} gives no range{hint}"
         except _UNUSABLE as error:
             problem = problem or f"target {target.id} cannot be located: {error}"
-        doubt = track.trust.update(stamp, target, min_confidence, track.rejected_for(stamp))
+        predicted_for = track.predicted_for(stamp)
+        coasts = 0.0 < predicted_for <= parameters.coast
+        is_kept = coasts or target.state != "lost"
         return LocatedTarget(
             reported=target,
             bearing=_bearing(place, localizer, target),
             place=place,
-            world=track.world(stamp, target, is_trusted=not distrust(target, min_confidence)),
+            world=track.world(stamp, target) if is_kept else None,
             normalized_innovation=track.filter.normalized_innovation if place else None,
             rejected_for=track.rejected_for(stamp),
             covered_share=covered_share,
+            hint=track.hint(covered_share, scene),
             problem=problem,
-            doubt=doubt,
+            doubt=_doubt(target, track.trust),
+            predicted_for=predicted_for,
+            coasts=coasts,
         )
+
+
+def _doubt(target: ReportedTarget, trust: Trust) -> str:
+    if not trust.doubted_for:
+        return ""
+    if target.state != "tracking":
+        return f"target {target.id} is {target.state}"
+    return (
+        f"target {target.id} may be something else since it was out of sight; it counts as the "
+        f"same after {trust.doubted_for:.1f} s, or sooner with a higher confidence"
+    )
 
 
 def _bearing(place: Place | None, localizer: Localizer, target: ReportedTarget) -> Bearing | None:
@@ -229,81 +255,20 @@ def distrust(target: ReportedTarget, min_confidence: float) -> str:
     return ""
 
 
-class _Trust:
-    """Whether a target is still the same.
-
-    A box that goes over to somebody else who crosses soon has a fair confidence again. So after an
-    occlusion or a low confidence, a target is in doubt until its confidence has been high for some
-    time, or fair for a long time.
-    """
-
-    def __init__(self) -> None:
-        self._is_doubted = False
-        # Stamps since when the confidence is high, and since when it is fair; None while it is not.
-        self._high_since: int | None = None
-        self._fair_since: int | None = None
-        # Stamp of the last frame in which the position contradicted the earlier ones for a while.
-        self._jumped_at: int | None = None
-
-    def update(
-        self,
-        stamp: int,
-        target: ReportedTarget,
-        min_confidence: float,
-        rejected_for: float | None,
-    ) -> str:
-        """Take a frame; why the target is in doubt, empty if it is not.
-
-        Args:
-            stamp: Of the frame, nanoseconds.
-            target: As the tracker reported it.
-            min_confidence: Least confidence of a target that is not in doubt.
-            rejected_for: See `LocatedTarget`.
-        """
-        if rejected_for is not None and rejected_for >= _JUMPED_FOR:
-            self._jumped_at = stamp
-        if problem := distrust(target, min_confidence):
-            self._is_doubted, self._high_since, self._fair_since = True, None, None
-            return problem
-        if self._jumped_at is not None:
-            seconds = (stamp - self._jumped_at) / NANOSECONDS
-            if seconds < _JUMP_DOUBTED_FOR:
-                return (
-                    f"the position of target {target.id} jumped {seconds:.1f} s ago, as if the box "
-                    f"had gone over to something else; it counts again after "
-                    f"{_JUMP_DOUBTED_FOR:g} s"
-                )
-        if not self._is_doubted:
-            return ""
-        high = min(min_confidence + _HIGH_ABOVE, 1.0)
-        if self._fair_since is None:
-            self._fair_since = stamp
-        if target.confidence < high:
-            self._high_since = None
-        elif self._high_since is None:
-            self._high_since = stamp
-        fair_for = (stamp - self._fair_since) / NANOSECONDS
-        high_for = 0.0 if self._high_since is None else (stamp - self._high_since) / NANOSECONDS
-        self._is_doubted = high_for < _HIGH_FOR and fair_for < _FAIR_FOR
-        if not self._is_doubted:
-            return ""
-        return (
-            f"target {target.id} is tracked again for {fair_for:.1f} s; it is the same after "
-            f"{_HIGH_FOR:g} s with a confidence of {high:.2g}, or after {_FAIR_FOR:g} s"
-        )
-
-
 class _Track:
     """Filter, errors of the box, trust, heading and size of one target."""
 
     def __init__(self) -> None:
         self.filter = PositionFilter(correlation_times=_CORRELATION_TIMES)
         self.box_errors = BoxErrors()
-        self.trust = _Trust()
-        self._measured_at = 0
+        self.trust = Trust()
+        # Stamp of the last measurement without a doubt.
+        self._measured_at: int | None = None
         self._yaw: float | None = None
         self._yaw_variance = UNKNOWN_ANGLE
         self._size = 0.0, 0.0
+        # Width of a box over its height, and the height of the target in meters.
+        self._aspect, self._height = 0.0, 0.0
 
     def predicted_range(self, scene: _Scene) -> tuple[float, float] | None:
         """Distance from the camera to half the height, and its standard deviation, meters."""
@@ -326,22 +291,50 @@ class _Track:
             return None
         return scene.localizer.covered_share(target.box, depth, predicted)
 
+    def hint(self, covered_share: float | None, scene: _Scene) -> Hint:
+        """What the tracker may take of it: what covers it, and where to look for it."""
+        share = covered_share or 0.0
+        filtered = self.filter.predict(scene.frame.stamp)
+        if filtered is None or not self._height:
+            return Hint(share)
+        camera, pose = scene.sensed.camera, scene.sensed.pose
+        box, center_std = None, 0.0
+        if found := expected_box(camera, pose, filtered, self._height, self._aspect):
+            box, center_std = found
+        return Hint(share, box, center_std, standing(camera, pose, self._height))
+
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
-        if not self.filter.update(scene.frame.stamp, measured.mean, measured.covariance):
+        stamp, parameters = scene.frame.stamp, scene.parameters
+        if not self.filter.update(stamp, measured.mean, measured.covariance):
             innovation = self.filter.normalized_innovation
             return (
                 f"the position of target {target.id} jumped (squared innovation "
                 f"{innovation or 0.0:.1f}), as if the box were on something else"
             )
-        self._measured_at = scene.frame.stamp
+        if self.filter.has_restarted:
+            self.trust.contradict(stamp)
+        self.trust.measure(
+            stamp,
+            self.filter.log_density,
+            target.confidence,
+            min_confidence=parameters.min_confidence,
+            hold=parameters.hold,
+        )
+        if not self.trust.doubted_for:
+            self._measured_at = stamp
         if self._yaw is None:
             away = measured.mean[:2] - pose.translation[:2]
             self._yaw = math.atan2(away[1], away[0])
         depth = float(place.position[2])
         self._size = target.box[2] * depth / camera.fx, target.box[3] * depth / camera.fy
+        is_cut = is_truncated(np.array(target.box), (camera.width, camera.height))
+        if not (self.trust.doubted_for or is_cut):
+            self._aspect = target.box[2] / target.box[3]
+            before = self._height or parameters.target.height
+            self._height = before + _HEIGHT_RATE * (self._size[1] - before)
         return ""
 
     def rejected_for(self, stamp: int) -> float | None:
@@ -349,11 +342,15 @@ class _Track:
         since = self.filter.rejected_since
         return None if since is None else (stamp - since) / NANOSECONDS
 
-    def world(self, stamp: int, target: ReportedTarget, *, is_trusted: bool) -> WorldTarget | None:
-        """The target at a stamp; None where a trusted box gives no recent measurement."""
+    def predicted_for(self, stamp: int) -> float:
+        """Seconds since the last measurement without a doubt; infinite before the first."""
+        last = self._measured_at
+        return math.inf if last is None else (stamp - last) / NANOSECONDS
+
+    def world(self, stamp: int, target: ReportedTarget) -> WorldTarget | None:
+        """The target at a stamp; None before the first measurement."""
         filtered = self.filter.predict(stamp)
-        is_recent = stamp - self._measured_at <= _PREDICTED_FOR * NANOSECONDS
-        if filtered is None or (is_trusted and not is_recent):
+        if filtered is None:
             return None
         self._turn(filtered)
         return WorldTarget(

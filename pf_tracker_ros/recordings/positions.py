@@ -49,6 +49,7 @@ from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.tracking import TrackedFrame, Tracking
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.topics import target_probability
+from pf_tracker_ros.tracking.hints import Hint
 
 # Nanoseconds after a frame up to which messages may still belong to it.
 _LOOK_AHEAD = NANOSECONDS
@@ -145,14 +146,14 @@ class RecordedPositions:
             FootageError: The bag cannot be read.
         """
         with closing(tracking), closing(self.open()) as sensors:
-            covered_shares: Mapping[int, float] | None = None
+            hints: Mapping[int, Hint] | None = None
             while True:
                 try:
-                    tracked = tracking.send(covered_shares)
+                    tracked = tracking.send(hints)
                 except StopIteration:
                     return
                 located = _located(tracked, sensors)
-                covered_shares = located.covered_shares
+                hints = located.hints
                 yield replace(tracked, located=located)
 
     def open(self) -> RecordedSensors:

@@ -95,9 +95,7 @@ class TopicBag:
         new = self._writer.new
         headers = Headers(self._writer.header(located.frame.stamp, parameters.fixed_frame), header)
         messages = {
-            f"{LOCALIZER}/{topic.name}": topic.build(
-                new, headers, located, parameters.min_confidence
-            )
+            f"{LOCALIZER}/{topic.name}": topic.build(new, headers, located)
             for topic in _POSITION_TOPICS
         }
         statuses = located.statuses(LOCALIZER)

@@ -30,6 +30,7 @@ from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.topics import SKIPPED, FrameResult
 from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 # Defaults of the node's parameters `frame_buffer_length` and `frame_buffer_megabytes`: late
@@ -73,8 +74,8 @@ class TrackedFrame(FrameResult):
         return published_box(self.estimate)
 
 
-Tracking = Generator[TrackedFrame, Mapping[int, float] | None, None]
-"""Tracked frames in order; takes the covered shares of a frame, see `Session`, before the next."""
+Tracking = Generator[TrackedFrame, Mapping[int, Hint] | None, None]
+"""Tracked frames in order; takes the hints of a frame, see `Session`, before the next."""
 
 
 def published_box(estimate: Estimate | None) -> Box | None:
@@ -153,9 +154,9 @@ def track_recording(
     with one_opencv_thread(), closing(Prefetch(recording.frames())) as frames:
         for frame in frames:
             count += 1
-            covered_shares = yield tracking.process(frame)
-            if covered_shares:
-                tracking.cover(covered_shares, frame)
+            hints = yield tracking.process(frame)
+            if hints:
+                tracking.take_hints(hints, frame)
         tracking.finish(count)
 
 
@@ -209,9 +210,9 @@ class _Tracking:
             warnings=(*detection_errors, *outcome.ended, *outcome.rejected_detections),
         )
 
-    def cover(self, shares: Mapping[int, float], frame: RecordedFrame) -> None:
-        """Take the covered shares of a frame."""
-        self._session.set_covered_shares(shares, frame.stamp)
+    def take_hints(self, hints: Mapping[int, Hint], frame: RecordedFrame) -> None:
+        """Take what is known of the targets in a frame."""
+        self._session.set_hints(hints, frame.stamp)
 
     def _session_outcome(self, frame: RecordedFrame) -> Outcome:
         arrival = self._session.classify(frame.stamp)

@@ -252,14 +252,14 @@ class ReIdentifier:
 
 
 def _is_missing(track: Track) -> bool:
-    """Whether a manual target is seen neither by the detector nor in the image."""
+    """Whether a held target is seen neither by the detector nor in the image."""
     is_seen = track.unconfirmed_for == 0.0 or track.filter_state.estimate.state == "tracking"
-    return track.is_manual and not is_seen and track.existence_log_odds < _MISSING_BELOW
+    return track.is_held and not is_seen and track.existence_log_odds < _MISSING_BELOW
 
 
 def _is_candidate(track: Track, tracks: Sequence[Track]) -> bool:
     """Whether a track began by detections, is detected now, and its box is around no other one."""
-    if track.unconfirmed_for > 0.0 or track.is_manual or track.is_distractor:
+    if track.unconfirmed_for > 0.0 or track.is_held or not track.hits:
         return False
     known = (one for one in tracks if one is not track and one.is_reported and not _is_missing(one))
     others = [one.box for one in known if one.filter_state.estimate.state != "lost"]
@@ -295,6 +295,9 @@ def _with_identity_of(track: Track, before: Track) -> Track:
     return replace(
         track,
         key=before.key,
+        distracted_key=None,
+        is_confirmed=True,
+        is_selected=before.is_selected,
         descriptor=before.descriptor,
         mean_appearance_distance=before.mean_appearance_distance,
         appearance_samples=before.appearance_samples,

@@ -147,7 +147,6 @@ class DistractorManager:
         distractor = replace(
             distractor,
             box_filter=box_filter,
-            age=distractor.age + interval,
             distractor_candidate=None,
             unseen_for=unseen_for,
         )
@@ -181,7 +180,12 @@ def _will_cross(target: Track, candidate: DistractorCandidate) -> bool:
 
 
 def _continues(distractor: Track, target: Track, others: Sequence[Track]) -> bool:
-    """Whether a distractor is seen, near its target, and on no other target."""
+    """Whether a distractor is seen, near its target, and on no other target.
+
+    One that a detector has found ends as targets do.
+    """
+    if distractor.hits:
+        return True
     is_far = relative_center_distances(target.box, distractor.box) >= _FAR
     if distractor.unseen_for > _UNSEEN_FOR or is_far:
         return False

@@ -35,6 +35,8 @@ _INITIAL_LOG_ODDS = 1.0
 _DISTRACTOR_LOG_ODDS = -0.45
 # Seconds: a track is confirmed by as many hits as a detector has frames in them.
 _CONFIRMED_WITHIN = 0.3
+# Most people beside the last target that there may be that are told apart from it.
+_BYSTANDERS = 6
 # Child of the seed for the random numbers of tracks; others are of the image front end.
 _SPAWN_KEY = 1
 
@@ -107,7 +109,8 @@ class Initiator:
         ]
         boxes = np.array(undetected).reshape(-1, 4)
         for number, one in unassigned:
-            if sum(not track.is_distractor for track in tracks) >= self._max_targets:
+            target = self._target_of_bystander(tracks)
+            if target is None and self._room(tracks) <= 0:
                 break
             if pairwise_iou(one.box[None], boxes).max(initial=0.0) > _SAME_ABOVE:
                 continue
@@ -120,8 +123,21 @@ class Initiator:
                 for other in tracks
                 if not (other.is_distractor and is_same_object(other, track.box))
             ]
-            tracks.append(replace(track, existence_log_odds=log_odds))
+            distracted_key = target.key if target else None
+            tracks.append(
+                replace(track, existence_log_odds=log_odds, distracted_key=distracted_key)
+            )
         return replace(track_set, tracks=tuple(tracks))
+
+    def _room(self, tracks: Sequence[Track]) -> int:
+        """How many more targets there may be."""
+        return self._max_targets - sum(not track.is_distractor for track in tracks)
+
+    def _target_of_bystander(self, tracks: Sequence[Track]) -> Track | None:
+        """The selected target from which a new track is only told apart; None if it is a target."""
+        if self._room(tracks) > 0 or sum(track.is_distractor for track in tracks) >= _BYSTANDERS:
+            return None
+        return next((track for track in tracks if track.is_selected), None)
 
     def add_manual(self, track_set: TrackSet, started: Sequence[Track]) -> TrackSet:
         """The track set with manual tracks that begin in its frame.
@@ -163,7 +179,7 @@ class Initiator:
             assigned: Detection of each track, or None.
         """
         tracks = []
-        room = self._max_targets - sum(not track.is_distractor for track in track_set.tracks)
+        room = self._room(track_set.tracks)
         for track, detection in zip(track_set.tracks, assigned, strict=True):
             is_promoted = detection is not None and track.is_distractor and room > 0
             room -= is_promoted
@@ -228,7 +244,7 @@ def is_same_object(track: Track, box: NDArray[np.float64]) -> bool:
     return bool(pairwise_iou(track.box[None], box[None])[0, 0] > _SAME_ABOVE)
 
 
-# Existence log odds below which a track ends.
+# Log odds of existence below which a track ends.
 _ENDS_BELOW = -1.0
 # A target whose center is this near to the image border, in its own sides, has left.
 _LEFT_WITHIN = 0.03
@@ -260,14 +276,19 @@ class Deleter:
         ]
         tracks = []
         for track in track_set.tracks:
-            if track.is_manual or not (
-                track.existence_log_odds < _ENDS_BELOW or _has_left(track, image_size)
+            if self._stays(track) or not (
+                track.log_odds < _ENDS_BELOW or _has_left(track, image_size)
             ):
                 tracks.append(track)
             elif track.is_confirmed:
                 ended.append(replace(track, time_since_end=0.0))
         kept = [track for track in ended if (track.time_since_end or 0.0) < self._reidentify_within]
         return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(kept))
+
+    def _stays(self, track: Track) -> bool:
+        """Whether nothing but a user ends a track, or it may still come back."""
+        may_return = track.unconfirmed_for <= self._reidentify_within
+        return track.is_manual or (track.is_selected and may_return)
 
 
 def _has_left(track: Track, image_size: tuple[int, int]) -> bool:

@@ -18,6 +18,7 @@ from pf_tracker_ros.targets.out_of_sequence import StampedDetections
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.input_checks import (
     check_box,
     check_interval,
@@ -230,8 +231,8 @@ class MultiTracker:
             raise ValueError(
                 f"covered_shares is {covered_shares!r}; allowed: a mapping from ids to shares"
             )
-        shares = {id: check_share(share) for id, share in (covered_shares or {}).items()}
-        self._manager.update(Frame(image.copy(), stamp), interval, stamped, shares)
+        hints = {id: Hint(check_share(share)) for id, share in (covered_shares or {}).items()}
+        self._manager.update(Frame(image.copy(), stamp), interval, stamped, hints)
         self._stamp = stamp
         return self.targets
 

@@ -14,7 +14,7 @@ and Paulus 2017) and of Stone Soup.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pf_tracker_ros.appearances import build_appearance
@@ -23,9 +23,11 @@ from pf_tracker_ros.targets.appearance_redetection import AppearanceRedetector
 from pf_tracker_ros.targets.association import Associator, ReIdentifier, correct_id_switches
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.distractors import DistractorManager
+from pf_tracker_ros.targets.hinted import with_hint
 from pf_tracker_ros.targets.lifecycle import Deleter, Initiator
-from pf_tracker_ros.targets.tracks import TrackSet
+from pf_tracker_ros.targets.tracks import TrackKey, TrackSet
 from pf_tracker_ros.targets.updater import Updater
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 
@@ -42,6 +44,7 @@ class TrackingPipeline:
     def __init__(
         self, target_filter: TargetFilter, parameters: TrackerParameters, seed: int
     ) -> None:
+        self._target_filter = target_filter
         self.appearance = build_appearance(parameters.appearance)
         self._associator = Associator(self.appearance)
         self._updater = Updater(target_filter, parameters.detector.recall, self.appearance)
@@ -50,6 +53,27 @@ class TrackingPipeline:
         self._reidentifier = ReIdentifier(self.appearance)
         self._redetector = AppearanceRedetector(target_filter, self.appearance)
         self._distractors = DistractorManager(self.initiator, target_filter.operations)
+
+    def take_hints(
+        self, track_set: TrackSet, hints: Mapping[TrackKey, Hint], image_size: tuple[int, int]
+    ) -> TrackSet:
+        """The track set with what is known of its tracks from outside of the image.
+
+        Args:
+            track_set: After the last frame.
+            hints: Of that frame, by the tracks' keys.
+            image_size: (width, height), pixels.
+        """
+        operations = self._target_filter.operations
+        return replace(
+            track_set,
+            tracks=tuple(
+                with_hint(track, hints[track.key], image_size, operations)
+                if track.key in hints
+                else track
+                for track in track_set.tracks
+            ),
+        )
 
     def advance(
         self,

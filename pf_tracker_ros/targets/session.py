@@ -35,7 +35,8 @@ from pf_tracker_ros.targets.track_manager import FrameNotBufferedError, StartedT
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.frame_clock import FrameClock, FrozenImages, TimePolicy, is_due
-from pf_tracker_ros.tracking.input_checks import check_box, check_share
+from pf_tracker_ros.tracking.hints import Hint
+from pf_tracker_ros.tracking.input_checks import check_box, check_hint
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
@@ -44,8 +45,8 @@ Arrival = Literal["next", "jump", "again", "duplicate", "late"]
 DROPPED_ARRIVALS = ("duplicate", "late")
 """Arrivals of frames that are dropped without their image."""
 
-# Largest age of a covered share, nanoseconds: people who cross are in front for about so long.
-_COVERED_WITHIN = NANOSECONDS // 2
+# Largest age of a hint, nanoseconds: people who cross are in front for about so long.
+_HINTED_WITHIN = NANOSECONDS // 2
 
 _DRAWN_BEFORE_JUMP = (
     "target refused: it was drawn on a frame from before time went back; draw it again"
@@ -122,8 +123,8 @@ class Session:
         self._format_guard = ImageFormatGuard()
         self._frozen_images = FrozenImages()
         self._selected = 0
-        # Stamp of a frame, and id to share.
-        self._covered_shares: tuple[int, Mapping[int, float]] = (0, {})
+        # Stamp of a frame, and id to hint.
+        self._hints: tuple[int, Mapping[int, Hint]] = (0, {})
         self._requested: list[ManualTarget] = []
         # Those that have started, by id.
         self._manual: dict[int, ManualTarget] = {}
@@ -247,26 +248,26 @@ class Session:
         if not self._clock.was_skipped(stamp):
             self._detection_queue.add(detections, stamp)
 
-    def set_covered_shares(self, shares: Mapping[int, float], stamp: int) -> None:
-        """Tell which shares of the targets' boxes are covered by something in front.
+    def set_hints(self, hints: Mapping[int, Hint], stamp: int) -> None:
+        """Tell what is known of targets from outside of the image.
 
-        They were seen in an earlier frame, and count in the next one, once: what is in front stays
-        there for a while. They are ignored half a second later, or if time has gone back. Later
-        ones replace them.
+        The hints are of an earlier frame, and count in the next one, once: what is in front of a
+        target stays there for a while. They are ignored half a second later, or if time has gone
+        back. Later ones replace them.
 
         Args:
-            shares: Id of a target to the share, 0 to 1; other ids are ignored.
-            stamp: Of the frame in which they were seen.
+            hints: Id of a target to its hint; other ids are ignored.
+            stamp: Of the frame that they are of.
 
         Raises:
-            ValueError: A share is no number from 0 to 1.
+            ValueError: A number is out of its range.
         """
-        self._covered_shares = stamp, {id: check_share(share) for id, share in shares.items()}
+        self._hints = stamp, {id: check_hint(hint) for id, hint in hints.items()}
 
-    def _take_covered_shares(self, stamp: int) -> Mapping[int, float]:
-        """The shares that count in the frame of a stamp."""
-        (seen_at, shares), self._covered_shares = self._covered_shares, (0, {})
-        return shares if 0 < stamp - seen_at <= _COVERED_WITHIN else {}
+    def _take_hints(self, stamp: int) -> Mapping[int, Hint]:
+        """The hints that count in the frame of a stamp."""
+        (seen_at, hints), self._hints = self._hints, (0, {})
+        return hints if 0 < stamp - seen_at <= _HINTED_WITHIN else {}
 
     def select(self, id: int) -> None:
         """Select the target that a robot acts on.
@@ -429,8 +430,8 @@ class Session:
         self._format_guard.accept(frame)
         discarded = self._detection_queue.discard_where(self._format_guard.is_before_change)
         detections = self._detection_queue.due(frame.stamp)
-        shares = self._take_covered_shares(frame.stamp)
-        self._manager.update(frame, interval, detections, shares)
+        hints = self._take_hints(frame.stamp)
+        self._manager.update(frame, interval, detections, hints, selected=self.selected)
         self._clock.take(frame.stamp, interval)
         self._detection_queue.discard_due(frame.stamp)
         started = self._start_requested(frame)

@@ -49,6 +49,7 @@ from pf_tracker_ros.targets.tracks import (
     last_seen_after,
 )
 from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.input_checks import check_box, check_seed
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
@@ -236,7 +237,9 @@ class TrackManager:
         frame: Frame,
         interval: float | None = None,
         detections: Sequence[StampedDetections] = (),
-        covered_shares: Mapping[int, float] | None = None,
+        hints: Mapping[int, Hint] | None = None,
+        *,
+        selected: int = 0,
     ) -> None:
         """Advance all targets by one frame.
 
@@ -245,8 +248,11 @@ class TrackManager:
                 it.
             interval: Seconds since the last frame, from 0; None if unknown.
             detections: Received since the last frame; of this frame or of earlier ones.
-            covered_shares: Id of a target to the share, 0 to 1, of its box that something in front
-                covers, where that is known. It lowers the confidence of this frame.
+            hints: Id of a target to what is known of it in the last frame. A covered share lowers
+                the confidence of this one; a target out of sight is looked for where it is
+                expected.
+            selected: Id of the target that stays for `track.reidentify_within` while nothing shows
+                it, 0 for none.
 
         Raises:
             ValueError: The image has another size or type; the state is unchanged.
@@ -272,14 +278,19 @@ class TrackManager:
             entries, rejected = (
                 insert_late(self.frames, late, frame.stamp, self._describe) if late else ([], [])
             )
+            kept = reported[selected].key if selected in reported else None
+            if entries:
+                before = entries[0].tracks_before.with_selected(kept)
+                entries[0] = replace(entries[0], tracks_before=before)
             track_set, revised = (
-                reprocess(self._pipeline, entries) if entries else (self._track_set, [])
+                reprocess(self._pipeline, entries)
+                if entries
+                else (self._track_set.with_selected(kept), [])
             )
-            if covered_shares:
+            if hints:
                 keys = {id: track.key for id, track in reported.items()}
-                track_set = track_set.with_covered_shares(
-                    {keys[id]: share for id, share in covered_shares.items() if id in keys}
-                )
+                known = {keys[id]: hint for id, hint in hints.items() if id in keys}
+                track_set = self._pipeline.take_hints(track_set, known, frame.size)
             found: tuple[Detection, ...] | None = None
             for batch in current:
                 described, reasons = self._describe(batch.detections, frame)

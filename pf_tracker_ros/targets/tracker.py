@@ -13,6 +13,7 @@ from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.estimate import Estimate
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.input_checks import (
     check_box,
     check_interval,
@@ -174,8 +175,8 @@ class Tracker:
         if not self._manager.accepts_image(image):
             raise ValueError(self._manager.image_mismatch(image))
         interval, share = None if dt is None else check_interval(dt), check_share(covered_share)
-        shares = {target.id: share for target in self._manager.targets if share}
-        self._manager.update(Frame(image.copy()), interval, covered_shares=shares)
+        hints = {target.id: Hint(share) for target in self._manager.targets if share}
+        self._manager.update(Frame(image.copy()), interval, hints=hints)
         return self._manager.targets[0].estimate
 
     def map_likelihood(self) -> LikelihoodMap | None:

@@ -37,9 +37,10 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
 _MIN_BLEND_RATE = 0.05
-# Existence log odds above which a track is reported. Boxes of a target that the detector has just
-# missed are wrong at least as often as right.
+# Log odds of existence above which a track is reported.
 _REPORTED_ABOVE = 0.5
+# Most that a confident image adds to them: a detector that looks again and again is right.
+_MOST_BY_IMAGE = 2.0
 # Seconds times targets over which the variance of growth is learned.
 _GROWTH_LEARNED_OVER = 30.0
 # A track replaces another one above this intersection over union.
@@ -91,10 +92,11 @@ class Track:
         unconfirmed_for: Seconds since the last of them.
         time_since_template_update: Seconds since the templates were learned from a detection.
         is_confirmed: Whether it had enough hits to be reported.
+        is_selected: Whether a robot acts on it; then it stays while it may come back.
         is_occluded_by_other: Whether another target is in front of it.
         is_duplicate: Whether, meanwhile, its box is on the same object as that of the other one.
         switched_for: Seconds since it may have jumped to a distractor; None where it has not.
-        distracted_key: Key of the track that this distractor looks like; None for targets.
+        distracted_key: Key of the target that this distractor is told apart from; None for targets.
         unseen_for: Seconds for which a distractor was not seen; they count more where it should
             have been visible.
         distractor_candidate: None where nothing beside it looks like it.
@@ -116,6 +118,7 @@ class Track:
     unconfirmed_for: float = 0.0
     time_since_template_update: float = 0.0
     is_confirmed: bool = False
+    is_selected: bool = False
     is_occluded_by_other: bool = False
     is_duplicate: bool = False
     switched_for: float | None = None
@@ -137,8 +140,25 @@ class Track:
 
     @property
     def is_distractor(self) -> bool:
-        """Whether it only exists to be told apart from the target that it looks like."""
+        """Whether it only exists to be told apart from a target.
+
+        It looks like that, or a detector found it beside the last target that there may be.
+        """
         return self.distracted_key is not None
+
+    @property
+    def is_held(self) -> bool:
+        """Whether it stays, and is reported, while nothing shows it."""
+        return self.is_manual or self.is_selected
+
+    @property
+    def log_odds(self) -> float:
+        """Log odds that it exists, by detections and, once it is confirmed, by the image."""
+        if not self.is_confirmed:
+            return self.existence_log_odds
+        confidence = min(max(self.filter_state.confidence, 0.5), 0.99)
+        by_image = math.log(confidence / (1.0 - confidence))
+        return self.existence_log_odds + min(by_image, _MOST_BY_IMAGE)
 
     @property
     def label(self) -> str:
@@ -190,12 +210,10 @@ class Track:
 
     @property
     def is_reported(self) -> bool:
-        """Whether it is part of the output: all manual ones, and confirmed ones that are seen."""
-        is_seen = (
-            self.existence_log_odds > _REPORTED_ABOVE and self.filter_state.estimate.state != "lost"
-        )
+        """Whether it is part of the output: all that are held, and confirmed ones that are seen."""
+        is_seen = self.log_odds > _REPORTED_ABOVE and self.filter_state.estimate.state != "lost"
         is_seen = is_seen and not (self.is_duplicate or self.is_distractor)
-        return self.is_manual or (self.is_confirmed and is_seen)
+        return self.is_held or (self.is_confirmed and is_seen)
 
     def add_label_vote(self, label: str, score: float) -> Track:
         """The track with one more vote for a label; an empty label is no vote."""
@@ -297,6 +315,15 @@ class TrackSet:
                 track.with_covered_share(shares[track.key]) if track.key in shares else track
                 for track in self.tracks
             ),
+        )
+
+    def with_selected(self, key: TrackKey | None) -> TrackSet:
+        """The track set in which the track of a key is selected, and no other."""
+        if all(track.is_selected == (track.key == key) for track in self.tracks):
+            return self
+        return replace(
+            self,
+            tracks=tuple(replace(track, is_selected=track.key == key) for track in self.tracks),
         )
 
     @property

@@ -1,7 +1,7 @@
 """Updates every track with the image and its detection, with occlusions between the targets.
 
-1. Order the tracks: detected ones first, lost manual ones last; otherwise the lower box first,
-   since it is nearer to the camera.
+1. Order the tracks: detected ones first, lost ones that are held last; otherwise the lower box
+   first, since it is nearer to the camera.
 2. Predict the particles of all tracks at once.
 3. For each track, collect the likelihoods that multiply that of the image
    (`external_likelihoods.py`).
@@ -67,6 +67,8 @@ _INDEPENDENT_AFTER = 0.3
 # Seconds without a frame after which a track starts again from its detection: the particles are too
 # few for the area in which it may be.
 _PAUSED_AFTER = 1.0
+# Least log odds of existence that count against the image.
+_LEAST_MISSED = -6.0
 # Minimum of the visible share, which scales the effect of a miss.
 _MIN_VISIBLE = 0.4
 
@@ -121,11 +123,8 @@ class Updater:
         predictions = self._predict(tracks, frame, interval, assigned, alone, is_silent=is_silent)
         for index in np.lexsort((-lower_edges, undetected & unknown, undetected)).tolist():
             track = tracks[index]
-            if track.is_distractor and assigned[index] is None:
-                filter_state = self._target_filter.operations.move_to(
-                    track.filter_state, as_box(boxes[index])
-                )
-                track = replace(track, filter_state=filter_state)
+            if track.is_distractor:
+                track = self._update_distractor(track, frame, interval, assigned[index])
             else:
                 track = self._update_track(
                     track,
@@ -171,7 +170,8 @@ class Updater:
         is_paused = interval > _PAUSED_AFTER
         indices, states = [], []
         for index, (track, detection) in enumerate(zip(tracks, assigned, strict=True)):
-            if is_paused if detection else track.is_distractor or track.is_occluded_by_other:
+            is_left_out = is_paused if detection else track.is_occluded_by_other
+            if track.is_distractor or is_left_out:
                 continue
             indices.append(index)
             estimates_size = bool(alone[index]) or _is_size_due(track, detection, is_silent)
@@ -200,11 +200,25 @@ class Updater:
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
         changes = self._log_miss * independence * visible
         return tuple(
-            track
-            if detection
-            else replace(track, existence_log_odds=track.existence_log_odds + float(change))
+            track if detection else _missed(track, float(change))
             for track, detection, change in zip(tracks, assigned, changes, strict=True)
         )
+
+    def _update_distractor(
+        self, track: Track, frame: Frame, interval: float, detection: Detection | None
+    ) -> Track:
+        """A distractor where it is predicted, or detected; its own filter is not used."""
+        filter_state = self._target_filter.operations.move_to(
+            track.filter_state, as_box(track.predicted_box)
+        )
+        track = replace(
+            track,
+            filter_state=filter_state,
+            age=track.age + interval,
+            unconfirmed_for=track.unconfirmed_for + interval,
+            time_since_template_update=track.time_since_template_update + interval,
+        )
+        return self._correct(track, frame, detection) if detection else track
 
     def _update_track(
         self,
@@ -345,6 +359,8 @@ class Updater:
         relearns = jumps or (is_due and not is_doubted)
         if relearns:
             filter_state = operations.relearn(filter_state, frame)
+        if filter_state.missed_factor < 1.0:
+            filter_state = replace(filter_state, missed_factor=1.0)
         if detection.is_clear:
             track = track.update_descriptor(detection.descriptor, self._appearance)
         is_cut = is_truncated(detection.box, frame.size)
@@ -362,9 +378,22 @@ class Updater:
         )
 
 
+def _missed(track: Track, change: float) -> Track:
+    """A track with other log odds, after a detector did not see it.
+
+    They count against the image where the detector has seen the target before: it knows its kind.
+    """
+    log_odds = track.existence_log_odds + change
+    filter_state = track.filter_state
+    if not track.is_undetected:
+        factor = math.exp(min(max(log_odds, _LEAST_MISSED), 0.0))
+        filter_state = replace(filter_state, missed_factor=factor)
+    return replace(track, existence_log_odds=log_odds, filter_state=filter_state)
+
+
 def _is_place_unknown(track: Track) -> bool:
-    """Whether a track is a lost manual one; others end once the detector does not find them."""
-    return track.is_manual and track.filter_state.estimate.state == "lost"
+    """Whether a track is a lost one that is held; others end once no detector finds them."""
+    return track.is_held and track.filter_state.estimate.state == "lost"
 
 
 def _needs_size(track: Track, detection: Detection | None, is_silent: bool) -> bool:

@@ -28,6 +28,7 @@ from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
 from pf_tracker_ros.tracking.exemplars import Exemplars
+from pf_tracker_ros.tracking.hints import Standing
 
 # Share from which on it counts, and least factor of the odds.
 _COUNTS_ABOVE, _LEAST_FACTOR = 0.25, 0.15
@@ -147,6 +148,9 @@ class FilterState:
             or no search.
         occlusion_evidence: Whether something is in front of it in the next frame.
         challenger: See `Challenger`; None while the target is in sight.
+        standing: Heights of boxes in the image; None where nobody says.
+        missed_factor: Factor, up to 1, of the odds that the box shows the target, since a detector
+            has looked and not seen it.
     """
 
     first_box: Box
@@ -170,6 +174,8 @@ class FilterState:
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
     challenger: Challenger | None = None
+    standing: Standing | None = None
+    missed_factor: float = 1.0
 
     @property
     def doubt(self) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.tracking.hints import Hint
 
 
 def check_box(box: ArrayLike, image_size: tuple[int, int]) -> Box:
@@ -51,6 +52,25 @@ def check_interval(interval: float) -> float:
     if seconds is None or seconds.shape != () or not 0.0 <= seconds < math.inf:
         raise ValueError(f"dt is {interval!r}; allowed: a finite number of seconds from 0 up")
     return float(seconds)
+
+
+def check_hint(hint: Hint) -> Hint:
+    """The hint, with the covered share as a float.
+
+    Raises:
+        ValueError: The share is not a number from 0 to 1, or another number not finite or too
+            small.
+    """
+    share, box, center_std, standing = hint
+    numbers = [*(box or (0.0, 0.0, 1.0, 1.0)), center_std, *(standing or (0.0, 1.0))]
+    if not (
+        np.isfinite(numbers).all() and center_std >= 0.0 and min(*numbers[2:4], numbers[6]) > 0
+    ):
+        raise ValueError(
+            f"a hint has the box {box!r}, the standard deviation {center_std!r} and the ground "
+            f"{standing!r}; allowed: finite numbers, with sides and slope above 0"
+        )
+    return hint._replace(covered_share=check_share(share))
 
 
 def check_share(share: float) -> float:

@@ -54,9 +54,10 @@ class TrackParameters(TrackThresholds):
         choices=OCCLUSION_POLICIES,
     )
     reidentify_within: float = declared(
-        10.0,
+        30.0,
         "A target from a detector that has ended gets its id back if it is detected again within "
-        "this time with a similar appearance; 0 disables re-identification.",
+        "this time with a similar appearance; 0 disables re-identification. The selected target "
+        "does not end before.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,

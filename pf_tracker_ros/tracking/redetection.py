@@ -27,6 +27,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.tracking.assessment import AssessedBox, Assessment, Confidence
 from pf_tracker_ros.tracking.filter_state import Challenger, FilterState
+from pf_tracker_ros.tracking.hints import Standing
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
@@ -40,6 +41,8 @@ DOUBTFUL_BELOW = 0.3
 _CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
+# Heights of standing targets that are searched for, in heights of the image.
+_SCALES = (0.25, 0.33, 0.43, 0.56, 0.72, 0.94)
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
@@ -85,12 +88,46 @@ def window_centers(
     """
     across, down = (max(math.ceil(length / (side * (1.0 - _OVERLAP))), 1) for length in image_size)
     total = across * down
+    number = np.arange(first, first + count) * _stride(total) % total
+    places = np.stack([number % across, number // across], axis=1) + 0.5
+    return places * np.array([image_size[0] / across, image_size[1] / down])
+
+
+def standing_boxes(
+    image_size: tuple[int, int], standing: Standing, aspect: float, window: float
+) -> NDArray[np.float64]:
+    """(N, 4) boxes of standing targets, at least one, whose windows cover the image.
+
+    Args:
+        image_size: (width, height), pixels.
+        standing: Heights of boxes in the image.
+        aspect: Width of a box over its height.
+        window: Side of a window, box sizes.
+    """
+    width, height = image_size
+    boxes = []
+    for scale in _SCALES:
+        high = scale * height
+        across = max(math.ceil(width / (window * math.sqrt(aspect) * high * (1.0 - _OVERLAP))), 1)
+        top = standing.lower_edge(high) - high
+        # As those of the particles, the center stays in the image.
+        top = min(max(top, -high / 2), height - high / 2)
+        centers = (np.arange(across) + 0.5) * width / across
+        boxes += [(center - aspect * high / 2, top, aspect * high, high) for center in centers]
+    return np.array(boxes)
+
+
+def _boxes_around(centers: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, 4) boxes of a (2,) size around (K, 2) centers."""
+    return np.hstack([centers - size / 2, np.tile(size, (len(centers), 1))])
+
+
+def _stride(total: int) -> int:
+    """Stride through so many windows that visits all, and takes consecutive ones far apart."""
     stride = max(round(total * _GOLDEN_RATIO), 1)
     while math.gcd(stride, total) > 1:
         stride += 1
-    number = np.arange(first, first + count) * stride % total
-    places = np.stack([number % across, number // across], axis=1) + 0.5
-    return places * np.array([image_size[0] / across, image_size[1] / down])
+    return stride
 
 
 class Candidate(NamedTuple):
@@ -155,31 +192,43 @@ class Redetector:
             return []
         box, last_seen = assessment.box, np.array(state.last_seen_box)
         size = last_seen[2:]
-        centers: NDArray[np.float64] = np.empty((0, 2))
+        boxes: NDArray[np.float64] = np.empty((0, 4))
         has_moved = (np.abs(box[:2] - last_seen[:2]) > size / 2).any()
         if has_moved and state.frames_since_seen % _REVISIT_INTERVAL == 0:
-            centers = last_seen[None, :2] + size / 2
+            boxes = last_seen[None]
         if searches_everywhere:
-            side = self._side * math.sqrt(size[0] * size[1])
-            first = state.followed_frames * self._windows
-            everywhere = window_centers(measurement.frame.size, side, first, self._windows)
-            centers = np.vstack([centers, everywhere])
-        return self._search_at(state, measurement, assessment, centers)
+            everywhere = self._windows_everywhere(state, measurement.frame.size, size)
+            boxes = np.vstack([boxes, everywhere])
+        return self._search_in(state, measurement, assessment, boxes)
 
-    def _search_at(
+    def _windows_everywhere(
+        self, state: FilterState, image_size: tuple[int, int], size: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(K, 4) boxes in the middle of this frame's windows.
+
+        Of the (2,) last seen size or, where the ground is known, of standing targets.
+        """
+        first = state.followed_frames * self._windows
+        if state.standing is None:
+            side = self._side * math.sqrt(size[0] * size[1])
+            centers = window_centers(image_size, side, first, self._windows)
+            return _boxes_around(centers, size)
+        boxes = standing_boxes(image_size, state.standing, size[0] / size[1], self._side)
+        numbers = np.arange(first, first + self._windows) * _stride(len(boxes)) % len(boxes)
+        return boxes[numbers]
+
+    def _search_in(
         self,
         state: FilterState,
         measurement: Measurement,
         assessment: Assessment,
-        centers: NDArray[np.float64],
+        boxes: NDArray[np.float64],
     ) -> list[Candidate]:
-        """The likeliest box of each window with one of the (K, 2) centers, pixels."""
-        size = np.array(state.last_seen_box[2:])
+        """The likeliest box of each window with one of the (K, 4) boxes in its middle."""
         frame, cue_weights = measurement.frame, measurement.cue_weights
         excluded = assessment.known_distractor
         candidates = []
-        for center in centers:
-            window_box = np.hstack([center - size / 2, size])
+        for window_box in boxes:
             candidate = self.search_around(state, frame, cue_weights, window_box, excluded)
             if candidate.confidence >= DOUBTFUL_BELOW:
                 candidate = self.search_around(state, frame, cue_weights, candidate.box, excluded)
@@ -233,7 +282,8 @@ class Redetector:
         last = state.challenger
         places = [one for one in (measurement.second_peak, last and last.box) if one is not None]
         centers = np.array([place[:2] + place[2:] / 2 for place in np.array(places)])
-        others = [*candidates, *self._search_at(state, measurement, assessment, centers)]
+        boxes = _boxes_around(centers, np.array(state.last_seen_box[2:]))
+        others = [*candidates, *self._search_in(state, measurement, assessment, boxes)]
         others = [one for one in others if not are_same_place(one.box, assessment.box)]
         rate = min(interval / _LEAD_TIME, 1.0)
         if not others:

@@ -346,6 +346,8 @@ class TargetFilter:
             distractor_box=measurement.distractor_box,
             occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
             challenger=assessment.challenger,
+            standing=state.standing,
+            missed_factor=state.missed_factor,
         )
 
     def search_around(

@@ -7,17 +7,18 @@ measurements:
    interval t that adds q t^3 / 3 to the variance of a position, q t to that of a velocity, and
    q t^2 / 2 to their covariance.
 2. Gate: an innovation v with the covariance S is rejected where v^T S^-1 v is above the gate.
-   After some time of rejections only, the filter starts anew: the target is elsewhere.
-3. Correct. Errors of boxes are correlated in time, so they are part of the state: a measurement z
-   with the covariance R has z = position + R^1/2 (u_1 + ... + u_n) / n^1/2. Each u is a pair of
-   normal variables with variance 1 and the correlation exp(-t / T) after an interval t, with a
-   correlation time T of its own; with T = 0 it is white. A filter that takes all errors for white
-   becomes overconfident of the position, as it averages errors that do not average out; with a
-   larger R instead, it would doubt the velocity, which errors that last do not disturb.
+   After rejections alone for some time, the filter starts anew: the target is elsewhere.
+3. Correct. Errors of boxes are correlated in time: a measurement z with the covariance R has
+   z = position + R^1/2 (u_1 + ... + u_n) / n^1/2. Each u is a pair of normal variables with
+   variance 1 and the correlation exp(-t / T) after an interval t, with a correlation time T of its
+   own; with T = 0 it is white. A filter that takes all errors for white becomes overconfident of
+   the position, as it averages errors that do not average out. One that estimates the errors takes
+   the start of a walk for an error, and stays behind. So they are considered, after Schmidt: their
+   correlation with the state is kept, and they are never estimated.
 
 Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
-Navigation", sections 6.2 and 5.4, and chapter 8 for autocorrelated noise; Bryson and Henrikson
-1968, "Estimation Using Sampled Data Containing Sequentially Correlated Noise".
+Navigation", sections 6.2 and 5.4, and chapter 8 for autocorrelated noise; Schmidt 1966,
+"Application of State-Space Methods to Navigation Problems", for considered errors.
 """
 
 from __future__ import annotations
@@ -74,8 +75,12 @@ class PositionFilter:
     Attributes:
         normalized_innovation: Of the last measurement, squared, with two degrees of freedom; None
             before the second.
+        log_density: Logarithm of the density of that measurement given its prediction, 1/m^2; None
+            before the second.
         rejected_since: Stamp of the first of the rejected measurements since the last accepted one;
             None without.
+
+        has_restarted: Whether the filter has started anew with the last measurement.
 
     Args:
         acceleration_density: Spectral density of the white-noise acceleration, m^2/s^3.
@@ -84,8 +89,7 @@ class PositionFilter:
             (0.0,) is for independent errors.
         gate: Largest normalized innovation squared of a measurement, of two degrees of freedom: a
             target's own exceed 13.8 once in a thousand times.
-        reset_after: Time in seconds without an accepted measurement after which a rejected one
-            starts the filter anew.
+        reset_after: Time in seconds of rejections alone after which the filter starts anew.
 
     Raises:
         ValueError: A number is not finite or out of its range.
@@ -106,10 +110,10 @@ class PositionFilter:
 
     def __init__(
         self,
-        acceleration_density: float = 0.1,
+        acceleration_density: float = 0.3,
         correlation_times: Sequence[float] = (0.1, 2.0),
         gate: float = 13.8,
-        reset_after: float = 1.0,
+        reset_after: float = 0.5,
     ) -> None:
         times = np.array(correlation_times, dtype=np.float64)
         if times.ndim != 1 or not times.size or not ((times >= 0.0) & (times <= _LARGEST)).all():
@@ -136,7 +140,9 @@ class PositionFilter:
     def reset(self) -> None:
         """Forget the target."""
         self.normalized_innovation: float | None = None
+        self.log_density: float | None = None
         self.rejected_since: int | None = None
+        self.has_restarted = False
         self._stamp: int | None = None
         self._state: Gaussian | None = None
 
@@ -168,17 +174,20 @@ class PositionFilter:
         innovation = place - observed @ predicted.mean
         expected = observed @ predicted.covariance @ observed.T + white
         squared = float(innovation @ np.linalg.solve(expected, innovation))
-        self.normalized_innovation = squared
+        self.normalized_innovation, self.has_restarted = squared, False
+        self.log_density = -0.5 * (squared + float(np.linalg.slogdet(2.0 * math.pi * expected)[1]))
         if squared <= self._gate:
-            self._state = predicted.correct(place, observed, white)
+            considered = len(self._times)
+            self._state = predicted.correct(place, observed, white, considered=considered)
             self._stamp, self.rejected_since = stamp, None
-            return True
-        if interval >= self._reset_after:
-            self._start(stamp, place, noise)
             return True
         if self.rejected_since is None:
             self.rejected_since = stamp
-        return False
+        if (stamp - self.rejected_since) * 1e-9 < self._reset_after:
+            return False
+        self._start(stamp, place, noise)
+        self.has_restarted = True
+        return True
 
     def predict(self, stamp: int) -> FilteredPosition | None:
         """Position and velocity at a stamp; at the last measurement's for an earlier one.

@@ -210,7 +210,7 @@ class LocalizerNode(ManagedNode):
             self._last = located
             if self._outputs:
                 settings = self._settings
-                self._outputs.publish(located, settings.fixed_frame, settings.min_confidence)
+                self._outputs.publish(located, settings.fixed_frame)
         self._timer.cancel()
 
     def _locate(self, frame: TrackerFrame, waited: float, *, is_last_chance: bool) -> LocatedFrame:

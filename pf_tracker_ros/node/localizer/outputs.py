@@ -45,13 +45,12 @@ class Outputs:
             node, message_class(STATUS_TYPE), "~/status", profile=LATCHED_QOS, report=report
         )
 
-    def publish(self, located: LocatedFrame, fixed_frame: str, min_confidence: float) -> None:
+    def publish(self, located: LocatedFrame, fixed_frame: str) -> None:
         """Publish a frame.
 
         Args:
             located: The frame.
             fixed_frame: Frame of the positions.
-            min_confidence: Confidence below which a target is not trusted.
         """
         frame = located.frame
         headers = Headers(Header(frame_id=fixed_frame), Header(frame_id=frame.frame_id))
@@ -60,7 +59,7 @@ class Outputs:
         for topic in POSITION_TOPICS:
             publisher = self._publishers.get(topic.name)
             if publisher and publisher.get_subscription_count():
-                message = topic.build(new_message, headers, located, min_confidence)
+                message = topic.build(new_message, headers, located)
                 if message is not None:
                     publisher.publish(message)
         self._broadcast(headers.fixed, located)

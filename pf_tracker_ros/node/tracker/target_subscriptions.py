@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 from std_msgs.msg import Header, UInt32
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.localization.located_frame import hint_of_values
 from pf_tracker_ros.messages import DETECTIONS_TYPE, box_of_polygon
 from pf_tracker_ros.node.messages import message_class
 from pf_tracker_ros.node.qos import DEFAULT_QOS, ErrorCallback, subscribe
@@ -23,6 +24,7 @@ from pf_tracker_ros.node.tracker.reporter import Throttle
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.detections import check_message_size, detections_from_message
 from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.tracking.hints import Hint
 
 # vision_msgs is optional: without it only this topic is missing.
 DETECTIONS_CLASS: Any = None
@@ -181,13 +183,13 @@ class TargetSubscriptions:
         self._session().add_detections(detections_from_message(message), stamp_of(message.header))
 
     def _on_localizer_status(self, message: DiagnosticArray) -> None:
-        shares = covered_shares(message, str(self._node.resolve_topic_name("~/status")))
-        if shares:
-            self._session().set_covered_shares(shares, stamp_of(message.header))
+        hints = localizer_hints(message, str(self._node.resolve_topic_name("~/status")))
+        if hints:
+            self._session().set_hints(hints, stamp_of(message.header))
 
 
-def covered_shares(message: DiagnosticArray, tracker_status: str) -> dict[int, float]:
-    """Id of a target to the share of its box that something in front covers.
+def localizer_hints(message: DiagnosticArray, tracker_status: str) -> dict[int, Hint]:
+    """Id of a target to what a localizer knows of it.
 
     Args:
         message: Status of a localizer.
@@ -195,24 +197,20 @@ def covered_shares(message: DiagnosticArray, tracker_status: str) -> dict[int, f
             are left out.
 
     Raises:
-        ValueError: A share or an id is no number.
+        ValueError: A value or an id is no number.
     """
     if not message.status:
         return {}
     own, *targets = [{one.key: one.value for one in status.values} for status in message.status]
     if own.get("tracker_status") != tracker_status:
         return {}
-    shares = {}
+    hints = {}
     for values in targets:
-        id, share = values.get("id", ""), values.get("covered_share")
-        if share is not None:
-            try:
-                shares[int(id)] = float(share)
-            except ValueError as error:
-                raise ValueError(
-                    f"a covered share is {share!r} and its target's id {id!r}; allowed: numbers"
-                ) from error
-    return shares
+        try:
+            hints[int(values.get("id", ""))] = hint_of_values(values)
+        except ValueError as error:
+            raise ValueError(f"a target of the localizer cannot be read: {error}") from error
+    return hints
 
 
 def _deserialize(octets: bytes, topic: _Topic) -> Any:

@@ -1,0 +1,1 @@
+"""The parts of `follow.py`: drawn worlds, the closed loop and what it reports."""

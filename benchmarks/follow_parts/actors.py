@@ -1,0 +1,491 @@
+"""Where people walk: the followed person, those who walk in between, and the others."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from follow_parts.layout import Layout
+from follow_parts.people import Sprites
+from follow_parts.rendering import Placed
+
+Array = NDArray[np.float64]
+
+# Acceleration of people, m/s^2, and speed below which they stand, m/s.
+_ACCELERATION, _STANDS_BELOW = 2.5, 0.12
+# How near people come to each other, meters.
+_APART = 0.65
+# Half of the width of the corridor between robot and person that others keep out of, meters.
+_CORRIDOR = 0.75
+# How far the robot may fall behind, meters, and for how long, seconds, before the person comes back.
+_LEFT_BEHIND, _PATIENCE = 4.5, 8.0
+
+
+@dataclass(eq=False)
+class Walker:
+    """Somebody who walks.
+
+    Attributes:
+        sprites: What they look like.
+        position: (2,) meters.
+        pace: Usual speed, m/s.
+        heading: Radians.
+        velocity: (2,) m/s.
+        phase: Of the gait.
+        way: Corners of the way ahead.
+        pause: Seconds to stand.
+        stands_for: Seconds since the last step.
+    """
+
+    sprites: Sprites
+    position: Array
+    pace: float
+    heading: float
+    velocity: Array = field(default_factory=lambda: np.zeros(2))
+    phase: float = 0.0
+    way: list[Array] = field(default_factory=list)
+    pause: float = 0.0
+    stands_for: float = 0.0
+
+    @property
+    def is_walking(self) -> bool:
+        """Whether they walk."""
+        return bool(np.hypot(*self.velocity) > _STANDS_BELOW)
+
+    @property
+    def placed(self) -> Placed:
+        """For the renderer."""
+        x, y = self.position.tolist()
+        return Placed(self.sprites, x, y, self.heading, self.phase, self.is_walking)
+
+    def advance(self, interval: float, layout: Layout, push: Array, speed: float) -> None:
+        """Walk along the way.
+
+        Args:
+            interval: Seconds.
+            layout: The room.
+            push: (2,) m/s, added by others.
+            speed: m/s along the way.
+        """
+        wanted = np.zeros(2)
+        while self.way and np.hypot(*(self.way[0] - self.position)) < 0.15:
+            self.way.pop(0)
+        if self.way and self.pause <= 0.0:
+            ahead = self.way[0] - self.position
+            wanted = speed * ahead / max(float(np.hypot(*ahead)), 1e-6)
+        self.pause = max(self.pause - interval, 0.0)
+        wanted = wanted + push
+        change = wanted - self.velocity
+        size = float(np.hypot(*change))
+        self.velocity = self.velocity + change * min(
+            1.0, _ACCELERATION * interval / max(size, 1e-9)
+        )
+        for velocity in (self.velocity, *_components(self.velocity)):
+            step = self.position + interval * velocity
+            here, there = layout.clearance(self.position), layout.clearance(step)
+            if there >= 0.28 or there > here:
+                self.position, self.velocity = step, velocity
+                break
+        else:
+            self.velocity = np.zeros(2)
+        pace = float(np.hypot(*self.velocity))
+        if pace > _STANDS_BELOW:
+            self.stands_for = 0.0
+            self.phase = (self.phase + pace * interval / self.sprites.body.stride) % 1.0
+            turn = math.atan2(self.velocity[1], self.velocity[0]) - self.heading
+            turn = (turn + math.pi) % (2.0 * math.pi) - math.pi
+            self.heading += float(np.clip(turn, -4.0 * interval, 4.0 * interval))
+        else:
+            self.stands_for += interval
+
+
+def _components(velocity: Array) -> tuple[Array, Array]:
+    return np.array([velocity[0], 0.0]), np.array([0.0, velocity[1]])
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Somebody walks between robot and person.
+
+    Attributes:
+        time: Seconds.
+        before: Distance in front of the person, meters; 0 for halfway.
+        lingers: Seconds for which they stand there.
+        pace: m/s.
+    """
+
+    time: float
+    before: float
+    lingers: float
+    pace: float
+
+
+def drawn_crossings(generator: np.random.Generator, seconds: float) -> list[Crossing]:
+    """3 to 7 crossings in 100 s, the first after 8 s."""
+    count = max(1, round(int(generator.integers(3, 8)) * min(seconds, 100.0) / 100.0))
+    slots = np.linspace(8.0, max(seconds - 6.0, 9.0), count + 1)
+    crossings = []
+    for begin, end in zip(slots[:-1], slots[1:], strict=True):
+        before = float(generator.uniform(0.5, 1.2)) if generator.random() < 0.6 else 0.0
+        lingers = 2.5 if generator.random() < 0.5 else 0.0
+        time = generator.uniform(begin, begin + 0.5 * (end - begin))
+        crossings.append(Crossing(time, before, lingers, generator.uniform(0.9, 1.4)))
+    return crossings
+
+
+@dataclass(eq=False)
+class Passage:
+    """A crossing that takes place.
+
+    Attributes:
+        walker: Number of the person.
+        crossing: What was drawn.
+        side: 1 if they come from the left of the direction to the person, else -1.
+        stage: `approach`, `cross`, `linger` or `leave`.
+        since: Time since when the stage lasts, seconds.
+    """
+
+    walker: int
+    crossing: Crossing
+    side: float
+    stage: str
+    since: float
+
+
+class Cast:
+    """Moves everybody; the first is followed.
+
+    Args:
+        layout: The room.
+        walkers: Everybody.
+        crossings: Who walks in between when.
+        hides: As of `Scenario`.
+        generator: What is drawn from.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        walkers: list[Walker],
+        crossings: list[Crossing],
+        hides: str,
+        generator: np.random.Generator,
+    ) -> None:
+        self.walkers = walkers
+        self._layout = layout
+        self._crossings = list(crossings)
+        self._generator = generator
+        self._passage: Passage | None = None
+        self._hiding = _Hiding(layout, hides, generator) if hides else None
+        self._left_behind = 0.0
+        self._returns_until = 0.0
+        walkers[0].pause = 3.0
+
+    @property
+    def doing(self) -> str:
+        """What those who cross or hide do; empty for nothing."""
+        if self._hiding and self._hiding.is_hiding:
+            return "hide"
+        return f"{self._passage.walker} {self._passage.stage}" if self._passage else ""
+
+    def advance(self, time: float, interval: float, robot: Array) -> None:
+        """Move everybody.
+
+        Args:
+            time: Seconds since the start.
+            interval: Seconds.
+            robot: (2,) position.
+        """
+        self._move_followed(time, interval, robot)
+        self._begin_crossing(time, robot)
+        for number in range(1, len(self.walkers)):
+            passage = self._passage
+            if passage and passage.walker == number:
+                self._cross(passage, time, interval, robot)
+            else:
+                self._wander(number, interval, robot)
+
+    # The followed person
+
+    def _move_followed(self, time: float, interval: float, robot: Array) -> None:
+        person, layout = self.walkers[0], self._layout
+        offset = person.position - robot
+        distance = float(np.hypot(*offset))
+        hides = self._hiding is not None and self._hiding.advance(
+            person, time, interval, robot, is_close=distance < 3.5
+        )
+        is_away = distance > _LEFT_BEHIND or not layout.sees(robot, person.position)
+        self._left_behind = self._left_behind + interval if is_away and not hides else 0.0
+        if self._left_behind > _PATIENCE:
+            self._left_behind = 0.0
+            person.way = layout.way(person.position, self._before_robot(robot))
+            person.pause, self._returns_until = 0.0, time + 12.0
+        elif not hides and not person.way and person.pause <= 0.0:
+            if time < self._returns_until and is_away:
+                pass
+            elif self._generator.random() < 0.6:
+                person.pause = self._generator.uniform(2.0, 6.0)
+                person.way = self._next_way(person, robot)
+            else:
+                person.way = self._next_way(person, robot)
+        speed = person.pace
+        push = np.zeros(2)
+        if distance < 0.9:
+            push = (0.9 - distance) * 2.0 * offset / max(distance, 1e-6)
+        person.advance(interval, layout, push, speed)
+
+    def _before_robot(self, robot: Array) -> Array:
+        """A free place about 2 m from the robot that it can see."""
+        points = self._layout.free_points()
+        distances = np.hypot(*(points - robot).T)
+        near = points[(distances > 1.5) & (distances < 2.5)]
+        order = np.argsort(np.hypot(*(near - self.walkers[0].position).T))
+        for point in near[order]:
+            if self._layout.sees(robot, point):
+                return np.asarray(point)
+        return robot
+
+    def _next_way(self, person: Walker, robot: Array) -> list[Array]:
+        part = 0.55 if self._hiding and self._hiding.kind == "door" else 1.0
+        for _ in range(30):
+            goal = self._layout.free_point(self._generator, part=part)
+            if not 2.0 < np.hypot(*(goal - person.position)) < 8.0:
+                continue
+            if np.hypot(*(goal - robot)) < 1.5:
+                continue
+            way = self._layout.way(person.position, goal, [robot])
+            if way:
+                return way
+        return []
+
+    # Those who walk in between
+
+    def _begin_crossing(self, time: float, robot: Array) -> None:
+        if self._passage or not self._crossings or time < self._crossings[0].time:
+            return
+        person = self.walkers[0].position
+        ahead = person - robot
+        distance = float(np.hypot(*ahead))
+        if not 1.3 < distance < 4.5 or not self._layout.sees(robot, person):
+            return
+        crossing = self._crossings[0]
+        middle = self._crossed_at(crossing, robot)
+        across = np.array([-ahead[1], ahead[0]]) / distance
+        best: tuple[float, int, float] | None = None
+        for side in (1.0, -1.0):
+            if not self._layout.is_open(middle + side * across, middle - side * across, 0.35):
+                continue
+            for number, walker in enumerate(self.walkers[1:], 1):
+                offset = walker.position - middle
+                far = float(np.hypot(*offset))
+                wrong = 3.0 * (float(side * (offset @ across)) < 0.3)
+                if best is None or far + wrong < best[0]:
+                    best = far + wrong, number, side
+        if best is None:
+            return
+        self._crossings.pop(0)
+        self._passage = Passage(best[1], crossing, best[2], "approach", time)
+        self.walkers[best[1]].way, self.walkers[best[1]].pause = [], 0.0
+
+    def _crossed_at(self, crossing: Crossing, robot: Array) -> Array:
+        """Where the line from robot to person is crossed now."""
+        ahead = self.walkers[0].position - robot
+        distance = float(np.hypot(*ahead))
+        before = crossing.before or distance / 2.0
+        # Not into the robot.
+        along = max(distance - before, min(0.7, 0.6 * distance))
+        return np.asarray(robot + ahead * along / max(distance, 1e-6))
+
+    def _cross(self, passage: Passage, time: float, interval: float, robot: Array) -> None:
+        walker, layout = self.walkers[passage.walker], self._layout
+        ahead = self.walkers[0].position - robot
+        across = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-6)
+        middle = self._crossed_at(passage.crossing, robot)
+        lasted = time - passage.since
+        lateral = passage.side * float((walker.position - middle) @ across)
+
+        def to(stage: str) -> None:
+            passage.stage, passage.since = stage, time
+
+        speed = passage.crossing.pace
+        if passage.stage == "approach":
+            goal = middle + passage.side * 1.0 * across
+            if not walker.way or lasted % 0.5 < interval:
+                avoid = [robot, self.walkers[0].position]
+                walker.way = layout.way(walker.position, goal, avoid)[:3]
+            speed = 1.5
+            if np.hypot(*(goal - walker.position)) < 0.3:
+                to("cross")
+            elif lasted > 10.0:
+                self._passage = None
+        elif passage.stage == "cross":
+            walker.way = [middle - passage.side * 0.2 * across]
+            if lateral < 0.05:
+                to("linger" if passage.crossing.lingers else "leave")
+            elif lasted > 4.0:
+                to("leave")
+        elif passage.stage == "linger":
+            walker.way = []
+            if lasted > passage.crossing.lingers:
+                to("leave")
+        elif passage.stage == "leave":
+            walker.way = [middle - passage.side * 1.6 * across]
+            blocked = not layout.is_open(walker.position, walker.way[0], 0.25)
+            if lateral < -1.2 or lasted > 3.0 or (blocked and lateral < -0.6):
+                walker.way, self._passage = [], None
+        push = self._separation(passage.walker, 0.45)
+        push += _away(walker.position, robot, 0.6)
+        walker.advance(interval, layout, push, speed)
+
+    # The others
+
+    def _wander(self, number: int, interval: float, robot: Array) -> None:
+        walker = self.walkers[number]
+        if not walker.way and walker.pause <= 0.0:
+            walker.pause = self._generator.uniform(1.0, 8.0)
+            goal = self._layout.free_point(self._generator)
+            person = self.walkers[0].position
+            walker.way = self._layout.way(walker.position, goal, [robot, person])
+        push = self._separation(number, _APART) + _away(walker.position, robot, 1.0)
+        speed = walker.pace
+        leave = self._leave_corridor(walker.position, robot)
+        if leave.any():
+            speed, push = 0.0, push + leave
+        elif walker.way:
+            ahead = walker.way[0] - walker.position
+            step = walker.position + 0.4 * ahead / max(float(np.hypot(*ahead)), 1e-6)
+            if self._leave_corridor(step, robot).any():
+                # They wait, or go elsewhere.
+                speed = 0.0
+                if self._generator.random() < 0.3 * interval:
+                    walker.way = []
+        walker.advance(interval, self._layout, push, speed)
+
+    def _leave_corridor(self, point: Array, robot: Array) -> Array:
+        """(2,) velocity out of the corridor between robot and person; 0 outside of it."""
+        ahead = self.walkers[0].position - robot
+        distance = float(np.hypot(*ahead))
+        if distance < 1e-3:
+            return np.zeros(2)
+        ahead = ahead / distance
+        along = float((point - robot) @ ahead)
+        across = np.array([-ahead[1], ahead[0]])
+        lateral = float((point - robot) @ across)
+        if not -0.3 < along < distance + 0.4 or abs(lateral) > _CORRIDOR:
+            return np.zeros(2)
+        return (1.3 if lateral >= 0.0 else -1.3) * across
+
+    def _separation(self, number: int, apart: float) -> Array:
+        """(2,) m/s away from the others."""
+        position, push = self.walkers[number].position, np.zeros(2)
+        for other, walker in enumerate(self.walkers):
+            if other != number:
+                push += _away(position, walker.position, apart)
+        return push
+
+
+class _Hiding:
+    """Lets the followed person hide, time and again.
+
+    Args:
+        layout: The room.
+        kind: `door` or `pillar`.
+        generator: What is drawn from.
+    """
+
+    def __init__(self, layout: Layout, kind: str, generator: np.random.Generator) -> None:
+        self.kind = kind
+        self._layout, self._generator = layout, generator
+        self._next = generator.uniform(9.0, 13.0)
+        self._count = int(generator.integers(2))
+        self.is_hiding = False
+        self._since = self._hidden_for = self._planned_at = self._lasts = 0.0
+
+    def advance(
+        self, person: Walker, time: float, interval: float, robot: Array, *, is_close: bool
+    ) -> bool:
+        """Lead the person; returns whether they hide."""
+        if not self.is_hiding:
+            if time < self._next or not is_close:
+                return False
+            spot = self._spot(person, robot)
+            if spot is None:
+                self._next = time + 1.0
+                return False
+            self.is_hiding, self._since, self._hidden_for = True, time, 0.0
+            self._lasts = self._duration()
+            self._count += 1
+            self._go(person, spot, robot, time)
+        if not self._layout.sees(robot, person.position):
+            self._hidden_for += interval
+        elif time - self._planned_at > 0.5 and (not person.way or self.kind == "pillar"):
+            spot = self._spot(person, robot)
+            if spot is not None:
+                self._go(person, spot, robot, time)
+        if self._hidden_for >= self._lasts or time - self._since > self._lasts + 12.0:
+            self.is_hiding = False
+            self._next = time + self._generator.uniform(12.0, 18.0)
+            person.way, person.pause = self._return(person, robot), 0.0
+        return True
+
+    def _duration(self) -> float:
+        if self.kind == "door":
+            return (5.0, 15.0)[self._count % 2]
+        return float(self._generator.uniform(5.0, 15.0))
+
+    def _go(self, person: Walker, spot: Array, robot: Array, time: float) -> None:
+        person.way, person.pause = self._layout.way(person.position, spot, [robot]), 0.0
+        self._planned_at = time
+
+    def _spot(self, person: Walker, robot: Array) -> Array | None:
+        """The nearest place that the robot does not see."""
+        layout = self._layout
+        points = layout.free_points(0.4)
+        if self.kind == "pillar":
+            near = [
+                np.hypot(*(points - pillar.center).T) < pillar.radius + 0.9
+                for pillar in layout.pillars
+            ]
+            points = points[np.any(near, axis=0)]
+        elif layout.opening:
+            x, y = layout.opening
+            side = 1.0 if robot[0] < x else -1.0
+            offset = side * (points[:, 0] - x)
+            points = points[(offset > 0.5) & (offset < 2.0) & (np.abs(points[:, 1] - y) < 3.0)]
+        order = np.argsort(np.hypot(*(points - person.position).T))
+        for point in points[order][:80]:
+            if self._is_hidden(robot, np.asarray(point)) and layout.way(person.position, point):
+                return np.asarray(point)
+        return None
+
+    def _is_hidden(self, robot: Array, point: Array) -> bool:
+        ahead = point - robot
+        across = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-6)
+        return not any(
+            self._layout.sees(robot, point + lateral * across) for lateral in (-0.3, 0.0, 0.3)
+        )
+
+    def _return(self, person: Walker, robot: Array) -> list[Array]:
+        """A way to where the robot sees the person, 1.8 to 3 m away."""
+        points = self._layout.free_points(0.5)
+        distances = np.hypot(*(points - robot).T)
+        points = points[(distances > 1.8) & (distances < 3.5)]
+        order = np.argsort(np.hypot(*(points - person.position).T))
+        for point in points[order]:
+            if self._layout.sees(robot, point):
+                way = self._layout.way(person.position, point, [robot])
+                if way:
+                    return way
+        return []
+
+
+def _away(position: ArrayLike, other: ArrayLike, apart: float) -> Array:
+    """(2,) m/s away from somebody nearer than `apart`."""
+    offset = np.subtract(position, other)
+    distance = float(np.hypot(*offset))
+    if distance >= apart:
+        return np.zeros(2)
+    return 2.0 * (apart - distance) / apart * offset / max(distance, 1e-6)

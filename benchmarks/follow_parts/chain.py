@@ -1,0 +1,281 @@
+"""The tracker and the localizer through the library, fed as their nodes are.
+
+The poses and bearings are the messages that the node `localizer` would publish.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
+from follow_parts.robot import Pose2D
+from follow_parts.scenarios import Scenario
+from pf_tracker_ros import Detections
+from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.localization.frame_localizer import FrameLocalizer, Sensors
+from pf_tracker_ros.localization.located_frame import LocatedFrame
+from pf_tracker_ros.localization.localizer_parameters import (
+    CameraParameters,
+    LocalizerParameters,
+)
+from pf_tracker_ros.localization.position_topics import POSITION_TOPICS, Headers
+from pf_tracker_ros.localization.problems import Problems
+from pf_tracker_ros.localization.sensors import (
+    BasePoses,
+    CameraCalibration,
+    DepthImages,
+    Gravity,
+)
+from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
+from pf_tracker_ros.node_parameters import NodeParameters
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.topics import FrameResult, target_probability
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+# The clock of the robot does not begin at 0, which means no stamp.
+_EPOCH = 1000 * NANOSECONDS
+_BUILDERS = {topic.name: topic.build for topic in POSITION_TOPICS}
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """What tracker and localizer publish of an image.
+
+    Attributes:
+        state: Of the selected target, `idle` without.
+        selected: Id of the selected target, 0 without.
+        confidence: Of the selected target; NaN without.
+        box: Of the selected target; None without, or while it is lost.
+        targets: Id of each target that is not lost, to its box.
+        silence: Why there is no pose; empty if there is.
+        position: (2,) of the pose in the frame of the odometry; None without.
+        covariance: (2, 2) of the position; None without.
+        velocity: (2,) of the odometry topic; None without.
+        measured: (2,) unfiltered position in the frame of the odometry; None without.
+        bearing: Angle to the left of the camera's axis, radians; None without.
+    """
+
+    state: str
+    selected: int
+    confidence: float
+    box: Box | None
+    targets: dict[int, Box]
+    silence: str
+    position: NDArray[np.float64] | None = None
+    covariance: NDArray[np.float64] | None = None
+    velocity: NDArray[np.float64] | None = None
+    measured: NDArray[np.float64] | None = None
+    bearing: float | None = None
+
+
+def stamp_at(time: float) -> int:
+    """The stamp of a time in seconds."""
+    return _EPOCH + round(time * NANOSECONDS)
+
+
+def localizer_parameters(scenario: Scenario) -> LocalizerParameters:
+    """As a user sets them: height and tilt of the camera by its drawing."""
+    return LocalizerParameters(camera=CameraParameters(CAMERA_HEIGHT, CAMERA_PITCH, 0.0))
+
+
+def tracker_parameters(scenario: Scenario) -> dict[str, Any]:
+    """Those of the preset `default`."""
+    return preset_parameters("default", scenario.max_targets)
+
+
+def camera_info() -> Any:
+    """The fields of sensor_msgs/CameraInfo."""
+    fx, fy, cx, cy = CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy
+    return SimpleNamespace(
+        width=CAMERA.width,
+        height=CAMERA.height,
+        distortion_model="plumb_bob",
+        d=(0.0,) * 5,
+        k=(fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0),
+        p=(fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0),
+        binning_x=0,
+        binning_y=0,
+        roi=SimpleNamespace(x_offset=0, y_offset=0, width=0, height=0),
+    )
+
+
+class _Feed:
+    """A topic that has messages, or none."""
+
+    def __init__(self, *, is_used: bool) -> None:
+        self.topic, self.is_used, self.is_silent = "", is_used, True
+
+
+class LibraryChain:
+    """`Session` and `FrameLocalizer`, in lockstep.
+
+    Args:
+        scenario: What there is to be fed.
+        seed: Of the tracker.
+    """
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        node = NodeParameters()
+        self._session = Session(tracker_parameters(scenario), seed)
+        self._session.frozen_after = node.frozen_after
+        self._session.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
+        self._parameters = localizer_parameters(scenario)
+        self._calibration = CameraCalibration(_Feed(is_used=True))
+        self._calibration.take(1, "camera", camera_info())
+        self._depth = DepthImages(_Feed(is_used=scenario.has_depth))
+        self._base = BasePoses(_Feed(is_used=True))
+        gravity = Gravity(_Feed(is_used=False))
+        self._problems = Problems(lambda sentence: None, math.inf)
+        self._localizer = FrameLocalizer(
+            Sensors(self._calibration, self._depth, self._base, gravity), self._problems
+        )
+
+    def take_odometry(self, time: float, pose: Pose2D) -> None:
+        """Take a message of the topic odom."""
+        half = pose.yaw / 2.0
+        orientation = SimpleNamespace(x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
+        position = SimpleNamespace(x=pose.x, y=pose.y, z=0.0)
+        pose_message = SimpleNamespace(position=position, orientation=orientation)
+        message = SimpleNamespace(pose=SimpleNamespace(pose=pose_message))
+        self._base.take(stamp_at(time), "odom", message)
+
+    def take_detections(self, detections: Detections, time: float) -> None:
+        """Take the detections of the image of a time."""
+        self._session.add_detections(detections, stamp_at(time))
+
+    def request(self, box: Box, time: float) -> None:
+        """Draw a box on the image of a time."""
+        self._session.request(box, stamp_at(time))
+
+    def select(self, id: int) -> None:
+        """Select a target."""
+        self._session.select(id)
+
+    def process(
+        self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
+    ) -> Report:
+        """Process an image; odometry up to its time, and after it, has been taken."""
+        stamp, session = stamp_at(time), self._session
+        if depth is not None:
+            self._depth.take(stamp, "camera", _depth_message(depth))
+        outcome = session.process(Frame(image, stamp))
+        result = FrameResult(
+            targets=outcome.targets,
+            selected=outcome.selected,
+            max_targets=session.targets and len(session.targets) or 1,
+            detector_runs=session.detector_runs,
+            image=image,
+        )
+        located = self._localizer.locate(
+            _tracker_frame(result, stamp),
+            self._parameters,
+            lambda: _probability(result),
+            is_last_chance=True,
+        )
+        session.set_hints(located.hints, stamp)
+        return _report(result, located)
+
+
+def _depth_message(depth: NDArray[np.uint16]) -> Any:
+    rows, columns = depth.shape
+    return SimpleNamespace(
+        height=rows,
+        width=columns,
+        encoding="16UC1",
+        is_bigendian=0,
+        step=2 * columns,
+        data=depth.tobytes(),
+    )
+
+
+def _probability(result: FrameResult) -> NDArray[np.float64] | None:
+    probability = target_probability(result)
+    return None if probability is None else probability / 255.0
+
+
+def _tracker_frame(result: FrameResult, stamp: int) -> TrackerFrame:
+    """The result as the tracker reports it on `~/status`."""
+    targets = []
+    for target in result.targets:
+        covariance = target.estimate.box_covariance
+        targets.append(
+            ReportedTarget(
+                id=target.id,
+                label=target.label,
+                state=target.estimate.state,
+                confidence=float(target.estimate.confidence),
+                box=target.estimate.box,
+                box_covariance=np.triu(covariance) + np.triu(covariance, 1).T,
+            )
+        )
+    return TrackerFrame(
+        stamp=stamp,
+        frame_id="camera",
+        is_skipped=False,
+        state=result.state,
+        selected=result.selected,
+        image_size=(CAMERA.width, CAMERA.height),
+        targets=tuple(targets),
+    )
+
+
+def _new(message_type: str, **fields: Any) -> Any:
+    """A message with the given fields."""
+    return SimpleNamespace(**fields)
+
+
+def _published(name: str, located: LocatedFrame) -> Any:
+    """The message of a topic of the localizer, None without."""
+    headers = Headers(SimpleNamespace(), SimpleNamespace())
+    return _BUILDERS[name](_new, headers, located)
+
+
+def _report(result: FrameResult, located: LocatedFrame) -> Report:
+    estimate = result.estimate
+    boxes: dict[int, Box] = {one.id: one.estimate.box for one in result.present}
+    values: dict[str, Any] = {}
+    odometry = _published("odometry", located)
+    if odometry:
+        values = odometry_values(odometry)
+    target = located.selected
+    if target and target.place and located.sensed:
+        pose = located.sensed.pose.pose
+        values["measured"] = (pose.rotation @ target.place.position + pose.translation)[:2]
+    bearing = _published("bearing", located)
+    if bearing:
+        values["bearing"] = math.atan2(-bearing.vector.x, bearing.vector.z)
+    return Report(
+        state=result.state,
+        selected=result.selected,
+        confidence=float(estimate.confidence) if estimate else math.nan,
+        box=boxes.get(result.selected),
+        targets=boxes,
+        silence=located.silence,
+        **values,
+    )
+
+
+def odometry_values(message: Any) -> dict[str, Any]:
+    """Position, covariance and velocity of the localizer's odometry message.
+
+    Its twist is in the frame of the target.
+    """
+    pose, twist = message.pose.pose, message.twist.twist
+    covariance: Sequence[float] = message.pose.covariance
+    yaw = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    x, y = twist.linear.x, twist.linear.y
+    return {
+        "position": np.array([pose.position.x, pose.position.y]),
+        "covariance": np.reshape(covariance, (6, 6))[:2, :2],
+        "velocity": np.array([cosine * x - sine * y, sine * x + cosine * y]),
+    }

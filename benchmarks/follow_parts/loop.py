@@ -1,0 +1,155 @@
+"""The loop: the world is seen, tracked and located, and the robot drives by what is published."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from follow_parts.chain import Report
+from follow_parts.controller import FollowController, Perceived
+from follow_parts.detector import DELAY, INTERVAL, clipped, detect
+from follow_parts.rendering import Seen
+from follow_parts.robot import Pose2D
+from follow_parts.scenarios import Scenario
+from follow_parts.world import RATE, Truth, World
+from pf_tracker_ros import Detections
+from pf_tracker_ros.boxes import Box, iou
+
+# Frames from an image to the command that follows from it: 100 ms.
+_COMMAND_DELAY = 2
+# Generators of a seed: that of the world, and that of the detector.
+_DETECTOR = 1
+_SELECTED_ABOVE = 0.5
+
+
+class Chain(Protocol):
+    """Tracker and localizer; times are seconds."""
+
+    def take_odometry(self, time: float, pose: Pose2D) -> None:
+        """Take a message of the topic odom."""
+
+    def take_detections(self, detections: Detections, time: float) -> None:
+        """Take the detections of the image of a time."""
+
+    def request(self, box: Box, time: float) -> None:
+        """Draw a box on the image of a time."""
+
+    def select(self, id: int) -> None:
+        """Select a target."""
+
+    def process(
+        self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
+    ) -> Report:
+        """Process an image; odometry up to its time has been taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What was true at a frame, and what was said.
+
+    Attributes:
+        truth: Where everybody is.
+        report: What was published.
+    """
+
+    truth: Truth
+    report: Report
+
+
+@dataclass(eq=False)
+class _User:
+    """Chooses the right person once, by hand, by the first detection or by selection."""
+
+    scenario: Scenario
+    chain: Chain
+    has_chosen: bool = field(default=False, init=False)
+
+    def draw(self, truth: Truth) -> None:
+        """Draw a box, where the scenario wants it."""
+        box = true_box(truth.view.people[0])
+        if self.scenario.is_by_hand and not self.has_chosen and box:
+            self.chain.request(box, truth.time)
+            self.has_chosen = True
+
+    def filter(self, detections: Detections, box: Box | None) -> Detections:
+        """The detections that the tracker gets: a single target starts with the right person."""
+        if self.has_chosen or self.scenario.max_targets > 1:
+            return detections
+        kept = [
+            index
+            for index, one in enumerate(detections.boxes)
+            if box and iou(np.array(one), np.array(box)) > _SELECTED_ABOVE
+        ]
+        self.has_chosen = bool(kept)
+        return Detections(
+            [detections.boxes[index] for index in kept],
+            [detections.scores[index] for index in kept],
+            ["person"] * len(kept),
+        )
+
+    def select(self, truth: Truth, report: Report) -> None:
+        """Select the right one of several targets when it is first reported."""
+        box = true_box(truth.view.people[0])
+        if self.has_chosen or self.scenario.max_targets == 1 or not box:
+            return
+        for id, one in report.targets.items():
+            if iou(np.array(one), np.array(box)) > _SELECTED_ABOVE:
+                self.chain.select(id)
+                self.has_chosen = True
+                return
+
+
+def true_box(seen: Seen) -> Box | None:
+    """The part of a person's box inside the image; None outside."""
+    return clipped(seen.box) if seen.box else None
+
+
+def moments(
+    scenario: Scenario, seed: int, seconds: float, make_chain: Callable[[Scenario, int], Chain]
+) -> Iterator[Moment]:
+    """Run a scenario in the world of a seed, frame by frame.
+
+    Args:
+        scenario: What happens.
+        seed: Of the world, the detector and the tracker.
+        seconds: Duration.
+        make_chain: Makes tracker and localizer from the scenario and the seed.
+    """
+    world, chain, controller = World.draw(seed, scenario, seconds), make_chain(scenario, seed), None
+    controller, user = FollowController(), _User(scenario, chain)
+    generator = np.random.default_rng([seed, _DETECTOR])
+    late: deque[tuple[float, float, Box | None, Detections]] = deque()
+    commands = deque([(0.0, 0.0)] * _COMMAND_DELAY)
+    chain.take_odometry(0.0, world.robot.odometry)
+    for number in range(round(seconds * RATE)):
+        truth = world.observe()
+        time, people = truth.time, truth.view.people
+        user.draw(truth)
+        if scenario.has_detector and number % round(INTERVAL * RATE) == 0:
+            late.append((time + DELAY, time, true_box(people[0]), detect(people, generator)))
+        if late and late[0][0] <= time + 1e-6:
+            _, seen_at, box, detections = late.popleft()
+            chain.take_detections(user.filter(detections, box), seen_at)
+        depth = truth.view.depth if scenario.has_depth else None
+        report = chain.process(truth.view.image, depth, time)
+        user.select(truth, report)
+        yield Moment(truth, report)
+        controller.take(_perceived(time, truth.odometry, report))
+        commands.append(controller.command(time, truth.odometry))
+        for at, pose in world.advance(*commands.popleft()):
+            chain.take_odometry(at, pose)
+
+
+def _perceived(time: float, odometry: Pose2D, report: Report) -> Perceived:
+    position, bearing = report.position, report.bearing
+    return Perceived(
+        time,
+        None if position is None else (float(position[0]), float(position[1])),
+        None if bearing is None or not math.isfinite(bearing) else odometry.yaw + bearing,
+    )

@@ -1,0 +1,446 @@
+"""People as sprites: drawn clothes and builds, seen from all sides in all phases of their gait.
+
+A sprite is what a camera sees of a person from one of `VIEWS` directions in one of `PHASES` phases,
+with premultiplied colors and the coverage of each pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scenes.textures import fractal_noise
+
+Array = NDArray[np.float64]
+Color = tuple[float, float, float]
+# Maps a point of the body, in heights to its left, forward and up, to a pixel.
+_Place = Callable[[float, float, float], tuple[float, float]]
+
+VIEWS, PHASES = 12, 10
+# Pixels in a meter of a sprite, and size of its canvas in heights.
+SCALE = 150.0
+_ABOVE, _ASIDE = 1.06, 0.4
+# Fractional bits of coordinates in OpenCV's drawing.
+_SHIFT = 4
+
+_SHIRTS: tuple[Color, ...] = (
+    (40, 40, 190),
+    (170, 80, 30),
+    (60, 130, 50),
+    (40, 40, 45),
+    (215, 215, 215),
+    (50, 180, 220),
+    (130, 60, 120),
+    (150, 150, 60),
+    (90, 110, 140),
+    (110, 110, 115),
+)
+_TROUSERS: tuple[Color, ...] = (
+    (110, 70, 45),
+    (40, 38, 36),
+    (80, 85, 90),
+    (70, 100, 130),
+    (150, 160, 165),
+    (60, 45, 70),
+)
+_HAIRS: tuple[Color, ...] = ((25, 30, 35), (35, 60, 95), (80, 140, 180), (160, 165, 170))
+_SKINS: tuple[Color, ...] = ((150, 180, 225), (110, 150, 200), (70, 100, 150), (50, 70, 100))
+
+
+@dataclass(frozen=True)
+class Clothes:
+    """What somebody wears.
+
+    Attributes:
+        shirt: Color, BGR.
+        second: Second color of the shirt's pattern.
+        pattern: `plain`, `stripes`, `columns`, `halves` or `print`.
+        trousers: Color.
+        shoes: Color.
+        sleeves: Share of the arm that the sleeve covers.
+        has_backpack: Whether there is a backpack in the second color.
+    """
+
+    shirt: Color
+    second: Color
+    pattern: str
+    trousers: Color
+    shoes: Color
+    sleeves: float
+    has_backpack: bool
+
+    @classmethod
+    def draw(cls, generator: np.random.Generator) -> Clothes:
+        """Random clothes."""
+        shirt, second = (_varied(generator, _SHIRTS) for _ in range(2))
+        return cls(
+            shirt,
+            second,
+            str(generator.choice(["plain", "stripes", "columns", "halves", "print"])),
+            _varied(generator, _TROUSERS),
+            _varied(generator, ((30, 30, 30), (200, 200, 200), (40, 60, 100))),
+            float(generator.choice([0.35, 1.0])),
+            bool(generator.random() < 0.25),
+        )
+
+
+def _varied(generator: np.random.Generator, colors: tuple[Color, ...]) -> Color:
+    """One of some colors, changed a little."""
+    color = np.array(colors[int(generator.integers(len(colors)))])
+    varied = np.clip(color * generator.uniform(0.8, 1.2) + generator.normal(0.0, 8.0, 3), 10, 240)
+    blue, green, red = varied.tolist()
+    return blue, green, red
+
+
+@dataclass(frozen=True)
+class Body:
+    """A person's build and gait.
+
+    Attributes:
+        height: Meters.
+        girth: Width relative to the mean.
+        hair: Color, BGR.
+        skin: Color.
+        has_long_hair: Whether the hair covers the neck.
+        leg_swing: Largest angle of a leg, radians.
+        arm_swing: Largest angle of an arm, radians.
+        bob: Vertical motion while walking, in heights.
+        stride: Meters in which the gait repeats.
+    """
+
+    height: float
+    girth: float
+    hair: Color
+    skin: Color
+    has_long_hair: bool
+    leg_swing: float
+    arm_swing: float
+    bob: float
+    stride: float
+
+    @classmethod
+    def draw(cls, generator: np.random.Generator) -> Body:
+        """A random build of 1.55 to 1.9 m."""
+        height = float(np.clip(generator.normal(1.73, 0.09), 1.55, 1.9))
+        return cls(
+            height,
+            generator.uniform(0.88, 1.15),
+            _varied(generator, _HAIRS),
+            _varied(generator, _SKINS),
+            bool(generator.random() < 0.4),
+            generator.uniform(0.3, 0.45),
+            generator.uniform(0.2, 0.45),
+            generator.uniform(0.005, 0.015),
+            0.8 * height * generator.uniform(0.9, 1.1),
+        )
+
+
+class Sprite(NamedTuple):
+    """A person from one side.
+
+    Attributes:
+        pixels: (H, W, 4) uint8, BGR times coverage, and coverage.
+        foot: (x, y) of the point on the floor below the body, pixels of the sprite.
+        box: x, y, width, height of what is covered.
+    """
+
+    pixels: NDArray[np.uint8]
+    foot: tuple[float, float]
+    box: tuple[float, float, float, float]
+
+
+@dataclass(eq=False)
+class Sprites:
+    """The sprites of one person, drawn when they are first needed.
+
+    Args:
+        body: Build and gait.
+        clothes: Clothes.
+        seed: Of the texture of the clothes.
+    """
+
+    body: Body
+    clothes: Clothes
+    seed: int
+    _known: dict[tuple[int, int, bool, bool], Sprite] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        self._torso = _torso_texture(self.clothes, self.seed)
+
+    def seen(self, angle: float, phase: float, *, is_walking: bool, is_far: bool) -> Sprite:
+        """The sprite nearest to a view.
+
+        Args:
+            angle: Of the heading to the direction to the camera, radians; pi / 2 goes to the right.
+            phase: Of the gait, 0 to 1.
+            is_walking: Whether the person walks.
+            is_far: Whether half the resolution is enough.
+        """
+        view = round(angle / (2.0 * np.pi) * VIEWS) % VIEWS
+        number = round(phase * PHASES) % PHASES if is_walking else 0
+        key = view, number, is_walking, is_far
+        if key not in self._known:
+            if is_far:
+                near = self.seen(angle, phase, is_walking=is_walking, is_far=False)
+                self._known[key] = _halved(near)
+            else:
+                turn, share = 2.0 * np.pi * view / VIEWS, number / PHASES
+                self._known[key] = self._draw(turn, share, is_walking=is_walking)
+        return self._known[key]
+
+    def _draw(self, turn: float, phase: float, *, is_walking: bool) -> Sprite:
+        body, clothes = self.body, self.clothes
+        size = body.height * SCALE
+        rows, columns = round(_ABOVE * size), round(2.0 * _ASIDE * size)
+        canvas = np.zeros((rows, columns, 4), np.uint8)
+        middle, floor = columns / 2.0, rows - 0.02 * size
+        swing = np.sin(2.0 * np.pi * phase) if is_walking else 0.0
+        lift = body.bob * (1.0 - abs(swing)) if is_walking else 0.0
+        across, along = np.cos(turn), np.sin(turn)
+        girth = body.girth
+
+        def place(lateral: float, forward: float, up: float) -> tuple[float, float]:
+            """Pixel of a point in heights: to the person's left, forward and up."""
+            # Facing the camera, the left side is on the right of the image.
+            return (
+                middle + size * (lateral * across + forward * along),
+                floor - size * (up + lift),
+            )
+
+        def leg(side: float, *, is_far: bool) -> None:
+            angle = side * swing * body.leg_swing if is_walking else 0.0
+            bend = (0.7 * max(-angle, 0.0) + 0.1 * abs(angle)) if is_walking else 0.0
+            shade = 0.72 if is_far else 1.0
+            hip = place(0.05 * side * girth, 0.0, 0.5)
+            knee_up = 0.5 - 0.24 * np.cos(angle)
+            knee_forward = 0.24 * np.sin(angle)
+            lower = angle - bend
+            ankle_up = max(knee_up - 0.22 * np.cos(lower), 0.03)
+            ankle_forward = knee_forward + 0.22 * np.sin(lower)
+            knee = place(0.05 * side * girth, knee_forward, knee_up)
+            ankle = place(0.05 * side * girth, ankle_forward, ankle_up)
+            # Toes point forward; to the camera, the nearer foot is lower in the image.
+            toe = place(0.055 * side * girth, ankle_forward + 0.06, max(ankle_up - 0.025, 0.008))
+            toe = toe[0], toe[1] + 0.012 * size * across
+            _limb(canvas, ankle, toe, 0.022 * size, 0.018 * size, _shaded(clothes.shoes, shade))
+            color = _shaded(clothes.trousers, shade)
+            _limb(canvas, hip, knee, 0.052 * size * girth, 0.04 * size * girth, color)
+            _limb(canvas, knee, ankle, 0.04 * size * girth, 0.026 * size, _shaded(color, 0.95))
+
+        def arm(side: float, *, is_far: bool) -> None:
+            angle = -side * swing * body.arm_swing if is_walking else 0.03
+            shade = 0.75 if is_far else 0.95
+            lateral = 0.118 * side * girth
+            shoulder = place(lateral, 0.0, 0.79)
+            elbow_forward, elbow_up = 0.17 * np.sin(angle), 0.79 - 0.17 * np.cos(angle)
+            elbow = place(lateral + 0.012 * side, elbow_forward, elbow_up)
+            lower = angle + 0.25
+            hand_forward = elbow_forward + 0.15 * np.sin(lower)
+            hand = place(lateral + 0.015 * side, hand_forward, elbow_up - 0.15 * np.cos(lower))
+            sleeve, skin = _shaded(clothes.shirt, shade), _shaded(body.skin, shade)
+            if clothes.pattern == "halves":
+                sleeve = _shaded(clothes.second, shade)
+            _limb(canvas, elbow, hand, 0.024 * size, 0.02 * size, skin)
+            if clothes.sleeves == 1.0:
+                wrist = tuple(np.add(elbow, np.multiply(0.8, np.subtract(hand, elbow))))
+                _limb(canvas, elbow, wrist, 0.027 * size, 0.024 * size, sleeve)
+            _limb(canvas, shoulder, elbow, 0.034 * size, 0.027 * size, sleeve)
+
+        # The person's left side is farther from the camera when going to the right of the image.
+        far = 1.0 if along > 0.0 else -1.0
+        is_sideways = abs(along) > 0.4
+        arm(far, is_far=is_sideways)
+        leg(far, is_far=is_sideways)
+        leg(-far, is_far=False)
+        if not is_sideways:
+            arm(-far, is_far=False)
+        self._dress(canvas, place, size, turn)
+        self._head(canvas, place, size, turn)
+        if is_sideways:
+            arm(-far, is_far=False)
+        return _cropped(canvas, (middle, floor))
+
+    def _dress(self, canvas: NDArray[np.uint8], place: _Place, size: float, turn: float) -> None:
+        """Draw the torso."""
+        across, along, girth = abs(np.cos(turn)), abs(np.sin(turn)), self.body.girth
+        shoulder = size * girth * np.hypot(0.125 * across, 0.075 * along)
+        waist = size * girth * np.hypot(0.092 * across, 0.07 * along)
+        (center, top), (_, bottom) = place(0.0, 0.0, 0.83), place(0.0, 0.0, 0.46)
+        if self.clothes.has_backpack and np.cos(turn) < 0.9:
+            x, y = place(0.0, -0.1, 0.67)
+            half = size * np.hypot(0.1 * across, 0.055 * along)
+            corners = ((x - half, y - 0.13 * size), (x + half, y - 0.13 * size))
+            corners += ((x + half, y + 0.13 * size), (x - half, y + 0.13 * size))
+            if np.cos(turn) > -0.5:
+                _polygon(canvas, corners, _shaded(self.clothes.second, 0.8))
+        neck = 0.4 * shoulder
+        outline = np.array(
+            [
+                (center - neck, top - 0.012 * size),
+                (center + neck, top - 0.012 * size),
+                (center + shoulder, top + 0.035 * size),
+                (center + 0.98 * shoulder, top + 0.1 * size),
+                (center + waist, bottom - 0.08 * size),
+                (center + 1.04 * waist, bottom),
+                (center - 1.04 * waist, bottom),
+                (center - waist, bottom - 0.08 * size),
+                (center - 0.98 * shoulder, top + 0.1 * size),
+                (center - shoulder, top + 0.035 * size),
+            ]
+        )
+        mask = np.zeros(canvas.shape[:2], np.uint8)
+        cv2.fillPoly(mask, [_fixed(outline)], 255, cv2.LINE_AA, _SHIFT)
+        y0, y1 = int(top - 0.03 * size), int(bottom + 3)
+        x0, x1 = int(center - shoulder - 3), int(center + shoulder + 4)
+        # The shirt around the body: the middle of the texture is the chest.
+        offsets = np.clip((np.arange(x0, x1) - center) / shoulder, -0.99, 0.99)
+        angles = np.arcsin(offsets) - turn
+        rows, columns = self._torso.shape[:2]
+        map_x = np.broadcast_to(
+            (angles / (2.0 * np.pi) + 0.5) % 1.0 * (columns - 1), (y1 - y0, x1 - x0)
+        )
+        level = np.clip((np.arange(y0, y1) - top) / (bottom - top), 0.0, 1.0) * (rows - 1)
+        map_y = np.broadcast_to(level[:, None], map_x.shape)
+        texture = cv2.remap(
+            self._torso, map_x.astype(np.float32), map_y.astype(np.float32), cv2.INTER_LINEAR
+        )
+        texture = texture * (1.0 - 0.35 * offsets**2)[None, :, None]
+        part = canvas[y0:y1, x0:x1].astype(np.float32)
+        share = mask[y0:y1, x0:x1, None] / np.float32(255.0)
+        opaque = np.dstack([texture, np.full(texture.shape[:2], 255.0)])
+        canvas[y0:y1, x0:x1] = np.rint(part * (1.0 - share) + opaque * share)
+        if self.clothes.has_backpack and np.cos(turn) <= -0.5:
+            _polygon(canvas, corners, _shaded(self.clothes.second, 0.9))
+
+    def _head(self, canvas: NDArray[np.uint8], place: _Place, size: float, turn: float) -> None:
+        """Draw neck, head, face and hair."""
+        body = self.body
+        _limb(
+            canvas,
+            place(0, 0, 0.8),
+            place(0, 0.01, 0.88),
+            0.03 * size,
+            0.028 * size,
+            _shaded(body.skin, 0.8),
+        )
+        x, y = place(0.0, 0.012, 0.925)
+        half = size * np.hypot(0.046 * np.cos(turn), 0.056 * np.sin(turn))
+        tall = 0.068 * size
+        if body.has_long_hair:
+            back_x, _ = place(0.0, -0.02, 0.0)
+            _ellipse(canvas, (back_x, y + 0.02 * size), (1.12 * half, 1.35 * tall), body.hair)
+        _ellipse(canvas, (x, y), (half, tall), body.skin)
+        facing = np.cos(turn)
+        # The hair covers the top, and what is away from the face.
+        hair_x = x - 0.55 * half * np.sin(turn)
+        if facing > 0.3:
+            _ellipse(canvas, (x, y - 0.45 * tall), (1.02 * half, 0.6 * tall), body.hair)
+            for side in (-1.0, 1.0):
+                eye = x + half * (0.4 * side * facing + 0.5 * np.sin(turn)), y + 0.05 * tall
+                _ellipse(canvas, eye, (0.1 * half, 0.07 * tall), (30, 30, 40))
+        elif facing > -0.3:
+            _ellipse(canvas, (hair_x, y - 0.2 * tall), (0.75 * half, 0.85 * tall), body.hair)
+        else:
+            _ellipse(canvas, (x, y - 0.1 * tall), (1.03 * half, 0.95 * tall), body.hair)
+
+
+def _torso_texture(clothes: Clothes, seed: int) -> NDArray[np.float32]:
+    """(96, 256, 3) colors around the body from the neck to the hip."""
+    generator = np.random.default_rng(seed)
+    rows, columns = 96, 256
+    y, x = np.indices((rows, columns))
+    shirt, second = np.array(clothes.shirt), np.array(clothes.second)
+    is_second = np.zeros((rows, columns), bool)
+    if clothes.pattern == "stripes":
+        is_second = (y // int(generator.integers(6, 14))) % 2 == 1
+    elif clothes.pattern == "columns":
+        is_second = (x // int(generator.integers(8, 20))) % 2 == 1
+    elif clothes.pattern == "halves":
+        is_second = y < generator.uniform(30, 50)
+    elif clothes.pattern == "print":
+        is_second = (np.abs(x - columns / 2) < 30) & (y > 20) & (y < generator.uniform(40, 65))
+    texture = np.where(is_second[..., None], second, shirt)
+    wrinkles = fractal_noise(generator, (rows, columns), 32.0, 3)
+    return (texture * (0.78 + 0.4 * wrinkles[..., None])).clip(0, 255).astype(np.float32)
+
+
+def _shaded(color: Color, share: float) -> Color:
+    blue, green, red = color
+    return share * blue, share * green, share * red
+
+
+def _fixed(points: Array) -> NDArray[np.int32]:
+    """Points in OpenCV's fixed-point format."""
+    return np.rint(np.asarray(points) * 2**_SHIFT).astype(np.int32)
+
+
+def _polygon(
+    canvas: NDArray[np.uint8], corners: tuple[tuple[float, float], ...], color: Color
+) -> None:
+    cv2.fillPoly(canvas, [_fixed(np.array(corners))], (*color, 255.0), cv2.LINE_AA, _SHIFT)
+
+
+def _ellipse(
+    canvas: NDArray[np.uint8], center: tuple[float, float], axes: tuple[float, float], color: Color
+) -> None:
+    middle, size = _fixed(np.array(center)).tolist(), _fixed(np.array(axes)).tolist()
+    cv2.ellipse(canvas, middle, size, 0, 0, 360, (*color, 255.0), -1, cv2.LINE_AA, _SHIFT)
+
+
+def _limb(
+    canvas: NDArray[np.uint8],
+    begin: tuple[float, float],
+    end: tuple[float, float],
+    width: float,
+    end_width: float,
+    color: Color,
+) -> None:
+    """Draw a limb with round ends; widths are half the thickness, pixels."""
+    one, other = np.array(begin), np.array(end)
+    along = other - one
+    length = float(np.linalg.norm(along))
+    if length > 0.5:
+        normal = np.array([-along[1], along[0]]) / length
+        corners = [
+            one + width * normal,
+            other + end_width * normal,
+            other - end_width * normal,
+            one - width * normal,
+        ]
+        _polygon(canvas, tuple((float(x), float(y)) for x, y in corners), color)
+    _ellipse(canvas, begin, (width, width), color)
+    _ellipse(canvas, end, (end_width, end_width), color)
+
+
+def _cropped(canvas: NDArray[np.uint8], foot: tuple[float, float]) -> Sprite:
+    """The covered part of a canvas with a margin, and the point below the body."""
+    covered = canvas[..., 3] > 127
+    rows, columns = np.flatnonzero(covered.any(axis=1)), np.flatnonzero(covered.any(axis=0))
+    top, bottom = max(int(rows[0]) - 3, 0), min(int(rows[-1]) + 4, canvas.shape[0])
+    left, right = max(int(columns[0]) - 3, 0), min(int(columns[-1]) + 4, canvas.shape[1])
+    box = (
+        float(columns[0] - left),
+        float(rows[0] - top),
+        float(columns[-1] - columns[0] + 1),
+        float(rows[-1] - rows[0] + 1),
+    )
+    pixels = np.ascontiguousarray(canvas[top:bottom, left:right])
+    return Sprite(pixels, (foot[0] - left, foot[1] - top), box)
+
+
+def _halved(sprite: Sprite) -> Sprite:
+    """A sprite in half the resolution."""
+    rows, columns = (number // 2 * 2 for number in sprite.pixels.shape[:2])
+    pixels = cv2.resize(
+        sprite.pixels[:rows, :columns], (columns // 2, rows // 2), interpolation=cv2.INTER_AREA
+    )
+    x, y, width, height = sprite.box
+    return Sprite(
+        pixels,
+        (sprite.foot[0] / 2.0, sprite.foot[1] / 2.0),
+        (x / 2.0, y / 2.0, width / 2.0, height / 2.0),
+    )

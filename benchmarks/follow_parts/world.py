@@ -1,0 +1,212 @@
+"""A world drawn from a seed: room, light, people, robot and camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from follow_parts.actors import Cast, Walker, drawn_crossings
+from follow_parts.layout import Layout
+from follow_parts.people import Body, Clothes, Sprites
+from follow_parts.rendering import CameraState, Renderer, View
+from follow_parts.robot import Pose2D, Robot
+from follow_parts.scenarios import Scenario
+
+Array = NDArray[np.float64]
+
+RATE = 20.0
+"""Frames per second."""
+INTERVAL = 1.0 / RATE
+ODOMETRY_INTERVAL = 0.025
+_STEP = 0.0125
+# Half of the width of the robot, with a margin, meters, and the radius of a person.
+_HALF_WIDTH, _PERSON = 0.3, 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Where everybody is at a frame.
+
+    Attributes:
+        time: Seconds.
+        view: What the camera sees, and how everybody is seen.
+        positions: (N, 2) of everybody in the room, meters; the first is followed.
+        robot: The robot in the room.
+        odometry: The robot by its odometry.
+        velocity: (2,) of the followed person, m/s.
+        stands_for: Seconds for which the followed person stands.
+        doing: What those who cross or hide do; empty for nothing.
+    """
+
+    time: float
+    view: View
+    positions: Array
+    robot: Pose2D
+    odometry: Pose2D
+    velocity: Array
+    stands_for: float
+    doing: str
+
+    def in_odometry(self, position: Array) -> Array:
+        """A (2,) place in the room as it is in the frame of the odometry now."""
+        return self.odometry.outward(self.robot.inward(position))
+
+    def in_room(self, position: Array) -> Array:
+        """A (2,) place in the frame of the odometry as it is in the room now."""
+        return self.robot.outward(self.odometry.inward(position))
+
+
+class World:
+    """A room with a robot and people.
+
+    Attributes:
+        layout: The room.
+        robot: The robot.
+        cast: Everybody; the first is followed.
+        time: Seconds since the start.
+    """
+
+    def __init__(self, layout: Layout, renderer: Renderer, robot: Robot, cast: Cast) -> None:
+        self.layout, self.robot, self.cast = layout, robot, cast
+        self.time = 0.0
+        self._renderer = renderer
+        self._light = (1.0, 0.0, 1.0, 0.0)
+
+    @classmethod
+    def draw(cls, seed: int, scenario: Scenario, seconds: float) -> World:
+        """The world of a seed.
+
+        Args:
+            seed: The same one gives the same world.
+            scenario: What happens in it.
+            seconds: For which it is run; crossings are spread over them.
+        """
+        # Independent generators: a change in one part leaves the others as they are.
+        generators = np.random.default_rng(seed).spawn(8)
+        layout = Layout.draw(generators[0], has_opening=scenario.hides == "door")
+        renderer = Renderer(layout, generators[1], seed)
+        start, person = _beginning(layout, generators[2], scenario)
+        robot = Robot(start, generators[3])
+        walkers = _walkers(layout, start, person, generators[4], scenario)
+        crossings = drawn_crossings(generators[5], seconds) if scenario.crosses else []
+        cast = Cast(layout, walkers, crossings, scenario.hides, generators[6])
+        world = cls(layout, renderer, robot, cast)
+        light = generators[7]
+        world._light = (
+            light.uniform(0.6, 1.05),
+            light.uniform(0.0, 0.15),
+            light.uniform(15.0, 60.0),
+            light.uniform(0.0, 2.0 * math.pi),
+        )
+        return world
+
+    def observe(self) -> Truth:
+        """The next frame."""
+        robot, (pitch, roll) = self.robot, self.robot.tilt
+        pose = robot.pose
+        camera = CameraState(pose.x, pose.y, pose.yaw, pitch, roll, robot.turn)
+        mean, size, period, phase = self._light
+        light = mean * (1.0 + size * math.sin(2.0 * math.pi * self.time / period + phase))
+        people = [walker.placed for walker in self.cast.walkers]
+        return Truth(
+            self.time,
+            self._renderer.render(camera, people, light),
+            np.array([walker.position for walker in self.cast.walkers]),
+            pose,
+            robot.odometry,
+            self.cast.walkers[0].velocity.copy(),
+            self.cast.walkers[0].stands_for,
+            self.cast.doing,
+        )
+
+    def advance(self, speed: float, turn: float) -> list[tuple[float, Pose2D]]:
+        """Go on to the next frame.
+
+        Args:
+            speed: Wanted of the robot, m/s.
+            turn: Wanted, rad/s.
+
+        Returns:
+            Time and pose of the odometry in between, that of the end included.
+        """
+        ranges = self._free_ahead()
+        self.cast.advance(self.time, INTERVAL, self.robot_position)
+        measured = []
+        first = round(self.time / _STEP)
+        for step in range(first + 1, first + round(INTERVAL / _STEP) + 1):
+            self.robot.drive(_STEP, speed, turn, ranges)
+            if step % round(ODOMETRY_INTERVAL / _STEP) == 0:
+                measured.append((step * _STEP, self.robot.odometry))
+        self.time = (first + round(INTERVAL / _STEP)) * _STEP
+        return measured
+
+    @property
+    def robot_position(self) -> Array:
+        """(2,) in the room."""
+        return np.array([self.robot.pose.x, self.robot.pose.y])
+
+    def _free_ahead(self) -> tuple[float, float]:
+        """Free distances ahead and behind of the robot, meters."""
+        pose = self.robot.pose
+        angles = pose.yaw + np.linspace(-1.2, 1.2, 31)
+        free = []
+        for turn in (0.0, math.pi):
+            rays = np.stack([np.cos(angles + turn), np.sin(angles + turn)], axis=1)
+            ranges, _ = self.layout.ranges(self.robot_position, rays)
+            along = ranges * np.cos(angles - pose.yaw)
+            across = ranges * np.abs(np.sin(angles - pose.yaw))
+            ahead = float(along[across < _HALF_WIDTH].min(initial=20.0))
+            for walker in self.cast.walkers:
+                x, y = pose.inward(walker.position)
+                x *= -1.0 if turn else 1.0
+                if x > 0.0 and abs(y) < _HALF_WIDTH + _PERSON:
+                    ahead = min(ahead, float(x) - _PERSON)
+            free.append(ahead)
+        return free[0], free[1]
+
+
+def _beginning(
+    layout: Layout, generator: np.random.Generator, scenario: Scenario
+) -> tuple[Pose2D, Array]:
+    """Where the robot begins, and the person 2 m before it."""
+    part = 0.5 if scenario.hides == "door" else 1.0
+    while True:
+        point = layout.free_point(generator, 1.0, part)
+        yaw = generator.uniform(-math.pi, math.pi)
+        person = point + 2.0 * np.array([math.cos(yaw), math.sin(yaw)])
+        if layout.clearance(person) > 0.6 and layout.is_open(point, person, 0.4):
+            return Pose2D(float(point[0]), float(point[1]), yaw), person
+
+
+def _walkers(
+    layout: Layout,
+    start: Pose2D,
+    person: Array,
+    generator: np.random.Generator,
+    scenario: Scenario,
+) -> list[Walker]:
+    """The followed person and 3 to 6 others."""
+    robot = np.array([start.x, start.y])
+    walkers: list[Walker] = []
+    clothes = Clothes.draw(generator)
+    for number in range(1 + int(generator.integers(3, 7))):
+        body, own = Body.draw(generator), Clothes.draw(generator)
+        if number == 0 or scenario.is_alike:
+            own = clothes
+        if scenario.is_alike and walkers:
+            first = walkers[0].sprites.body
+            body = replace(body, hair=first.hair, has_long_hair=first.has_long_hair)
+        seed = 0 if scenario.is_alike else int(generator.integers(2**31))
+        position = person
+        while number and (
+            np.hypot(*(position - robot)) < 2.5
+            or any(np.hypot(*(position - one.position)) < 1.2 for one in walkers)
+        ):
+            position = layout.free_point(generator, 0.6)
+        sprites = Sprites(body, own, seed)
+        pace = generator.uniform(0.9, 1.1) if number == 0 else generator.uniform(0.6, 1.2)
+        walkers.append(Walker(sprites, position.copy(), pace, generator.uniform(-3.1, 3.1)))
+    return walkers

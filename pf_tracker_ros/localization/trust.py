@@ -1,0 +1,94 @@
+"""Whether a target that was out of sight is still the same, by its place and its confidence.
+
+A box may go over to somebody else who crosses, and look fair soon. The first measurement after that
+decides between two hypotheses: the target is where it was predicted from before, with the density
+N(v; 0, S) of the innovation v; or the box is on somebody else, who may be anywhere, with the
+density r per square meter. With the confidence p of the tracker, and the least one p0 of a target
+that is not in doubt,
+
+    log odds = log N(v; 0, S) - log r + logit(p) - logit(p0)
+
+They rise with the time for which the box is tracked on, from their least value to 0 in the time
+`hold`. From 0 on, the target is the same. The longer it was out of sight, the wider is S, and the
+less its place says.
+"""
+
+from __future__ import annotations
+
+import math
+
+from pf_tracker_ros.stamps import NANOSECONDS
+
+# People per square meter to whom a box may go over.
+_OTHERS_DENSITY = 0.2
+# Least log odds by the place: it contradicts the prediction.
+_LEAST_LOG_ODDS = -4.0
+# Confidences closer to 0 or 1 count as this, since those of 0 and 1 are infinite.
+_LEAST_CONFIDENCE = 1e-3
+
+
+class Trust:
+    """Of one target; a new one is trusted.
+
+    Attributes:
+        doubted_for: Seconds until its place and confidence suffice, infinite while it is hidden; 0
+            without a doubt.
+    """
+
+    def __init__(self) -> None:
+        self.doubted_for = 0.0
+        # Log odds by the place; None until the target is measured, 0 where nothing was predicted.
+        self._by_place: float | None = None
+        self._measured_since = 0
+        self._is_doubted = False
+
+    def lose_sight(self, *, is_hidden: bool) -> None:
+        """The target gives no measurement; the next one decides.
+
+        Args:
+            is_hidden: Whether it is not tracked at all, and may be something else from now on.
+        """
+        self._is_doubted, self._by_place = True, None
+        if is_hidden:
+            self.doubted_for = math.inf
+
+    def contradict(self, stamp: int) -> None:
+        """The target is in another place than predicted.
+
+        Args:
+            stamp: Of the frame, nanoseconds.
+        """
+        self._is_doubted, self._by_place, self._measured_since = True, _LEAST_LOG_ODDS, stamp
+
+    def measure(
+        self,
+        stamp: int,
+        log_density: float | None,
+        confidence: float,
+        *,
+        min_confidence: float,
+        hold: float,
+    ) -> None:
+        """Take a measurement of the tracked target.
+
+        Args:
+            stamp: Of the frame, nanoseconds.
+            log_density: Of the measured position given its prediction, 1/m^2; None without one.
+            confidence: Of the target, `min_confidence` to 1.
+            min_confidence: Least one of a target that is not in doubt.
+            hold: Seconds from a place that contradicts until the target counts as the same.
+        """
+        if not self._is_doubted:
+            return
+        if self._by_place is None:
+            by_place = 0.0 if log_density is None else log_density - math.log(_OTHERS_DENSITY)
+            self._by_place, self._measured_since = max(by_place, _LEAST_LOG_ODDS), stamp
+        log_odds = self._by_place + _logit(confidence) - _logit(min_confidence)
+        needed = max(-log_odds, 0.0) * hold / -_LEAST_LOG_ODDS
+        self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
+        self._is_doubted = self.doubted_for > 0.0
+
+
+def _logit(confidence: float) -> float:
+    inside = min(max(confidence, _LEAST_CONFIDENCE), 1.0 - _LEAST_CONFIDENCE)
+    return math.log(inside / (1.0 - inside))
