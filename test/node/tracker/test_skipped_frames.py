@@ -213,3 +213,16 @@ def test_the_built_in_detector_sees_no_frozen_images(graph, client, images, monk
     graph.tracker(client, frozen_after=0.1, max_targets=4, built_in_detector="motion")
     freeze(client, images[0], range(6))
     assert offered == [client.at(number) for number in range(3)]
+
+
+def test_a_target_drawn_on_images_of_another_format_starts_at_once(tracking, client, images, box):
+    client.point_at((900.0, 5.0, 20.0, 20.0))
+    status = client.show(images[2][..., 1].copy(), client.at(2), "mono8")
+    # A target that cannot start there does not end the present one.
+    assert (status.level, status.values["frame"]) == ("ERROR", "refused")
+    status = client.show(images[3], client.at(3))
+    assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
+    assert "target refused: the center of box (900, 5, 20, 20) is outside" in status.message
+    client.point_at(box)
+    status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
+    assert (status.level, status.values["frame"]) == ("OK", "started")
