@@ -147,7 +147,10 @@ def _table(
 
 def _values(declaration: Declaration) -> str:
     """Type, allowed values and unit."""
-    parts = [declaration.type_name, declaration.allowed, declaration.unit]
+    choices = ", ".join(f"`{choice}`" for choice in declaration.choices)
+    parts = [declaration.type_name, choices or declaration.allowed, declaration.unit]
+    if declaration.choices and declaration.type is str:
+        parts = [choices]
     return ", ".join(part for part in parts if part and part != "true or false")
 
 

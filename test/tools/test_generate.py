@@ -80,8 +80,11 @@ def test_the_table_has_a_row_for_every_parameter():
     for name, declaration in known.items():
         assert rows[name]["description"] == declaration.description
         allowed = rows[name]["allowed"]
-        assert allowed.startswith(declaration.type_name)
-        assert declaration.type is bool or declaration.allowed in allowed
+        if declaration.choices:
+            assert re.findall(r"`(.*?)`", allowed) == list(declaration.choices)
+        else:
+            assert allowed.startswith(declaration.type_name)
+            assert declaration.type is bool or declaration.allowed in allowed
         assert allowed.endswith(declaration.unit)
 
 
