@@ -17,6 +17,11 @@ SPELLED := $(addprefix ./,$(wildcard *.md *.py *.rst *.toml *.cfg *.xml Makefile
 SEQUENCES ?=
 BENCH_ARGS ?=
 
+# What `make figures` runs on: see benchmarks/figures.py.
+FOOTAGE ?=
+
+PYTEST := $(VENV)/bin/python -m pytest --numprocesses 2 --dist loadfile
+
 # Further arguments for `make console`.
 CONSOLE_ARGS ?=
 
@@ -32,10 +37,10 @@ endif
 # The built documentation.
 DOCS := build/docs
 
-.PHONY: help setup test lint demo console docs bench sequences-given generate lock clean
+.PHONY: help setup test test-all lint demo console docs bench figures sequences-given generate lock clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "  make %-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s%s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(INSTALLED)  ## create .venv with everything pinned, and this package in it
 
@@ -48,8 +53,11 @@ $(BENCH_INSTALLED): requirements/bench.txt requirements/development.txt \
 	@requirements/environment.sh $(BENCH_VENV) requirements/bench.txt $(PYTHON)
 	@touch $@
 
-test: lint  ## lint, types and all tests (PYTEST_ARGS=... narrows them down)
-	$(VENV)/bin/python -m pytest --numprocesses 2 --dist loadfile $(PYTEST_ARGS)
+test: lint  ## lint, types and the quick tests (PYTEST_ARGS=... narrows them down)
+	$(PYTEST) -m "not slow" $(PYTEST_ARGS)
+
+test-all: lint  ## lint, types and all tests, with the slow ones
+	$(PYTEST) $(PYTEST_ARGS)
 
 lint: $(INSTALLED)  ## lint, format, spelling and types alone
 	$(VENV)/bin/ruff check
@@ -69,6 +77,10 @@ docs: $(INSTALLED)  ## build the documentation; open build/docs/index.html
 
 bench: sequences-given $(BENCH_INSTALLED)  ## all presets and other trackers on SEQUENCES="..." (in .venv-bench)
 	$(BENCH_VENV)/bin/python benchmarks/peers.py $(SEQUENCES) $(BENCH_ARGS)
+
+figures: $(BENCH_INSTALLED)  ## measure all figures of README and docs on FOOTAGE=FOLDER, hours
+	$(BENCH_VENV)/bin/python benchmarks/figures.py measure $(FOOTAGE)
+	$(BENCH_VENV)/bin/python benchmarks/figures.py write
 
 sequences-given:
 	@test -n "$(strip $(SEQUENCES))" || { \

@@ -6,7 +6,7 @@
 
     python benchmarks/families.py SEQUENCE_DIR... --output benchmarks/results --seeds 3
 
-It writes families.csv and families.md, clutter.csv, clutter.md and clutter.png.
+It writes families.md and clutter.md.
 """
 
 from __future__ import annotations
@@ -119,14 +119,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if options.sequences:
             outcomes = run_sequences(options.sequences, options.seeds)
             report.print_table(outcomes)
-            report.write_csv(options.output / "families.csv", outcomes)
             report.write_table(options.output / "families.md", outcomes, options.seeds)
         if options.scenes:
             cluttered = run_clutter(options.scenes, options.levels, options.frames)
             report.print_clutter(cluttered)
-            report.write_clutter_csv(options.output / "clutter.csv", cluttered)
             report.write_clutter_table(options.output / "clutter.md", cluttered)
-            report.write_clutter_plot(options.output / "clutter.png", cluttered)
     except (EvaluationError, FootageError, ParameterError, OSError) as error:
         parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")

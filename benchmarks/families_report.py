@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,9 +9,6 @@ from pathlib import Path
 import intervals
 import numpy as np
 from intervals import Interval
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
 from tables import Table, bold
 
 
@@ -57,14 +53,6 @@ def print_table(outcomes: Sequence[Outcome]) -> None:
     _table(outcomes).show()
 
 
-def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write a line for each sequence and tracker."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["sequence", "tracker", "center_rmse_px", "success_auc", "cpu_ms_median"])
-        writer.writerows([one.sequence, one.tracker, *_figures(one)] for one in outcomes)
-
-
 def write_table(path: Path, outcomes: Sequence[Outcome], seeds: int) -> None:
     """Write the table as Markdown."""
     runs = "1 seed" if seeds == 1 else f"mean of {seeds} seeds"
@@ -80,18 +68,6 @@ def print_clutter(outcomes: Sequence[ClutterOutcome]) -> None:
     Table(_CLUTTER_TITLE, heading, [rows]).show()
 
 
-def write_clutter_csv(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
-    """Write a line for each street, level and tracker."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        figures = ("center_rmse_px", "success_auc", "cpu_ms_median")
-        writer.writerow(["scene", "clutter", "tracker", *figures])
-        for one in outcomes:
-            writer.writerow(
-                [one.scene, f"{one.level:g}", one.outcome.tracker, *_figures(one.outcome)]
-            )
-
-
 def write_clutter_table(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
     """Write the errors as a Markdown table."""
     scenes = len({one.scene for one in outcomes})
@@ -99,41 +75,6 @@ def write_clutter_table(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
     table = Table(_CLUTTER_TITLE, heading, [rows])
     lines = [f"# {table.title}", "", *table.markdown(), ""]
     path.write_text("\n".join([*lines, _CLUTTER_NOTE.format(scenes=scenes), ""]), encoding="utf-8")
-
-
-def write_clutter_plot(path: Path, outcomes: Sequence[ClutterOutcome]) -> None:
-    """Draw the error over the level: a panel for each tracker, with the others in gray."""
-    trackers = _names(one.outcome.tracker for one in outcomes)
-    levels = sorted({one.level for one in outcomes})
-    curves = {name: _curve(outcomes, name) for name in trackers}
-    figure = Figure(figsize=(13.0, 6.6), layout="constrained")
-    panels = figure.subplots(2, -(-len(trackers) // 2), sharex=True, sharey=True).ravel()
-    scenes = len({one.scene for one in outcomes})
-    figure.suptitle(
-        f"Error as the background grows more complex: {scenes} generated streets, "
-        "mean and 95 % confidence band"
-    )
-    figure.supxlabel("level of clutter")
-    figure.supylabel("center RMSE, px")
-    for panel, name in zip(panels, trackers, strict=False):
-        for other in curves.values():
-            panel.plot(levels, [point.value for point in other], color="0.8", linewidth=1.0)
-        _draw_curve(panel, levels, curves[name], "tab:red" if name == trackers[-1] else "tab:blue")
-        panel.set_title(name)
-        panel.grid(alpha=0.3)
-    panels[0].set(yscale="log", xlim=(levels[0] - 0.02, levels[-1] + 0.02), xticks=levels)
-    panels[0].yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    for unused in panels[len(trackers) :]:
-        unused.set_axis_off()
-    figure.savefig(path, dpi=110)
-
-
-def _draw_curve(
-    panel: Axes, levels: Sequence[float], curve: Sequence[Interval], color: str
-) -> None:
-    lows, highs = [point.low for point in curve], [point.high for point in curve]
-    panel.fill_between(levels, lows, highs, color=color, alpha=0.25, linewidth=0.0)
-    panel.plot(levels, [point.value for point in curve], "o-", color=color, linewidth=2.0)
 
 
 def _curve(outcomes: Sequence[ClutterOutcome], tracker: str) -> list[Interval]:
@@ -194,7 +135,3 @@ def _cells(row: Iterable[float], best: Iterable[float]) -> list[str]:
 def _names(names: Iterable[str]) -> list[str]:
     """Each name once, in the order of its first appearance."""
     return list(dict.fromkeys(names))
-
-
-def _figures(one: Outcome) -> list[str]:
-    return [f"{one.center_rmse:.4f}", f"{one.success_auc:.4f}", f"{one.milliseconds:.4f}"]

@@ -10,7 +10,7 @@ independent check (extra `benchmark`, in a separate environment, as it requires 
 
     python benchmarks/growth_model.py --runs 500
 
-It writes `growth_model.md` and `growth_model.png` to the results folder. The exit code is 1 if the
+It writes `growth_model.md` to the results folder. The exit code is 1 if the
 RMSE of the Kalman-proposal filter is not below 9.08, or the bootstrap filters disagree.
 """
 
@@ -32,7 +32,6 @@ import arguments as options_of
 import intervals
 import numpy as np
 from intervals import Interval
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tables import Table
 
@@ -276,29 +275,12 @@ def agreement(outcomes: Sequence[Outcome]) -> str:
 
 
 def write(folder: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write the table as Markdown and the RMSE of all runs as a plot."""
+    """Write the table as Markdown."""
     folder.mkdir(parents=True, exist_ok=True)
     table = table_of(outcomes)
     lines = [f"# {table.title}", "", *table.markdown()]
     lines += ["", agreement(outcomes), "", f"Zhang Bo reports a mean RMSE of {PAPER_RMSE}.", ""]
     (folder / "growth_model.md").write_text("\n".join(lines), encoding="utf-8")
-
-    figure = Figure(figsize=(11.0, 4.5), layout="constrained")
-    spread, steps = figure.subplots(1, 2)
-    spread.boxplot([outcome.errors for outcome in outcomes], showmeans=True)
-    spread.set_xticks(
-        range(1, len(outcomes) + 1), [outcome.name.replace(" ", "\n") for outcome in outcomes]
-    )
-    spread.axhline(PAPER_RMSE, color="gray", linestyle="--", label="reported by Zhang Bo")
-    spread.set(ylabel="RMSE of a run", ylim=(0.0, None))
-    spread.legend()
-    states, measurements = simulate(0)
-    steps.plot(states, color="black", label="true state")
-    for name, estimate in filters().items():
-        steps.plot(estimate(measurements, 0), linewidth=0.9, label=name)
-    steps.set(xlabel="step", ylabel="state", title="The first run")
-    steps.legend(fontsize="small")
-    figure.savefig(folder / "growth_model.png", dpi=120)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

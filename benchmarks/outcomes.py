@@ -46,13 +46,6 @@ class Outcome:
         return np.array([result.scores.success_auc for result in self.results])
 
     @property
-    def mean_auc_std(self) -> float:
-        """Standard deviation over the seeds of the mean success AUC; NaN for a single seed."""
-        if len(self.results[0].seeds) < 2:
-            return float("nan")
-        return float(np.mean([result.success_aucs for result in self.results], axis=0).std(ddof=1))
-
-    @property
     def success_curve(self) -> NDArray[np.float64]:
         """(21,) success curve, mean over the sequences."""
         return np.mean([result.success_curve for result in self.results], axis=0)

@@ -5,12 +5,18 @@ Cells are texts; one between two pairs of asterisks is bold in both.
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import rich.table
 from rich.console import Console
 from rich.text import Text
+
+TABLES_FILE = "PF_TRACKER_TABLES"
+"""Environment variable with a file that every table shown is appended to, for `figures.py`."""
 
 Rows = Sequence[Sequence[str]]
 
@@ -45,11 +51,20 @@ class Table:
                 cells = [(cell.strip("*"), "bold" if cell.startswith("**") else "") for cell in row]
                 table.add_row(*(Text(*cell) for cell in cells))
             table.add_section()
+        self._record()
         console = Console()
         if not console.is_terminal:
             # A pipe has no window width.
             console.width = 1000
         console.print(table)
+
+    def _record(self) -> None:
+        """Append it to the file that the environment names, as a line of JSON."""
+        if path := os.environ.get(TABLES_FILE):
+            rows = [list(row) for group in self.groups for row in group]
+            fields = {"title": self.title, "headings": [*self.headings], "rows": rows}
+            with Path(path).open("a", encoding="utf-8") as file:
+                file.write(json.dumps({**fields, "names": self.names}) + "\n")
 
     def _width(self, column: int) -> int:
         """Width of the cells in characters; a heading may wrap between its words."""
@@ -63,6 +78,14 @@ class Table:
         rows = [self.headings, alignment, *(row for group in self.groups for row in group)]
         # A vertical bar would end the cell.
         return ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
+
+
+def save_tables(path: Path | None, tables: Sequence[Table]) -> None:
+    """Write tables with their titles into a Markdown file; None for no file."""
+    if path is not None:
+        lines = [line for one in tables for line in (f"**{one.title}**", "", *one.markdown(), "")]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("\n".join(lines), encoding="utf-8")
 
 
 def bold(text: str, is_bold: bool = True) -> str:

@@ -7,9 +7,8 @@ color and texture stay on the target, with jitter for 30 particles and steadily 
 
     python benchmarks/umbrellas.py --seeds 30
 
-It writes `umbrellas.md` (the table), `umbrellas.csv` (every run), `umbrellas.png` (shares, errors
-over time, jitter) and `umbrellas_frames.png` (a scene with estimates and particles, as in the
-paper's Fig. 3).
+It writes `umbrellas.md` (the table) and `umbrellas_frames.png` (a scene with estimates and
+particles, as in the paper's Fig. 3).
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from numpy.typing import NDArray
 from scenes import UmbrellaScene
 from scenes.umbrellas import FRAME_INTERVAL
 from umbrella_runs import PAPER_FRAMES, SETTINGS, Run, Setting
-from umbrellas_report import print_table, write_csv, write_frames, write_plot, write_table
+from umbrellas_report import print_table, write_frames, write_table
 
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
 from pf_tracker_ros.evaluation.parallel import WorkerEnded, run_parallel
@@ -208,8 +207,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     runs = run_all(seeds, overrides, options.jobs)
     print_table(runs)
     write_table(options.output / "umbrellas.md", runs, overrides)
-    write_csv(options.output / "umbrellas.csv", runs)
-    write_plot(options.output / "umbrellas.png", runs)
     write_frames(options.output / "umbrellas_frames.png", runs)
     print(f"{time.monotonic() - started:.0f} s; files in {options.output}")
     return 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ import cv2
 import intervals
 import numpy as np
 from intervals import Interval
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scenes import UmbrellaScene
@@ -28,7 +26,6 @@ HEADINGS = (
     "jitter if held px",
     "CPU ms",
 )
-COLORS = ("tab:red", "tab:orange", "tab:blue")
 NOTE = (
     "In brackets: 95 % confidence intervals over the scenes (Wilson for shares, bootstrap for "
     "means). Center error: mean over all frames. Jitter: root mean square of the change of the "
@@ -50,31 +47,6 @@ def write_table(path: Path, runs: Sequence[Run], overrides: Mapping[str, Any]) -
         lines += [f"Parameters over the preset's: {changes}.", ""]
     lines += [*_table(runs).markdown(), "", _comparison(runs), "", NOTE, ""]
     path.write_text("\n".join(lines), encoding="utf-8")
-
-
-def write_csv(path: Path, runs: Sequence[Run]) -> None:
-    """Write a line for each run."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        headings = ("mean_error_px", "error_before_meeting_px", "jitter_px", "cpu_ms")
-        writer.writerow(["setting", "seed", "outcome", *headings])
-        for run in runs:
-            figures = (run.mean_error, run.error_before, run.jitter, run.milliseconds)
-            writer.writerow(
-                [run.setting, run.seed, run.outcome, *(f"{figure:.4f}" for figure in figures)]
-            )
-
-
-def write_plot(path: Path, runs: Sequence[Run]) -> None:
-    """Draw the outcomes' shares, the errors over time and the jitter."""
-    figure = Figure(figsize=(12.0, 7.5), layout="constrained")
-    figure.suptitle(f"Two like-colored umbrellas crossing, generated {_scenes(runs)}")
-    grid = figure.add_gridspec(2, 2, height_ratios=(1.0, 1.1), width_ratios=(1.5, 1.0))
-    settings = _by_setting(runs)
-    _draw_shares(figure.add_subplot(grid[0, 0]), settings)
-    _draw_jitter(figure.add_subplot(grid[0, 1]), settings)
-    _draw_errors(figure.add_subplot(grid[1, :]), settings)
-    figure.savefig(path, dpi=120)
 
 
 def write_frames(path: Path, runs: Sequence[Run]) -> None:
@@ -118,74 +90,6 @@ def _with_boxes(
     low, high = np.round(box[:2]).astype(int), np.round(box[:2] + box[2:]).astype(int)
     cv2.rectangle(image, low.tolist(), high.tolist(), (255, 255, 255), 2)
     return image
-
-
-def _draw_shares(axes: Axes, settings: Mapping[str, list[Run]]) -> None:
-    places = np.arange(3)
-    for number, (name, runs) in enumerate(settings.items()):
-        shares = [_share(runs, outcome) for outcome in ("switched", "lost", "held")]
-        values = 100 * np.array([figure.value for figure in shares])
-        ends = 100 * np.array([(figure.low, figure.high) for figure in shares]).T
-        x = places + 0.27 * (number - 1)
-        axes.bar(x, values, 0.25, color=COLORS[number], label=name)
-        axes.errorbar(
-            x, values, np.abs(ends - values), fmt="none", ecolor="black", capsize=3, linewidth=1
-        )
-    axes.set(
-        title="outcome, with 95 % intervals",
-        ylabel="% of scenes",
-        ylim=(0, 105),
-        xticks=places,
-        xticklabels=("switches to the wrong umbrella", "lost", "holds the target"),
-    )
-    axes.legend()
-
-
-def _draw_jitter(axes: Axes, settings: Mapping[str, list[Run]]) -> None:
-    for number, runs in enumerate(settings.values()):
-        held = [run.jitter for run in runs if run.outcome == "held"]
-        spread = np.linspace(-0.12, 0.12, max(len(held), 1))[: len(held)]
-        axes.plot(number + spread, held, ".", color=COLORS[number], alpha=0.6)
-        figure = intervals.mean(held)
-        axes.errorbar(
-            number + 0.25,
-            figure.value,
-            [[figure.value - figure.low], [figure.high - figure.value]],
-            fmt="o",
-            color="black",
-            capsize=3,
-        )
-    axes.set(
-        title="jitter of the runs that hold, mean with 95 % interval",
-        ylabel="px",
-        xticks=range(len(settings)),
-        xticklabels=[name.replace(", ", "\n") for name in settings],
-        xlim=(-0.5, len(settings) - 0.5),
-    )
-    axes.set_ylim(bottom=0)
-    axes.grid(axis="y", alpha=0.3)
-
-
-def _draw_errors(axes: Axes, settings: Mapping[str, list[Run]]) -> None:
-    for number, (name, runs) in enumerate(settings.items()):
-        errors = np.array([run.errors for run in runs])
-        low, middle, high = np.quantile(errors, (0.25, 0.5, 0.75), axis=0)
-        frames = np.arange(1, errors.shape[1] + 1)
-        axes.plot(frames, middle, color=COLORS[number], label=name)
-        axes.fill_between(frames, low, high, color=COLORS[number], alpha=0.2, linewidth=0)
-    axes.axvline(96, color="0.5", linestyle="--", linewidth=1)
-    axes.annotate("the umbrellas meet", (97, 0.94), xycoords=("data", "axes fraction"), color="0.4")
-    axes.set_yscale("symlog", linthresh=20.0)
-    axes.set(
-        title="center error over time: median and quartiles over the scenes",
-        xlabel="frame",
-        ylabel="px (logarithmic above 20)",
-        xlim=(1, frames[-1]),
-    )
-    axes.set_yticks([0, 5, 10, 20, 50, 100, 200, 400], [0, 5, 10, 20, 50, 100, 200, 400])
-    axes.set_ylim(0, 400)
-    axes.grid(alpha=0.3)
-    axes.legend(loc="upper left")
 
 
 def _table(runs: Sequence[Run]) -> Table:

@@ -16,7 +16,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.node.console.console_parameters import ConsoleParameters
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import Declaration, ParameterError, declarations
+from pf_tracker_ros.parameters import Declaration, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 
 PACKAGE = "pf_tracker_ros"
@@ -129,13 +129,10 @@ class LaunchArguments:
         text, kind = self.text(name), declaration.type
         try:
             value = declaration.validate(kind(text))
-        except ParameterError as error:
-            _, _, allowed = str(error).rpartition("allowed: ")
-            allowed = ", ".join(declaration.choices) or allowed
-            raise ValueError(f"argument {name}:={text}; allowed: {allowed}") from None
         except ValueError:
+            allowed = f"{declaration.type_name}, {declaration.allowed}"
             raise ValueError(
-                f"argument {name}:={text}; allowed: a number, {kind.__name__}"
+                f"argument {name}:={text}; allowed: {', '.join(declaration.choices) or allowed}"
             ) from None
         return ParameterValue(value, value_type=str) if kind is str else value
 

@@ -25,6 +25,31 @@ from pf_tracker_ros.ros_domains import unused_domain
 pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+# What is slow and rarely breaks: `make test` leaves these folders and files to `make test-all`.
+# `.ci/run` names the parts that they test.
+SLOW = (
+    "benchmarks",
+    "decoding/test_hostile_compressed_images.py",
+    "demo",
+    "evaluation/test_accuracy.py",
+    "evaluation/test_interruption.py",
+    "extending/test_own_package.py",
+    "node/console/test_recording.py",
+    "node/console/test_tuning_page.py",
+    "packaging/ros2",
+    "packaging/test_installations.py",
+    "packaging/test_site.py",
+    "recordings/test_archive.py",
+    "recordings/test_archive_commands.py",
+    "recordings/test_ray.py",
+    "recordings/test_several_archives.py",
+    "recordings/test_stores.py",
+    "scenes",
+    "test_tunables.py",
+    "tracking/test_gray_recovery.py",
+    "tracking/test_honesty.py",
+    "tuning",
+)
 # A long run of the properties is made by hand, with as many random cases each as this says; else
 # they are the same ones in each run. How long a case takes is the machine's matter.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
@@ -39,6 +64,15 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 
 # Each of the many processes that the tests start would compile the package anew.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the slow folders and files."""
+    slow = [REPOSITORY / "test" / path for path in SLOW]
+    for item in items:
+        if any(item.path.is_relative_to(path) for path in slow):
+            item.add_marker("slow")
+
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER_FLAGS = [

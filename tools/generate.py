@@ -69,29 +69,29 @@ def _parameter_tables() -> str:
     sections = [
         "# Parameters",
         f"Written by `{_COMMAND}` from the declarations in the code.",
-        "Parameters marked *yes* can change at run time by `ros2 param set`; the others are fixed "
-        "once the node runs.",
+        "Parameters change at run time by `ros2 param set`, unless they are named as fixed.",
         "## The node `pf_tracker`",
         "With an invalid value at start-up the node runs, but does not track: the log and "
         "`~/status` have the reason, and tracking starts once every such parameter, even a fixed "
         "one, has a valid value. An unknown parameter is reported and has no effect.",
-        _table(_NODE),
+        *_node_section(_NODE),
         "## The tracker",
         "The names are the same in the node and in the library (`Tracker.from_preset`). The "
         "preset is `default` unless set; other presets are listed where they differ from it. All "
-        "can change at run time in the node, and in the library by `set_parameters`. Those marked "
-        "*relearns* make the tracker learn every target again where it was last seen.",
+        "can change at run time in the node, and in the library by `set_parameters`. A change of "
+        f"{_listed(_read_only(_TRACKER))} makes the tracker learn every target again where it was "
+        "last seen.",
         f"{_listed(selectors)} select parts of the tracker. The parameters of every part always "
         "exist; each is used only if its part is selected, as its description says.",
         "With `max_targets` above 1 the presets have the same values except for "
         f"{_multi_target_differences()}.",
-        _table(_TRACKER, presets, "relearns"),
+        _table(_TRACKER, presets),
         "## The localizer `localizer`",
-        _table(declarations(LocalizerParameters)),
+        *_node_section(declarations(LocalizerParameters)),
         "## The replay publisher `replay`",
-        _table(declarations(ReplayParameters)),
+        *_node_section(declarations(ReplayParameters)),
         "## The console `console`",
-        _table(declarations(ConsoleParameters)),
+        *_node_section(declarations(ConsoleParameters)),
     ]
     return "\n\n".join(sections) + "\n"
 
@@ -113,31 +113,45 @@ def _multi_target_differences() -> str:
 
 def _listed(names: Iterable[str]) -> str:
     *others, last = (f"`{name}`" for name in names)
-    return f"{', '.join(others)} and {last}"
+    return f"{', '.join(others)} and {last}" if others else last
+
+
+def _node_section(known: Mapping[str, Declaration]) -> list[str]:
+    """The table of a node, after the parameters that cannot change."""
+    fixed = _read_only(known)
+    return [*([f"Fixed once the node runs: {_listed(fixed)}."] if fixed else []), _table(known)]
+
+
+def _read_only(known: Mapping[str, Declaration]) -> list[str]:
+    return [name for name, declaration in known.items() if declaration.read_only]
 
 
 def _table(
-    known: Mapping[str, Declaration],
-    presets: Mapping[str, Mapping[str, Any]] | None = None,
-    read_only: str = "no",
+    known: Mapping[str, Declaration], presets: Mapping[str, Mapping[str, Any]] | None = None
 ) -> str:
     others = ["other presets"] if presets else []
-    rows = [["name", "type", "default", *others, "allowed", "unit", "at run time", "description"]]
+    rows = [["name", "default", *others, "allowed", "description"]]
     rows.append(["---"] * len(rows[0]))
     for name, declaration in known.items():
         values = {preset: yaml_text(one[name]) for preset, one in (presets or {}).items()}
         default = values.get("default", yaml_text(declaration.default))
-        cells = [f"`{name}`", declaration.type_name, f"`{default}`"]
+        cells = [f"`{name}`", f"`{default}`"]
         if presets:
             differing = (
                 f"{preset} `{value}`" for preset, value in values.items() if value != default
             )
             cells.append(", ".join(differing))
-        at_run_time = read_only if declaration.read_only else "yes"
-        rows.append(
-            [*cells, declaration.allowed, declaration.unit, at_run_time, declaration.description]
-        )
+        rows.append([*cells, _values(declaration), declaration.description])
     return "\n".join(_row(row) for row in rows)
+
+
+def _values(declaration: Declaration) -> str:
+    """Type, allowed values and unit."""
+    choices = ", ".join(f"`{choice}`" for choice in declaration.choices)
+    parts = [declaration.type_name, choices or declaration.allowed, declaration.unit]
+    if declaration.choices and declaration.type is str:
+        parts = [choices]
+    return ", ".join(part for part in parts if part and part != "true or false")
 
 
 def _row(cells: Iterable[str]) -> str:

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from common import region_of
 
 from pf_tracker_ros.cues.color_histogram import (
     ColorHistogram,
@@ -16,10 +17,6 @@ RANGES = [0, 256] * 3
 
 # The square root of 1 - rho amplifies the last bit of a 32-bit share to this.
 ROUNDING = 1e-3
-
-
-def region_of(image, boxes):
-    return Region(Frame(image), boxes)
 
 
 def distances(cue, region, boxes, template):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from common import grain
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.correlation_response import (
@@ -22,10 +23,8 @@ CUE = CorrelationResponse(CorrelationResponseParameters())
 ONE_SIZE = CorrelationResponse(CorrelationResponseParameters(), size_span=1.0)
 
 
-def texture(seed, height, width, grain=2.5):
-    noise = np.random.default_rng(seed).normal(size=(height, width, 3))
-    smooth = cv2.GaussianBlur(noise, (0, 0), grain)
-    return cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+def texture(seed, height, width):
+    return grain(seed, height, width).astype(np.uint8)
 
 
 def frame(x=140, y=100, seed=0):

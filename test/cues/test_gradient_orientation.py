@@ -3,18 +3,14 @@
 import cv2
 import numpy as np
 import pytest
+from common import region_of
 
 from pf_tracker_ros.cues.gradient_orientation import (
     GradientOrientation,
     GradientOrientationParameters,
 )
-from pf_tracker_ros.frames import Frame, Region
 
 PARAMETERS = GradientOrientationParameters()
-
-
-def region_of(image, boxes):
-    return Region(Frame(image), boxes)
 
 
 def pixelwise_vector(gray, box, cells=4, directions=8, gaussian_width=0.5):

@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 import pytest
+from common import region_of
 
 from pf_tracker_ros.cues.hog import Hog, HogParameters
-from pf_tracker_ros.frames import Frame, Region
 
 CELLS_X, CELLS_Y, BINS = 3, 5, 16
 
@@ -13,10 +13,6 @@ CELLS_X, CELLS_Y, BINS = 3, 5, 16
 def hog(cells=(CELLS_X, CELLS_Y), bins=BINS, smoothed=False, **parameters):
     """Without smoothing, unlike the default."""
     return Hog(HogParameters(**parameters), cells=cells, bins=bins, smoothed=smoothed)
-
-
-def region_of(image, boxes):
-    return Region(Frame(image), boxes)
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 """Searchable cues: responses on a grid equal those of its boxes to the bit."""
 
-import cv2
 import numpy as np
 import pytest
+from common import grain
 
 from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.cues.color_contrast import ColorContrast, ColorContrastParameters
@@ -22,8 +22,7 @@ CUES = {
 
 @pytest.fixture(scope="module")
 def image():
-    noise = np.random.default_rng(0).normal(size=(120, 160, 3))
-    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.0), None, 0, 255, cv2.NORM_MINMAX)
+    return grain(0, 120, 160, scale=2.0)
 
 
 @pytest.mark.parametrize("cue", CUES.values(), ids=CUES)

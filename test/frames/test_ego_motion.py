@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from common import texture
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.ego_motion import EgoMotion
@@ -10,15 +11,10 @@ from pf_tracker_ros.frames.ego_motion import EgoMotion
 WIDTH, HEIGHT = 640, 480
 
 
-def texture(seed, width, height, cell=8):
-    noise = np.random.default_rng(seed).integers(0, 256, (height // cell + 1, width // cell + 1, 3))
-    return cv2.resize(noise.astype(np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
-
-
 @pytest.fixture(scope="module")
 def ground():
     """A scene larger than the camera's view."""
-    return texture(0, WIDTH + 400, HEIGHT + 400)
+    return texture(0, HEIGHT + 400, WIDTH + 400, cell=8)
 
 
 def seen_from(ground, x, y, degrees=0.0, zoom=1.0):
@@ -55,7 +51,7 @@ def test_shift_rotation_and_zoom_are_estimated(ground, moved):
 @pytest.mark.parametrize("size", [(320, 240), (1920, 1080)])
 def test_the_motion_is_in_image_pixels(size):
     width, height = size
-    scene = texture(1, width + 20, height, cell=max(width // 60, 6))
+    scene = texture(1, height, width + 20, cell=max(width // 60, 6))
     _, motion = motions_of([scene[:, :width], scene[:, 12 : 12 + width]])
     assert motion == pytest.approx(np.array([[1, 0, -12], [0, 1, 0], [0, 0, 1]]), abs=0.3)
 
@@ -77,7 +73,7 @@ def test_a_camera_that_stands_still_is_not_moved_by_noise(ground):
 
 def test_an_object_that_fills_half_of_the_image_is_no_camera_motion(ground):
     image = seen_from(ground, 0, 0)[0]
-    bus = texture(3, 900, HEIGHT)
+    bus = texture(3, HEIGHT, 900, cell=8)
     images = []
     for frame in range(12):
         images.append(image.copy())
@@ -106,9 +102,9 @@ def test_motion_after_a_long_rest_is_estimated_completely_within_two_frames(grou
     "images",
     [
         [np.full((HEIGHT, WIDTH, 3), 90, np.uint8)] * 3,
-        [texture(4, 12, 9)] * 3,
-        [texture(5, 3000, 1)] * 3,
-        [texture(6, WIDTH, HEIGHT), texture(7, WIDTH, HEIGHT), texture(8, WIDTH, HEIGHT)],
+        [texture(4, 9, 12, cell=8)] * 3,
+        [texture(5, 1, 3000, cell=8)] * 3,
+        [*(texture(seed, HEIGHT, WIDTH, cell=8) for seed in (6, 7, 8))],
     ],
     ids=["flat", "tiny", "a line", "cuts"],
 )

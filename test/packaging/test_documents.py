@@ -121,6 +121,14 @@ def test_the_readme_fits_on_three_screens():
     assert len(README.splitlines()) <= 120
 
 
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_each_row_of_a_table_has_as_many_cells_as_the_one_above(document):
+    cells = [0, 0]
+    for line in document.read_text().replace(r"\|", "").splitlines():
+        cells = [cells[1], line.count("|") if line.lstrip().startswith("|") else 0]
+        assert 0 in cells or cells[0] == cells[1], line
+
+
 def code_blocks(document, language):
     text = document.read_text()
     return re.findall(rf"^ *```{language}\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL)

@@ -155,11 +155,93 @@ def test_pytest_closes_the_checks(clone):
     assert "-m pytest" in commands.splitlines()[-1]
 
 
-@pytest.mark.parametrize("code", [0, 3])
-def test_continuous_integration_runs_make_test_and_passes_its_exit_code(programs, code):
-    programs(make=f'echo "$@ in $PWD"; exit {code}')
-    outcome = subprocess.run(
-        ["bash", REPOSITORY / ".ci" / "run"], capture_output=True, text=True, check=False
-    )
-    assert outcome.returncode == code
-    assert outcome.stdout == f"test in {REPOSITORY}\n"
+def test_the_quick_tests_leave_out_the_slow_ones(clone):
+    assert '-m "not slow" -k some' in make(clone, "--dry-run", "test", "PYTEST_ARGS=-k some").stdout
+    assert "not slow" not in make(clone, "--dry-run", "test-all").stdout
+
+
+class Checks:
+    """`.ci/run` in a repository of its own, where `make` and Python tell what they are asked."""
+
+    def __init__(self, folder, make):
+        self.folder = folder
+        for name, script in {
+            ".ci/run": (REPOSITORY / ".ci" / "run").read_text(),
+            "make": make,
+            "chromium": "exit 1",
+            ".venv/bin/python": "#!/bin/sh\necho python $OPENBLAS_CORETYPE $@",
+        }.items():
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(script if "/" in name else f"#!/bin/sh\n{script}\n")
+            path.chmod(0o755)
+
+    def git(self, *arguments):
+        identity = ("-c", "user.name=a", "-c", "user.email=a@b.example")
+        subprocess.run(["git", *identity, *arguments], cwd=self.folder, check=True)
+
+    def commit(self, file):
+        path = self.folder / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"{file} of another content")
+        self.git("add", file)
+        self.git("commit", "--quiet", f"--message={file}")
+
+    def run(self):
+        """The exit code and the lines that `make` and Python have printed."""
+        outcome = subprocess.run(
+            ["bash", ".ci/run"],
+            cwd=self.folder,
+            env={**os.environ, "PATH": f"{self.folder}:{os.environ['PATH']}"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return outcome.returncode, outcome.stdout.splitlines()
+
+
+QUICK, ALL = "make test", "make test-all"
+QUICK_PART, SLOW_PART = "pf_tracker_ros/boxes.py", "benchmarks/targets.py"
+
+
+@pytest.fixture
+def checks(tmp_path):
+    found = Checks(tmp_path, "echo make $@")
+    found.git("init", "--quiet", "--initial-branch=main")
+    found.commit("README.md")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("changed", "suite"),
+    [([SLOW_PART, QUICK_PART], QUICK), ([QUICK_PART, SLOW_PART], ALL)],
+)
+def test_the_last_commit_of_the_main_branch_decides_on_the_slow_tests(checks, changed, suite):
+    for file in changed:
+        checks.commit(file)
+    code, (first, second) = checks.run()
+    assert (code, first) == (0, suite)
+    assert second.startswith("python Prescott -m pytest")
+
+
+@pytest.mark.parametrize(("changed", "suite"), [(QUICK_PART, QUICK), (SLOW_PART, ALL)])
+def test_all_commits_of_a_branch_decide_on_the_slow_tests(checks, changed, suite):
+    checks.git("update-ref", "refs/remotes/origin/main", "HEAD")
+    checks.commit(changed)
+    checks.commit(QUICK_PART + "c")
+    assert checks.run()[1][0] == suite
+
+
+def test_without_history_all_tests_run(checks):
+    assert checks.run()[1][0] == ALL
+
+
+def test_a_change_that_is_not_committed_counts(checks):
+    checks.commit(SLOW_PART)
+    checks.commit(QUICK_PART)
+    (checks.folder / SLOW_PART).write_text("")
+    assert checks.run()[1][0] == ALL
+
+
+def test_a_failed_suite_ends_the_checks_with_its_exit_code(tmp_path):
+    assert Checks(tmp_path, "exit 3").run() == (3, [])

@@ -205,10 +205,10 @@ def test_a_release_takes_the_changelog_and_raises_every_version(manifest, tmp_pa
 
 def test_what_the_tests_import_is_declared(manifest):
     declared = {dependency.name for dependency in manifest.exec_depends + manifest.test_depends}
-    # Packaging comes with pytest; the demo's and the benchmarks' modules are of this repository.
+    # Packaging comes with pytest; the modules of these folders are of this repository.
     own = {
         path.stem
-        for folder in ("demo", "benchmarks", "tools")
+        for folder in ("demo", "benchmarks", "tools", "test/helpers")
         for path in (REPOSITORY / folder).iterdir()
     }
     assert keys(imported("test") - OPTIONAL) - {"packaging"} - own <= declared

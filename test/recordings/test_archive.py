@@ -9,6 +9,7 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import cv2
 import pytest
+from common import one_sentence
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
@@ -16,12 +17,6 @@ from pf_tracker_ros.recordings.archives.sources import find_recordings
 from pf_tracker_ros.recordings.output_files import OutputFolder
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
-
-
-def one_sentence(errors):
-    (line,) = errors.splitlines()
-    assert line.startswith("track: error: ")
-    return line
 
 
 def test_each_recording_is_tracked_and_broken_ones_are_reported(

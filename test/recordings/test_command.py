@@ -13,6 +13,7 @@ import time
 import cv2
 import numpy as np
 import pytest
+from common import one_sentence
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.footage import write_footage
@@ -25,13 +26,6 @@ QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 def hidden(folder):
     return [path.name for path in folder.rglob(".*")]
-
-
-def one_sentence(errors):
-    (line,) = errors.splitlines()
-    assert line.startswith("track: error: ")
-    assert "Traceback" not in line
-    return line
 
 
 def test_every_number_reads_back_to_the_bits_of_the_library(

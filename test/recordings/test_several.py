@@ -5,6 +5,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from common import one_sentence
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, WRONG_TARGET
@@ -13,12 +14,6 @@ from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 COUNT = 16
 NAMES = ("x", "y", "width", "height")
-
-
-def one_sentence(errors):
-    (line,) = errors.splitlines()
-    assert line.startswith("track: error: ")
-    return line
 
 
 def test_several_boxes_have_a_row_each_to_the_bits_of_the_library(tracked, source, library):

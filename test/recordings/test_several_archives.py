@@ -6,6 +6,7 @@ import json
 import cv2
 import numpy as np
 import pytest
+from common import one_sentence
 
 from pf_tracker_ros.recordings.archives.results import results_at
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory
@@ -14,12 +15,6 @@ from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 COUNT = 16
-
-
-def one_sentence(errors):
-    (line,) = errors.splitlines()
-    assert line.startswith("track: error: ")
-    return line
 
 
 @pytest.fixture

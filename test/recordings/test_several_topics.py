@@ -1,16 +1,11 @@
 """Detections of a bag's topic with the command `track`."""
 
 import pytest
+from common import one_sentence
 
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
 
 COUNT = 16
-
-
-def one_sentence(errors):
-    (line,) = errors.splitlines()
-    assert line.startswith("track: error: ")
-    return line
 
 
 @pytest.mark.parametrize("little_endian", [True, False])

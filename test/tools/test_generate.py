@@ -79,8 +79,22 @@ def test_the_table_has_a_row_for_every_parameter():
     assert rows.keys() == known.keys()
     for name, declaration in known.items():
         assert rows[name]["description"] == declaration.description
-        assert rows[name]["allowed"] == declaration.allowed
-        assert rows[name]["at run time"] == ("relearns" if declaration.read_only else "yes")
+        allowed = rows[name]["allowed"]
+        if declaration.choices:
+            assert re.findall(r"`(.*?)`", allowed) == list(declaration.choices)
+        else:
+            assert allowed.startswith(declaration.type_name)
+            assert declaration.type is bool or declaration.allowed in allowed
+        assert allowed.endswith(declaration.unit)
+
+
+def test_parameters_that_relearn_or_are_fixed_are_named():
+    text = generated_files()["docs/parameters.md"]
+    relearning = [name for name, one in declarations(TrackerParameters).items() if one.read_only]
+    named = re.search(r"A change of (.*?) makes the tracker learn", text)[1]
+    assert re.findall(r"`(.*?)`", named) == relearning
+    fixed = [name for name, one in declarations(NodeParameters).items() if one.read_only]
+    assert re.findall(r"`(.*?)`", re.search(r"Fixed once the node runs: (.*)", text)[1]) == fixed
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from common import grain
 
 from pf_tracker_ros.cues.features.gradients_and_colors import GradientsAndColors
 
@@ -28,8 +29,7 @@ def extract(window):
 
 def texture(seed, size=64):
     """Smooth noise with values from 40 to 140."""
-    noise = np.random.default_rng(seed).normal(size=(size, size))
-    return cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 2.0), None, 40, 140, cv2.NORM_MINMAX)
+    return grain(seed, size, size, 40, 140, scale=2.0, channels=1)[..., 0]
 
 
 def gradients(gray):

@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+from common import overlap
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from std_srvs.srv import SetBool
 
@@ -17,15 +18,6 @@ HEIGHT, WIDTH = 120, 160
 
 def box_of(message):
     return bounding_box([(point.x, point.y) for point in message.polygon.points])
-
-
-def overlap(one, other):
-    """Intersection over union of two boxes."""
-    left, top = max(one[0], other[0]), max(one[1], other[1])
-    right = min(one[0] + one[2], other[0] + other[2])
-    bottom = min(one[1] + one[3], other[1] + other[3])
-    common = max(0.0, right - left) * max(0.0, bottom - top)
-    return common / (one[2] * one[3] + other[2] * other[3] - common)
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Invalid starts, failures during the playback, and stopping."""
 
+import math
 import re
 import signal
 
@@ -19,34 +20,40 @@ DEADLINE = 60.0
         ({}, "no source is given; accepted are a video file"),
         ({"source": "/nowhere/at_all"}, "there is no /nowhere/at_all; accepted are"),
         ({"source": __file__}, "is not a video that can be decoded"),
-        ({"source": "{folder}", "rate": "nan"}, "'rate' is nan; allowed: float, 0.01 to 1000"),
-        ({"source": "{folder}", "target_box": "[1.0]"}, "'target_box' is .*0 or 4 numbers"),
+        ({"source": "{folder}", "rate": math.nan}, "'rate' is nan; allowed: float, 0.01 to 1000"),
+        ({"source": "{folder}", "target_box": [1.0]}, "'target_box' is .*0 or 4 numbers"),
         (
             {"source": "{folder}", "target_from_ground_truth": True},
             "has no ground truth for the target",
         ),
         (
-            {"source": "{folder}", "target_box": "[1.,1.,2.,2.]", "target_topic": "a b"},
+            {"source": "{folder}", "target_box": [1.0, 1.0, 2.0, 2.0], "target_topic": "a b"},
             "topic name",
         ),
-        ({"source": "{bag}", "bag_topic": "/nose"}, "no image topic /nose; image topics are: /eye"),
     ],
 )
 def test_an_invalid_start_logs_one_line_and_the_node_stays_up(
-    pictures, recordings, replay_process, parameters, complaint
+    pictures, replay, capfd, parameters, complaint
 ):
-    places = {"{folder}": pictures.folder, "{bag}": recordings.write()}
-    process = replay_process(
-        **{name: places.get(value, value) for name, value in parameters.items()}
-    )
+    if parameters.get("source") == "{folder}":
+        parameters = {**parameters, "source": str(pictures.folder)}
+    node = replay(**parameters)
+    log = capfd.readouterr().err
+    assert log.count("[ERROR]") == 1
+    assert re.search(complaint, log), log
+    assert "Traceback" not in log
+    assert node.context.ok()
+
+
+def test_after_an_invalid_start_a_process_ends_by_ctrl_c(recordings, replay_process):
+    process = replay_process(source=recordings.write(), bag_topic="/nose")
     line = next(line for line in process.stdout if "[ERROR]" in line)
-    assert re.search(complaint, line), line
+    assert "no image topic /nose; image topics are: /eye" in line
     assert process.poll() is None
     process.send_signal(signal.SIGINT)
     log, _ = process.communicate(timeout=DEADLINE)
     assert process.returncode == 0
     assert "Traceback" not in log
-    assert "[ERROR]" not in log
 
 
 @pytest.mark.parametrize(

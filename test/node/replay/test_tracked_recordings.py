@@ -22,7 +22,8 @@ KEPT = {
 }
 # Of diagnostic_msgs/DiagnosticStatus, by their numbers.
 LEVELS = ("OK", "WARN", "ERROR")
-REAL = ("otb_bolt", "otb_jogging_1", "pets_t15", "tir_birds", "ir_drone_074")
+REAL = ("otb_bolt", "tir_birds")
+LONG = ("otb_jogging_1", "pets_t15", "ir_drone_074")
 
 
 @pytest.fixture
@@ -223,7 +224,9 @@ def test_the_bag_contains_the_messages_that_the_node_publishes(
             assert {key for key in values if values[key] != other.values[key]} <= TIMES
 
 
-@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize(
+    "name", [*REAL, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)]
+)
 def test_real_sequences_equal_a_replay_in_lockstep(lockstep, tmp_path, sequences_directory, name):
     source = sequences_directory / name
     output = tmp_path / "tracked"

@@ -58,18 +58,6 @@ def test_one_keeps_all_targets_until_a_new_one_replaces_them(graph, client, walk
     assert (corner.x, corner.y) == boxes[5][0][:2]
 
 
-def test_without_a_selection_several_targets_have_no_box_with_one_too(graph, client, walkers):
-    images, boxes = walkers
-    graph.tracker(client, max_targets=2, **RELIABLE)
-    for box in boxes[0]:
-        client.point_at(box)
-    client.show(images[0], client.at(0))
-    assert client.set_parameters(max_targets=1).successful
-    status = client.show(images[1], client.at(1))
-    assert (ids(status), status.values["selected"]) == ([1, 2], "0")
-    assert client.boxes == []
-
-
 def test_values_set_with_it_are_kept_in_any_order(graph, client, capfd):
     graph.tracker(client, **RELIABLE)
     given = {"particles": 31, "detector.labels": ["dog"], "max_targets": 4}

@@ -1,11 +1,7 @@
 """Several manual targets in a live node: started, published, stopped, changed."""
 
-import cv2
 import numpy as np
 import pytest
-from geometry_msgs.msg import PointStamped
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -113,35 +109,6 @@ def test_particles_and_overlay_show_all(client, start_tracker, walkers):
         assert (overlay == target_color(id)).all(axis=2).sum() > 50
 
 
-def test_a_click_and_a_target_on_a_past_frame_start(client, start_tracker, walkers, send):
-    images, boxes = walkers
-    node, _ = start_tracker(click_size=30.0)
-    client.show_all(images[:6])
-    client.point_at(boxes[3][0], client.at(3))
-    assert client.show(images[6], client.at(6)).values["frame"] == "started"
-    x, y = boxes[7][1][:2]
-    point = PointStamped()
-    point.point.x, point.point.y = x + 12.0, y + 20.0
-    send(client, node, "pf_tracker/click", point)
-    status = client.show(images[7], client.at(7))
-    assert ids(status) == [1, 2]
-    assert float(status.targets[0].values["age"]) == pytest.approx(0.16)
-
-
-def test_more_targets_than_allowed_are_refused(client, start_tracker, walkers, send_id):
-    images, _ = walkers
-    node, _ = start_tracker(max_targets=2)
-    two_targets(client, walkers)
-    client.point_at((150.0, 20.0, 30.0, 30.0))
-    status = client.show(images[1], client.at(1))
-    assert status.level == "WARN"
-    assert "target refused: there are 2 targets, the maximum" in status.message
-    assert ids(status) == [1, 2]
-    send_id(client, node, "stop_target", 1)
-    client.point_at((150.0, 20.0, 30.0, 30.0))
-    assert ids(client.show(images[2], client.at(2))) == [2, 3]
-
-
 def test_one_target_is_stopped_by_its_id_or_all(client, start_tracker, walkers, send_id):
     images, boxes = walkers
     node, _ = start_tracker()
@@ -156,42 +123,6 @@ def test_one_target_is_stopped_by_its_id_or_all(client, start_tracker, walkers, 
     assert (status.values["state"], status.values["frame"]) == ("idle", "waiting")
     client.point_at(boxes[4][0])
     assert ids(client.show(images[4], client.at(4))) == [3]
-
-
-def test_images_of_another_format_are_refused_until_a_target_starts_on_them(
-    client, start_tracker, walkers
-):
-    images, boxes = walkers
-    start_tracker(max_targets=2)
-    two_targets(client, walkers)
-    for number in range(1, 4):
-        status = client.show(images[number][..., 1].copy(), client.at(number), "mono8")
-        assert (status.level, status.values["frame"]) == ("ERROR", "refused")
-        assert "start a target on these images (~/target, ~/click)" in status.message
-        assert "another tracker" not in status.message
-    client.point_at(boxes[3][1], client.at(3))
-    status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
-    assert (status.level, status.values["frame"], ids(status)) == ("WARN", "started", [3])
-    assert "ended: 1, 2; a new target was drawn on images of another size or type" in status.message
-    status = client.show(images[5][..., 1].copy(), client.at(5), "mono8")
-    assert (status.level, ids(status)) == ("OK", [3])
-
-
-def test_an_occluded_target_survives_another_image_size(client, start_tracker, walkers):
-    images, _ = walkers
-    start_tracker()
-    two_targets(client, walkers)
-    covered = [image.copy() for image in images]
-    for image in covered[3:]:
-        image[30:90] = 128
-    for number in range(1, 12):
-        status = client.show(covered[number], client.at(number))
-    assert status.targets[0].values["state"] != "tracking"
-    for number, size in ((12, (640, 400)), (13, (320, 200))):
-        status = client.show(cv2.resize(covered[number], size), client.at(number))
-        assert ids(status) == [1, 2]
-        assert status.targets[0].values["state"] != "tracking"
-        assert "ended" not in status.message
 
 
 def test_the_status_of_a_dropped_frame_has_no_targets(client, start_tracker, walkers):
@@ -235,58 +166,3 @@ def test_invalid_parameters_are_refused_with_the_reason(client, start_tracker, w
     assert box.successful
     status = client.show(images[1], client.at(1))
     assert "target refused: there are 2 targets" in status.message
-
-
-def test_an_invalid_number_at_start_up_is_corrected_at_run_time(graph, client, images, box):
-    graph.tracker(client, max_targets=0, image_reliability="reliable")
-    status = client.show(images[0], client.at(0))
-    assert "parameter 'max_targets' is 0" in status.message
-    assert client.set_parameters(max_targets=1, target_box=box).successful
-    assert client.show(images[1], client.at(1)).values["frame"] == "started"
-
-
-def test_a_time_jump_restarts_manual_targets(client, start_tracker, walkers, send_id):
-    images, _ = walkers
-    node, _ = start_tracker(time_jump="restart")
-    two_targets(client, walkers)
-    send_id(client, node, "select", 2)
-    client.show(images[1], client.at(1))
-    status = client.show(images[0], client.at(0) - 10**12)
-    assert (status.values["frame"], ids(status)) == ("started", [3, 4])
-    assert status.values["selected"] == "4"
-
-
-def test_the_target_box_starts_the_first_target(client, start_tracker, walkers):
-    images, boxes = walkers
-    start_tracker(target_box=list(boxes[0][0]))
-    client.show(images[0], client.at(0))
-    client.point_at(boxes[1][1])
-    assert ids(client.show(images[1], client.at(1))) == [1, 2]
-
-
-def test_a_deactivated_node_keeps_its_targets_and_a_cleaned_up_one_does_not(
-    client, start_tracker, walkers
-):
-    images, _ = walkers
-    start_tracker(built_in_detector="motion")
-    two_targets(client, walkers)
-    for names, expected in (
-        (["DEACTIVATE", "ACTIVATE"], [1, 2]),
-        (["DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"], []),
-    ):
-        for name in names:
-            transition = Transition(id=getattr(Transition, f"TRANSITION_{name}"))
-            assert client.ask(ChangeState, "change_state", transition=transition).success
-        client.wait_for(client.images.get_subscription_count, "subscription")
-        assert ids(_status_of_repeated_image(client, images)) == expected
-
-
-def _status_of_repeated_image(client, images):
-    """The status of an image, published again until the nodes are connected."""
-    number = len(client.statuses) + 1
-
-    def statuses():
-        client.images.publish(client.message(images[1], client.at(number)))
-        return [one for one in client.statuses if one.stamp == client.at(number)]
-
-    return client.wait_for(statuses, "status")[0]

@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import rclpy
+from common import overlap
 from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
@@ -56,13 +57,6 @@ def show_with_detections(client, detector, walkers, numbers, *, delay=0):
             detector.publish(boxes[seen], client.at(seen))
         status = client.show(images[number], client.at(number))
     return status
-
-
-def overlap(one, other):
-    one, other = np.asarray(one, float), np.asarray(other, float)
-    sides = np.minimum(one[:2] + one[2:], other[:2] + other[2:]) - np.maximum(one[:2], other[:2])
-    shared = np.maximum(sides, 0.0).prod()
-    return shared / (one[2:].prod() + other[2:].prod() - shared)
 
 
 @pytest.mark.parametrize("delay", [0, 3])
@@ -153,20 +147,6 @@ def write_messages(path, messages):
     return path
 
 
-def test_other_labels_and_lower_scores_are_ignored(client, start_detector, walkers):
-    images, boxes = walkers
-    detector, _ = start_detector(detector__labels=["dog"], detector__score_above=0.5)
-    for number in range(8):
-        detector.publish(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.8])
-        status = client.show(images[number], client.at(number))
-    assert [one.values["label"] for one in status.targets] == ["dog"]
-    assert client.set_parameters(detector__labels=["dog", "cat"]).successful
-    for number in range(8, 14):
-        detector.publish(boxes[number], client.at(number), ["dog", "cat"], [0.8, 0.3])
-        status = client.show(images[number], client.at(number))
-    assert [one.values["label"] for one in status.targets] == ["dog"]
-
-
 def test_the_topic_can_be_remapped(graph, client, walkers, detector):
     node = graph.tracker(
         client, cli_args=["--ros-args", "-r", "detections:=/yolo/detections"], **MULTI_TARGET
@@ -237,51 +217,6 @@ def test_detections_during_a_long_pause_are_no_fault(client, start_detector, wal
         assert (status.level, status.values["last_error"]) == ("OK", "")
         assert "0.0" in [one.values["unconfirmed_for"] for one in status.targets]
     assert len(status.targets) == 2
-
-
-@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
-def test_detections_from_before_a_time_jump_are_refused(client, start_detector, walkers, policy):
-    images, _ = walkers
-    detector, _ = start_detector(time_jump=policy)
-    for number in (49, 50):
-        client.show(images[0], client.at(number))
-    client.show(images[0], client.at(0))
-    detector.publish([(200.0, 10.0, 40.0, 60.0)], client.at(50))
-    status = client.show(images[0], client.at(1))
-    assert status.level == "WARN"
-    assert "detections refused: its stamp is 2.000 s after" in status.message
-    assert "from before time went back" in status.message
-    for number in range(40, 55):
-        assert client.show(images[0], client.at(number)).targets == ()
-
-
-def test_empty_detections_end_the_targets(client, start_detector, walkers):
-    images, _ = walkers
-    detector, _ = start_detector()
-    show_with_detections(client, detector, walkers, range(5))
-    for number in range(5, 14):
-        detector.publish([], client.at(number))
-        status = client.show(images[number], client.at(number))
-    assert (status.level, ids(status)) == ("OK", [])
-
-
-def test_detections_wait_for_their_images(client, start_detector, walkers):
-    images, boxes = walkers
-    detector, _ = start_detector()
-    for number in (0, 1, 2):
-        detector.publish(boxes[number], client.at(number))
-    for number in (0, 1, 2, 3):
-        status = client.show(images[number], client.at(number))
-    assert (status.level, ids(status)) == ("OK", [1, 2])
-
-
-def test_detections_without_stamps_are_of_the_next_image(client, start_detector, walkers):
-    images, boxes = walkers
-    detector, _ = start_detector()
-    for number in range(8):
-        detector.publish(boxes[number], 0)
-        status = client.show(images[number], client.at(number))
-    assert ids(status) == [1, 2]
 
 
 def test_a_detector_at_best_effort_is_reported(client, graph, detector):

@@ -45,17 +45,6 @@ def test_every_change_of_the_preset_keeps_the_target(graph, client, images, boxe
             assert found == pytest.approx(boxes[9][:2], abs=9), (before, after)
 
 
-def test_an_occluded_target_is_redetected_with_another_preset(graph, client, images, boxes):
-    graph.tracker(client, preset="li2007", target_box=boxes[0], **RELIABLE)
-    client.show_all(images[:3])
-    states = [client.show(images[0] * 0, client.at(i)).values["state"] for i in (3, 4, 5)]
-    assert states == ["occluded"] * 3
-    assert client.set_parameters(preset="default").successful
-    statuses = [client.show(images[i], client.at(i)) for i in (6, 7, 8)]
-    assert statuses[-1].values["state"] == "tracking"
-    assert corner(client.box_at(client.at(8))) == pytest.approx(boxes[8][:2], abs=9)
-
-
 def test_a_preset_replaces_all_values_and_differences_are_reported(
     graph, client, images, boxes, capfd
 ):
@@ -209,27 +198,6 @@ def test_one_request_sets_a_preset_and_values_of_its_cues(graph, client):
     assert client.tunables() == expected
     assert client.set_parameters(preset="li2007", color_histogram__keep=0.5).successful
     assert client.tunables() == preset_parameters("li2007") | {"color_histogram.keep": 0.5}
-
-
-def test_the_cues_change_while_the_target_is_tracked(graph, client, images, boxes):
-    graph.tracker(client, target_box=boxes[0], **RELIABLE)
-    client.show_all(images[:4])
-    added = ["color_contrast", "hog", "foreground"]
-    assert client.set_parameters(cues=added, hog__sharpness=90.0).successful
-    changed = {"cues": tuple(added), "hog.sharpness": 90.0}
-    assert client.tunables() == preset_parameters("default") | changed
-    for index in range(4, 8):
-        status = client.show(images[index], client.at(index))
-        assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
-        # The cues, and the sharpness.
-        assert status.values["preset"] == "default, 2 values changed"
-    assert "cue_weight_hog" in status.values
-    assert client.set_parameters(preset="default").successful
-    assert client.tunables() == preset_parameters("default")
-    status = client.show(images[8], client.at(8))
-    assert status.values["preset"] == "default"
-    assert "cue_weight_hog" not in status.values
-    assert corner(client.box_at(client.at(8))) == pytest.approx(boxes[8][:2], abs=9)
 
 
 REFUSED = {

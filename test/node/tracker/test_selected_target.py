@@ -68,62 +68,6 @@ def test_the_likelihood_is_around_the_selected_target(two, client, walkers, send
     assert len(received) == 2
 
 
-def test_a_lost_target_stays_selected(graph, client, walkers, send_id):
-    images, boxes = walkers
-    node = graph.tracker(client, track__lost_after=0.1, **MULTI_TARGET)
-    for box in boxes[0]:
-        client.point_at(box)
-    client.show(images[0], client.at(0))
-    send_id(client, node, "select", 1)
-    assert client.show(images[1], client.at(1)).level == "OK"
-    covered = [image.copy() for image in images]
-    for image in covered:
-        image[30:90] = 128
-    for number in range(2, 12):
-        status = client.show(covered[number], client.at(number))
-    assert [one.values["state"] for one in status.targets] == ["lost", "tracking"]
-    assert (status.level, status.values["state"], status.message) == (
-        "ERROR",
-        "lost",
-        "the target is lost",
-    )
-    assert status.values["selected"] == "1"
-    assert client.at(11) not in stamps(client)
-    send_id(client, node, "select", 2)
-    status = client.show(covered[12], client.at(12))
-    assert (status.level, status.values["state"]) == ("OK", "tracking")
-    assert corner(client.box_at(client.at(12))) == pytest.approx(boxes[12][1][:2], abs=6)
-
-
-def test_an_ended_target_is_lost_until_another_is_selected(
-    graph, client, walkers, send_id, detector
-):
-    images, boxes = walkers
-    node = graph.tracker(client, **MULTI_TARGET)
-    detections = detector(client, node)
-    for number in range(4):
-        detections.publish(boxes[number], client.at(number))
-        client.show(images[number], client.at(number))
-    send_id(client, node, "select", 1)
-    for number in range(4, 16):
-        image = images[number].copy()
-        image[30:90] = 128
-        detections.publish(boxes[number][1:], client.at(number))
-        status = client.show(image, client.at(number))
-    assert [one.values["id"] for one in status.targets] == ["2"]
-    assert (status.level, status.values["state"], status.values["selected"]) == (
-        "ERROR",
-        "lost",
-        "1",
-    )
-    assert "confidence" not in status.values
-    client.boxes.clear()
-    send_id(client, node, "select", 2)
-    status = client.show(image, client.at(16))
-    assert (status.values["state"], status.values["selected"]) == ("tracking", "2")
-    assert client.box_at(client.at(16))
-
-
 def test_an_unknown_id_is_refused(two, client, walkers, send_id):
     images, _ = walkers
     send_id(client, two, "select", 2)
@@ -132,17 +76,6 @@ def test_an_unknown_id_is_refused(two, client, walkers, send_id):
     assert status.level == "WARN"
     assert status.message == "not selected: no target has the id 7; there are: 1, 2"
     assert status.values["selected"] == "2"
-
-
-def test_a_stopped_target_is_not_selected(two, client, walkers, send_id):
-    images, _ = walkers
-    send_id(client, two, "select", 2)
-    client.show(images[1], client.at(1))
-    send_id(client, two, "stop_target", 2)
-    status = client.show(images[2], client.at(2))
-    assert (status.level, status.values["selected"]) == ("OK", "0")
-    assert [one.values["id"] for one in status.targets] == ["1"]
-    assert stamps(client) == [client.at(1)]
 
 
 def test_the_log_has_the_state_of_the_selected_target(capfd, two, client, walkers, send_id):
@@ -157,21 +90,3 @@ def test_the_log_has_the_state_of_the_selected_target(capfd, two, client, walker
     assert log.count("target 1 started on the box (30, 40, 24, 40)") == 1
     assert log.count("ids of the targets: 1, 2\n") == 1
     assert log.count("tracking -> occluded, confidence ") == 1
-
-
-def test_a_single_target_is_always_selected(graph, client, images, box, send_id):
-    node = graph.tracker(client, image_reliability="reliable")
-    status = client.show(images[0], client.at(0))
-    assert (status.values["selected"], status.targets) == ("0", ())
-    for number, id in ((1, "1"), (2, "2")):
-        client.point_at(box)
-        status = client.show(images[number], client.at(number))
-        assert (status.values["selected"], status.values["targets"]) == (id, "1")
-        (one,) = status.targets
-        assert (one.name, one.values["id"]) == (f"/pf_tracker: target {id}", id)
-        assert one.values["confidence"] == status.values["confidence"]
-        assert client.box_at(client.at(number))
-    # With `max_targets` 1, selecting none has no effect.
-    send_id(client, node, "select", 0)
-    assert client.show(images[3], client.at(3)).values["selected"] == "2"
-    assert client.box_at(client.at(3))

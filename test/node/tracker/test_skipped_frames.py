@@ -3,7 +3,6 @@
 import itertools
 import time
 
-import cv2
 import pytest
 from std_srvs.srv import SetBool, Trigger
 
@@ -136,56 +135,6 @@ def test_a_pause_is_in_the_diagnostics_without_a_frame(tracking, client):
     assert "confidence" not in health.values
 
 
-@pytest.mark.parametrize("size", [(80, 60), (320, 240), (107, 80)])
-def test_a_change_of_the_image_size_keeps_the_target(tracking, client, images, moving_square, size):
-    client.set_parameters(particles=200)
-    for index in range(2, 8):
-        image = cv2.resize(images[index], size, interpolation=cv2.INTER_AREA)
-        status = client.show(image, client.at(index))
-        assert (status.level, status.values["frame"]) == ("OK", "tracked")
-        assert status.values["state"] == "tracking"
-    corner = client.box_at(client.at(7)).polygon.points[0]
-    scale = size[0] / 160
-    expected = moving_square.boxes[7][:2] * scale
-    assert (corner.x, corner.y) == pytest.approx(tuple(expected), abs=6 * scale)
-
-
-def test_a_change_of_the_aspect_ratio_is_refused(tracking, client, images):
-    status = client.show(images[2][:100], client.at(2))
-    assert (status.level, status.values["state"]) == ("ERROR", "skipped")
-    assert "any size of the same aspect ratio" in status.message
-    assert client.show(images[3], client.at(3)).values["state"] == "tracking"
-
-
-def test_a_target_drawn_on_images_of_another_format_starts_at_once(tracking, client, images, box):
-    client.point_at((900.0, 5.0, 20.0, 20.0))
-    status = client.show(images[2][..., 1].copy(), client.at(2), "mono8")
-    # A target that cannot start there does not end the present one.
-    assert (status.level, status.values["frame"]) == ("ERROR", "refused")
-    status = client.show(images[3], client.at(3))
-    assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
-    assert "target refused: the center of box (900, 5, 20, 20) is outside" in status.message
-    client.point_at(box)
-    status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
-    assert (status.level, status.values["frame"]) == ("OK", "started")
-
-
-def test_a_preset_change_while_the_target_is_lost_keeps_it_lost(graph, client, images, box):
-    graph.tracker(client, target_box=box, track__lost_after=0.1, **QUICK)
-    client.show_all(images[:3])
-    for index in range(3, 8):
-        status = client.show(images[0] * 0, client.at(index))
-    assert status.values["state"] == "lost"
-    client.boxes.clear()
-    # A larger `track.lost_after` does not make the target tracked again.
-    assert client.set_parameters(preset="zhang2015", track__lost_after=60.0).successful
-    assert float(next_report(client, "lost").values["confidence"]) < 0.5
-    status = client.show(images[0] * 0, client.at(8))
-    assert (status.values["frame"], status.values["state"]) == ("tracked", "lost")
-    assert not client.boxes
-    assert client.show(images[2], client.at(9)).values["state"] == "tracking"
-
-
 FROZEN = "frozen: the images on /image have not changed for more than 0.5 s; restart the camera"
 
 
@@ -264,3 +213,16 @@ def test_the_built_in_detector_sees_no_frozen_images(graph, client, images, monk
     graph.tracker(client, frozen_after=0.1, max_targets=4, built_in_detector="motion")
     freeze(client, images[0], range(6))
     assert offered == [client.at(number) for number in range(3)]
+
+
+def test_a_target_drawn_on_images_of_another_format_starts_at_once(tracking, client, images, box):
+    client.point_at((900.0, 5.0, 20.0, 20.0))
+    status = client.show(images[2][..., 1].copy(), client.at(2), "mono8")
+    # A target that cannot start there does not end the present one.
+    assert (status.level, status.values["frame"]) == ("ERROR", "refused")
+    status = client.show(images[3], client.at(3))
+    assert (status.values["frame"], status.values["state"]) == ("tracked", "tracking")
+    assert "target refused: the center of box (900, 5, 20, 20) is outside" in status.message
+    client.point_at(box)
+    status = client.show(images[4][..., 1].copy(), client.at(4), "mono8")
+    assert (status.level, status.values["frame"]) == ("OK", "started")

@@ -57,29 +57,6 @@ def test_a_target_drawn_on_a_past_frame_is_started_there_and_caught_up(
     assert len(client.boxes) == 1
 
 
-def test_a_target_on_a_frame_out_of_the_buffer_is_refused(graph, client, images, boxes):
-    graph.tracker(client, frame_buffer_length=2, **QUICK)
-    client.show_all(images[:6])
-    client.point_at(boxes[1], stamp=client.at(1))
-    status = client.show(images[6], client.at(6))
-    assert (status.level, status.values["state"]) == ("WARN", "idle")
-    assert "0.160 s older than the oldest one in the buffer" in status.message
-    assert status.values["last_error"] == status.message
-    client.set_parameters(frame_buffer_length=5)
-    client.show(images[7], client.at(7))
-    client.point_at(boxes[6], stamp=client.at(6))
-    assert client.show(images[8], client.at(8)).values["frame"] == "started"
-
-
-def test_a_target_with_a_stamp_of_another_clock_is_refused(graph, client, images, boxes):
-    graph.tracker(client, **QUICK)
-    client.show(images[0], client.at(0))
-    client.point_at(boxes[1], stamp=client.at(0) + 10**12)
-    status = client.show(images[1], client.at(1))
-    assert (status.level, status.values["frame"]) == ("WARN", "waiting")
-    assert "target refused: its stamp is 1000 s after that of the last frame" in status.message
-
-
 def test_a_click_starts_on_the_square_around_it(graph, client, images, click):
     node = graph.tracker(client, click_size=20.0, **QUICK)
     click(node, 50, 60)
@@ -100,20 +77,6 @@ def test_an_invalid_click_is_refused(graph, client, images, click):
         assert (status.level, status.values["state"]) == ("WARN", "idle")
         assert status.message.startswith("target refused: ")
         assert reason in status.message
-
-
-def test_a_target_can_start_after_a_stop(graph, client, images, boxes):
-    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
-    early = client.ask(Trigger, "stop")
-    assert (early.success, early.message) == (True, "no target to stop")
-    client.set_parameters(target_box=list(boxes[0]))
-    assert client.show(images[0], client.at(0)).values["state"] == "tracking"
-    assert client.ask(Trigger, "stop").message == "stopped 1 target; waiting for a target"
-    status = client.show(images[1], client.at(1))
-    assert (status.level, status.values["state"]) == ("OK", "idle")
-    client.point_at(boxes[2])
-    assert client.show(images[2], client.at(2)).values["frame"] == "started"
-    assert len(client.boxes) <= 2
 
 
 def test_a_pause_skips_frames_and_keeps_the_target(graph, client, images, boxes):

@@ -3,8 +3,6 @@
 import pytest
 from rosgraph_msgs.msg import Clock
 
-from pf_tracker_ros import Tracker
-
 pytestmark = pytest.mark.usefixtures("fast_reports")
 QUICK = {
     "preset": "li2007",
@@ -69,25 +67,6 @@ def test_dropped_frames_are_counted_by_cause(graph, client, images, box):
         return ["1", "2", "1", "1"] in counts
 
     client.wait_for(counted, "counts")
-
-
-def test_a_longer_gap_gives_a_larger_covariance(graph, client, images, box):
-    graph.tracker(client, target_box=box, **QUICK | {"particles": 500})
-    client.show(images[0], client.at(0))
-    # All black: no measurement pulls the particles together.
-    black = images[0] * 0
-    variances = []
-    for gap in (1, 10, 100):
-        client.point_at(box)
-        client.show(images[0], client.at(0))
-        status = client.show(black, client.at(gap))
-        variances.append(float(status.values["covariance_xx"]))
-    assert variances[0] < variances[1] < variances[2]
-    tracker = Tracker.from_preset(
-        "li2007", parameters={"particles": 500, "track.wrong_box_cost": 0.0}
-    )
-    tracker.start(images[0], box)
-    assert variances[2] == tracker.update(black, 4.0).covariance[0, 0]
 
 
 def test_simulated_time_stamps_the_diagnostics_and_may_jump_back(graph, client, images, box):

@@ -120,6 +120,7 @@ def test_manual_targets_and_the_bag_equal_those_of_the_node(
             assert {key for key in values if values[key] != published.values[key]} <= TIMES
 
 
+@pytest.mark.slow
 def test_real_footage_gives_the_same(lockstep, sequences_directory, tmp_path):
     source = sequences_directory / "video" / "TUD-Stadtmitte.mp4"
     boxes = [(340.5, 79.5, 87.5, 244.0), (570.25, 80.75, 68.0, 203.5), (181.0, 89.0, 76.0, 246.0)]

@@ -167,18 +167,6 @@ def test_the_boxes_do_not_depend_on_the_encoding(graph, client, images, box):
     assert boxes[0] == boxes[1]
 
 
-@pytest.mark.parametrize("encoding", ["mono8", "mono16"])
-def test_gray_images_are_tracked(graph, client, images, box, encoding):
-    graph.tracker(client, target_box=list(box), **QUICK)
-    gray = images[:4].mean(axis=3)
-    frames = (gray * 250).astype(np.uint16) if encoding == "mono16" else gray.astype(np.uint8)
-    client.show_all(frames, encoding)
-    expected = library_boxes(frames, box, [0.04] * 3)
-    assert [corners(client.box_at(client.at(i))) for i in range(4)] == [
-        corners_of(b) for b in expected
-    ]
-
-
 def test_a_target_waits_for_the_frame_of_its_stamp(graph, client, images, box):
     graph.tracker(client, **QUICK)
     client.point_at(box, stamp=client.at(2))
@@ -216,13 +204,6 @@ def test_a_refused_target_has_a_reason_and_keeps_the_last_one(graph, client, ima
     assert (quiet.level, quiet.message) == ("OK", "tracking")
     expected = library_boxes(images[: count + 2], box, [0.04] * (count + 1))
     assert corners(client.box_at(client.at(count + 1))) == corners_of(expected[-1])
-
-
-def test_a_refused_target_without_another_leaves_the_node_waiting(graph, client, images):
-    graph.tracker(client, target_box=[500.0, 0.0, 20.0, 20.0], **QUICK)
-    status = client.show(images[0], client.at(0))
-    assert (status.level, status.values["state"]) == ("WARN", "idle")
-    assert "box (500, 0, 20, 20) is outside the image, 160 x 120 px" in status.message
 
 
 def malformed(client, image, stamp):
@@ -268,17 +249,6 @@ def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, c
     assert corners(client.box_at(client.at(1))) == corners_of(expected[1])
 
 
-def test_images_without_texture_or_light_are_survived(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
-    client.show(images[0], client.at(0))
-    for index, value in enumerate([0, 255, 128], start=1):
-        status = client.show(np.full_like(images[0], value), client.at(index))
-        assert status.values["frame"] == "tracked"
-        assert all(
-            math.isfinite(x) for point in corners(client.box_at(client.at(index))) for x in point
-        )
-
-
 def test_a_duplicate_frame_has_two_statuses_and_is_tracked_once(graph, client, images, box):
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show(images[0], client.at(0))
@@ -290,35 +260,6 @@ def test_a_duplicate_frame_has_two_statuses_and_is_tracked_once(graph, client, i
     client.show(images[2], client.at(2))
     client.box_at(client.at(2))
     assert len(client.boxes) == 3
-
-
-def test_a_late_frame_is_dropped_and_a_time_jump_is_tracked(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
-    client.show(images[0], client.at(100))
-    client.show(images[1], client.at(101))
-    assert client.show(images[0], client.at(99)).values["frame"] == "late"
-    assert client.show(images[2], client.at(0)).values["frame"] == "tracked"
-    client.show(images[3], client.at(1))
-    expected = library_boxes(images[:4], box, [0.04, None, 0.04])
-    assert corners(client.box_at(client.at(1))) == corners_of(expected[-1])
-
-
-def test_frames_without_stamps_are_all_tracked(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
-    statuses = [client.show(image, 0) for image in images[:4]]
-    assert [status.values["frame"] for status in statuses] == ["started", *["tracked"] * 3]
-    client.wait_for(lambda: len(client.boxes) == 4, "boxes")
-    expected = library_boxes(images[:4], box, [None] * 3)
-    assert [corners(message) for message in client.boxes] == [corners_of(b) for b in expected]
-
-
-def test_a_jump_far_ahead_is_survived(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
-    client.show(images[0], 1)
-    status = client.show(images[1], 2_000_000_000 * 10**9)
-    assert status.values["frame"] == "tracked"
-    points = corners(client.box_at(2_000_000_000 * 10**9))
-    assert all(math.isfinite(value) for point in points for value in point)
 
 
 def test_a_best_effort_camera_is_tracked_by_default(graph, images, box):

@@ -230,18 +230,6 @@ def test_the_reliability_can_change_at_run_time(graph, client, images, box):
     assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
 
-def test_a_new_seed_takes_effect_with_the_next_target(graph, client, images, box):
-    graph.tracker(client, target_box=box, **QUICK)
-    last = []
-    for seed in (0, 1, 0):
-        client.boxes.clear()
-        client.set_parameters(seed=seed)
-        client.point_at(box)
-        client.show_all(images[:3])
-        last.append(client.box_at(client.at(2)).polygon)
-    assert last[0] == last[2] != last[1]
-
-
 def test_a_request_of_an_unknown_type_does_not_end_the_node(graph, images):
     client = graph.client()
     process = graph.process("-p", "image_reliability:=reliable")

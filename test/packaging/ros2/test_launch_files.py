@@ -243,9 +243,9 @@ def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, argumen
     [
         ("use_sim_time:=perhaps", "argument use_sim_time:=perhaps; allowed: true or false"),
         ("console:=perhaps", "argument console:=perhaps; allowed: true or false"),
-        ("seed:=some", "argument seed:=some; allowed: a number, int"),
+        ("seed:=some", "argument seed:=some; allowed: int, 0 to 2147483647"),
         ("log_level:=loud", "argument log_level:=loud; allowed: debug, info"),
-        ("console:=true console_port:=web", "argument console_port:=web; allowed: a number, int"),
+        ("console:=true console_port:=web", "argument console_port:=web; allowed: int, 0 to 65535"),
         ("target_box:=[1,2]", "argument target_box:=[1,2]; allowed: [x, y, width, height]"),
         ("target_box:=[1,2,-3,4]", "allowed: [x, y, width, height] in pixels, width and height"),
         ("seed:=-5", "argument seed:=-5; allowed: int, 0 to 2147483647"),

@@ -1,1 +1,0 @@
-"""Camera, links and browsers of the console's benchmarks."""

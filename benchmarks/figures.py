@@ -1,0 +1,308 @@
+"""The figures of README and docs: one run of all benchmarks at one commit, and the tables from it.
+
+    make figures FOOTAGE=FOLDER                        # measure all, hours; write JSON and tables
+    python benchmarks/figures.py measure FOLDER --only peers --seeds 1
+    python benchmarks/figures.py write                 # the tables of the documents, from the JSON
+    python benchmarks/figures.py check                 # exit code 1 where they differ
+
+`FOLDER/sequences` has sequence folders, `FOLDER/mot` folders of the MOT challenge with their images
+in `img1`, `FOLDER/world` what world.py takes (`kitti`, `depth`, `calibration.xml`),
+`FOLDER/model` a network. What is absent is left out. `docs/figures.json` keeps what another run
+has measured of the parts that this one leaves out, each with its commit.
+
+A document names a table between two comments; the first has its part and the beginning of its
+title, and optionally columns and rows:
+
+    <!-- figures peers: Presets | columns: tracker, AUC | rows: default, CSRT -->
+    <!-- end of figures -->
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import arguments as options_of
+from tables import TABLES_FILE, Table
+
+ROOT = Path(__file__).resolve().parents[1]
+FIGURES = Path("docs") / "figures.json"
+DOCUMENTS = ("README.md", "docs/benchmarks.md", "docs/performance.md", "docs/world.md")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "opencv-contrib-python-headless",
+    "opencv-python-headless",
+    "dlib-bin",
+)
+PACKAGES += ("onnxruntime", "motmetrics", "trackeval", "trackers")
+# Kinds of footage, by the beginnings of the sequences' names.
+KINDS = ("otb_|uav_|tld_car|vot_", "pets_|tud_|tld_ped", "tir_", "ir|vbird|vdrone")
+INTERVALS = (1, 5, 12)
+END = "<!-- end of figures -->"
+_BLOCK = re.compile(rf"<!-- figures (.+?) -->\n(.*?){END}", re.DOTALL)
+
+Command = list[str]
+# From the folder of footage and the number of seeds to commands; none where footage is absent.
+Part = Callable[[Path, int], list[Command]]
+
+
+class FiguresError(ValueError):
+    """A table is named that has not been measured, or the footage is missing."""
+
+
+def _on_sequences(script: str, *options: str, seeds: int = 0) -> Part:
+    """A benchmark of the sequences.
+
+    Args:
+        script: File name of the benchmark.
+        options: Its further arguments.
+        seeds: Number of seeds where it does not suffice to take those of the command line; 0 for
+            a benchmark without seeds.
+    """
+
+    def commands(footage: Path, given: int) -> list[Command]:
+        folder = footage / "sequences"
+        counted = ["--seeds", str(min(given, seeds))] if seeds else []
+        return [[script, str(folder), *options, *counted]] if folder.is_dir() else []
+
+    return commands
+
+
+def _always(*command: str) -> Part:
+    return lambda footage, seeds: [[*command]]
+
+
+def _several_targets(*options: str) -> Part:
+    def commands(footage: Path, seeds: int) -> list[Command]:
+        folders = sorted(path.parent for path in footage.glob("mot/*/seqinfo.ini"))
+        words = [word for one in folders for word in ("--sequence", str(one), str(one / "img1"))]
+        return [["targets.py", *words, *options, "--seed", str(seed)] for seed in range(seeds)
+                if folders]  # fmt: skip
+
+    return commands
+
+
+def _positions(footage: Path, seeds: int) -> list[Command]:
+    places = {
+        "--kitti": footage / "world" / "kitti",
+        "--depth": footage / "world" / "depth",
+        "--pets": footage / "mot" / "PETS09-S2L1",
+        "--calibration": footage / "world" / "calibration.xml",
+    }
+    return [["world.py", *(word for option, path in places.items() if path.exists()
+                           for word in (option, str(path)))]]  # fmt: skip
+
+
+def _learned(footage: Path, seeds: int) -> list[Command]:
+    model = footage / "model"
+    return [
+        [*command, "--model", str(model), "--tracker", "learned"]
+        for command in _on_sequences("peers.py", seeds=3)(footage, seeds)
+        if model.is_dir()
+    ]
+
+
+_GROUPS = [word for kind in KINDS for word in ("--group", kind)]
+PARTS: Mapping[str, Part] = {
+    "peers": _on_sequences("peers.py", seeds=1),
+    "learned": _learned,
+    "confidence": _on_sequences("uncertainty.py", *_GROUPS, seeds=1),
+    "covariance": _on_sequences("box_covariance.py", seeds=3),
+    "honesty": _on_sequences("honesty.py", seeds=1),
+    "targets": _several_targets(),
+    "targets, moving camera": _several_targets("--moving-camera"),
+    "keyframes": _on_sequences("keyframes.py"),
+    "positions": _positions,
+    "frame cost": _always("frame_cost.py"),
+    "cost of several targets": _always("multi_target_cost.py"),
+    "node": _always("node.py"),
+    "umbrellas": _always("umbrellas.py"),
+    "growth model": _always("growth_model.py"),
+}
+
+
+# Part to the picture that it writes, and its name in docs.
+PICTURES = {
+    "peers": ("peers.png", "success.png"),
+    "confidence": ("uncertainty.png", "uncertainty.png"),
+    "targets": ("targets.png", "targets.png"),
+    "targets, moving camera": ("targets.png", "targets_moving.png"),
+}
+
+
+def measure(part: str, footage: Path, seeds: int, pictures: Path) -> dict[str, Any] | None:
+    """Run a part; returns its commands, commit and tables, None where its footage is absent.
+
+    Its picture goes into the folder `pictures`.
+
+    Raises:
+        FiguresError: A benchmark has failed.
+    """
+    commands = PARTS[part](footage, seeds)
+    found: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        tables = Path(folder) / "tables.jsonl"
+        tables.touch()
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), TABLES_FILE: str(tables)}
+        for script, *rest in commands:
+            command = [sys.executable, str(ROOT / "benchmarks" / script), *rest]
+            done = subprocess.run(command, cwd=folder, env=environment, check=False)
+            if done.returncode:
+                raise FiguresError(f"{part}: {script} has ended with code {done.returncode}")
+        found += map(json.loads, tables.read_text(encoding="utf-8").splitlines())
+        if commands and part in PICTURES:
+            written, name = PICTURES[part]
+            shutil.copy(Path(folder) / "benchmarks" / "results" / written, pictures / name)
+    if not commands:
+        return None
+    told = [" ".join(command).replace(f"{footage}/", "FOOTAGE/") for command in commands]
+    return {"commands": told, "seeds": seeds, "commit": commit(), "tables": found}
+
+
+def commit() -> str:
+    """The commit of the working copy, with a plus sign where files differ from it."""
+    told = subprocess.run(
+        ["git", "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return told.stdout.strip() or "unknown"
+
+
+def machine() -> dict[str, Any]:
+    """Where and with what the figures were measured."""
+    versions = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            versions[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return {
+        "date": datetime.now(timezone.utc).date().isoformat(),
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "system": platform.platform(),
+        "versions": versions,
+    }
+
+
+def table_of(known: Mapping[str, Any], name: str) -> list[str]:
+    """The Markdown of a table.
+
+    Args:
+        known: Part to what was measured.
+        name: As in a document's comment.
+
+    Raises:
+        FiguresError: There is no such table, column or row.
+    """
+    place, *choices = (word.strip() for word in name.split("|"))
+    part, _, title = (word.strip() for word in place.partition(":"))
+    matching = [
+        one for one in known.get(part, {}).get("tables", ()) if one["title"].startswith(title)
+    ]
+    if not matching:
+        raise FiguresError(f"no table '{place}' has been measured")
+    headings, rows = matching[0]["headings"], matching[0]["rows"]
+    for choice in choices:
+        kind, _, text = choice.partition(":")
+        wanted = [word.strip() for word in text.split(",")]
+        present = headings if kind == "columns" else [_plain(row[0]) for row in rows]
+        if kind not in ("columns", "rows") or not set(wanted) <= set(present):
+            raise FiguresError(f"'{choice}' of table '{place}'; there are: {', '.join(present)}")
+        if kind == "columns":
+            chosen = [headings.index(one) for one in wanted]
+            headings, rows = wanted, [[row[column] for column in chosen] for row in rows]
+        else:
+            rows = [rows[present.index(one)] for one in wanted]
+    return Table(title, headings, [rows], matching[0]["names"]).markdown()
+
+
+def _plain(cell: str) -> str:
+    return cell.strip("*`")
+
+
+def generated(text: str, known: Mapping[str, Any]) -> str:
+    """A document with all of its tables written anew."""
+
+    def block(found: re.Match[str]) -> str:
+        lines = "\n".join(table_of(known, found[1]))
+        return f"<!-- figures {found[1]} -->\n{lines}\n{END}"
+
+    return _BLOCK.sub(block, text)
+
+
+def documents(known: Mapping[str, Any]) -> Iterator[tuple[Path, str, str]]:
+    """Path, text and generated text of each document."""
+    for name in DOCUMENTS:
+        path = ROOT / name
+        text = path.read_text(encoding="utf-8")
+        yield path, text, generated(text, known)
+
+
+def read_figures() -> dict[str, Any]:
+    """What was measured: `machine`, and `parts` by name."""
+    return json.loads((ROOT / FIGURES).read_text(encoding="utf-8"))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line."""
+    parser = options_of.parser(__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    measuring = commands.add_parser("measure")
+    measuring.add_argument("footage", type=Path, metavar="FOLDER")
+    measuring.add_argument("--only", action="append", choices=PARTS, help="may be repeated")
+    options_of.add_seeds(measuring, 3, "at most")
+    measuring.add_argument("--output", type=Path, default=ROOT / FIGURES, help=argparse.SUPPRESS)
+    commands.add_parser("write")
+    commands.add_parser("check")
+    options = parser.parse_args(arguments)
+    try:
+        if options.command == "measure":
+            return _measure(options)
+        known = read_figures()["parts"]
+        stale = [(path, new) for path, old, new in documents(known) if new != old]
+    except (FiguresError, OSError) as error:
+        parser.error(str(error))
+    for path, new in stale:
+        if options.command == "write":
+            path.write_text(new, encoding="utf-8")
+        print(f"{path.relative_to(ROOT)}: {'written' if options.command == 'write' else 'differs'}")
+    return int(options.command == "check" and bool(stale))
+
+
+def _measure(options: argparse.Namespace) -> int:
+    footage = options.footage.resolve()
+    if not footage.is_dir():
+        raise FiguresError(f"no folder {options.footage}")
+    path = options.output
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"parts": {}}
+    for part in options.only or PARTS:
+        found = measure(part, footage, options.seeds, path.resolve().parent)
+        if found is None:
+            print(f"{part} is left out: its footage is not in {options.footage}", file=sys.stderr)
+            continue
+        known["parts"][part] = found
+        known["machine"] = machine()
+        # After each part: they take hours.
+        path.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,1 +1,0 @@
-"""Runs of the tracker node and a bare subscriber, a module for each kind of measurement."""

@@ -1,0 +1,40 @@
+"""What several folders of tests need: drawn images, regions, overlaps, messages of commands."""
+
+import cv2
+import numpy as np
+
+from pf_tracker_ros.frames import Frame, Region
+
+
+def texture(seed, height, width, low=0, high=256, *, cell=6):
+    """(height, width, 3) uint8: cells of random values, smoothed."""
+    shape = (height // cell + 1, width // cell + 1, 3)
+    noise = np.random.default_rng(seed).integers(low, high, shape)
+    return cv2.resize(noise.astype(np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
+
+
+def grain(seed, height, width, low=0, high=255, *, scale=2.5, channels=3):
+    """(height, width, channels) float64: Gaussian noise smoothed over some pixels."""
+    noise = np.random.default_rng(seed).normal(size=(height, width, channels))
+    smooth = cv2.GaussianBlur(noise, (0, 0), scale).reshape(noise.shape)
+    return cv2.normalize(smooth, None, low, high, cv2.NORM_MINMAX).reshape(noise.shape)
+
+
+def region_of(image, boxes):
+    """The region of an image that covers some boxes."""
+    return Region(Frame(image), np.atleast_2d(boxes))
+
+
+def overlap(one, other):
+    """Intersection over union of two boxes."""
+    one, other = np.asarray(one, float), np.asarray(other, float)
+    sides = np.minimum(one[:2] + one[2:], other[:2] + other[2:]) - np.maximum(one[:2], other[:2])
+    shared = np.maximum(sides, 0.0).prod()
+    return shared / (one[2:].prod() + other[2:].prod() - shared)
+
+
+def one_sentence(errors):
+    """The only line of what `track` printed on standard error."""
+    (line,) = errors.splitlines()
+    assert line.startswith("track: error: ")
+    return line

@@ -1,0 +1,97 @@
+"""The tables of README and docs are those of `docs/figures.json`; what a run writes there."""
+
+import json
+
+import figures
+import pytest
+
+KNOWN = {
+    "peers": {
+        "tables": [
+            {
+                "title": "Presets and peers, 1 seed",
+                "headings": ["tracker", "AUC", "CPU"],
+                "rows": [["**default**", "**0.7**", "**0.2**"], ["CSRT", "0.6", "1.0"]],
+                "names": 1,
+            }
+        ]
+    }
+}
+
+
+def test_the_documents_have_the_tables_that_were_measured():
+    differing = [path.name for path, old, new in figures.documents(figures.read_figures()["parts"])
+                 if old != new]  # fmt: skip
+    assert differing == [], "run python benchmarks/figures.py write"
+
+
+def test_a_table_is_written_between_its_comments_and_nothing_else():
+    text = "a\n<!-- figures peers: Presets | columns: tracker, CPU | rows: CSRT -->\nold\n"
+    text += f"{figures.END}\nb\n"
+    made = figures.generated(text, KNOWN)
+    assert made.splitlines() == [
+        "a",
+        "<!-- figures peers: Presets | columns: tracker, CPU | rows: CSRT -->",
+        "| tracker | CPU |",
+        "| --- | ---: |",
+        "| CSRT | 1.0 |",
+        figures.END,
+        "b",
+    ]
+    assert figures.generated(made, KNOWN) == made
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("node: Any", "no table 'node: Any' has been measured"),
+        ("peers: Others", "no table 'peers: Others' has been measured"),
+        ("peers: Presets | rows: KCF", "'rows: KCF' .* there are: default, CSRT"),
+        ("peers: Presets | columns: NEES", "there are: tracker, AUC, CPU"),
+        ("peers: Presets | lines: KCF", "'lines: KCF'"),
+    ],
+)
+def test_what_was_not_measured_is_an_error(name, message):
+    with pytest.raises(figures.FiguresError, match=message):
+        figures.table_of(KNOWN, name)
+
+
+def test_a_part_is_measured_and_the_others_are_kept(tmp_path, monkeypatch):
+    path = tmp_path / "figures.json"
+    path.write_text(json.dumps({"parts": {"node": {"commit": "earlier"}}}))
+    monkeypatch.setattr(
+        figures,
+        "PARTS",
+        {
+            "quick": lambda footage, seeds: [["frame_cost.py", "--only", "loop", "--turns", "1"]],
+            "absent": lambda footage, seeds: [],
+        },
+    )
+    assert figures.main(["measure", str(tmp_path), "--seeds", "1", "--output", str(path)]) == 0
+    found = json.loads(path.read_text())
+    assert found["parts"].keys() == {"node", "quick"}
+    part = found["parts"]["quick"]
+    assert part["commands"] == ["frame_cost.py --only loop --turns 1"]
+    assert [len(table["rows"]) for table in part["tables"]] == [2]
+    assert found["machine"]["versions"].keys() >= {"python", "numpy"}
+
+
+def test_a_benchmark_that_fails_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(figures, "PARTS", {"bad": lambda footage, seeds: [["frame_cost.py", "-x"]]})
+    with pytest.raises(SystemExit):
+        figures.main(["measure", str(tmp_path), "--output", str(tmp_path / "figures.json")])
+    assert "bad: frame_cost.py has ended with code 2" in capsys.readouterr().err
+
+
+def test_footage_makes_the_commands(tmp_path):
+    (tmp_path / "sequences").mkdir()
+    (tmp_path / "mot" / "street").mkdir(parents=True)
+    (tmp_path / "mot" / "street" / "seqinfo.ini").touch()
+    made = {part: commands(tmp_path, 2) for part, commands in figures.PARTS.items()}
+    assert made["peers"] == [["peers.py", str(tmp_path / "sequences"), "--seeds", "1"]]
+    assert made["learned"] == []
+    assert [command[-2:] for command in made["targets"]] == [["--seed", "0"], ["--seed", "1"]]
+    assert str(tmp_path / "mot" / "street" / "img1") in made["targets"][0]
+    for commands in made.values():
+        for script, *_ in commands:
+            assert (figures.ROOT / "benchmarks" / script).is_file()
