@@ -35,7 +35,13 @@ from pf_tracker_ros.recordings.video import AnnotatedVideo
 
 
 class FrameWriter(Protocol):
-    """Writes one output file, frame by frame."""
+    """Writes one output file, frame by frame.
+
+    Attributes:
+        note: What is unusual in the file, as a sentence, or empty.
+    """
+
+    note: str
 
     def write(self, tracked: TrackedFrame) -> None:
         """Write one frame."""
@@ -54,6 +60,9 @@ WriterFactory = Callable[[Path], FrameWriter]
 class OutputFolder:
     """Writes several files in a hidden folder, and moves them into place on `close`.
 
+    Attributes:
+        notes: After `close`: what is unusual in a file, a sentence each.
+
     Args:
         folder: Final folder of the files; created if missing.
         factories: Name of each file to the factory of its writer.
@@ -65,6 +74,7 @@ class OutputFolder:
     def __init__(self, folder: Path, factories: dict[str, WriterFactory]) -> None:
         self._folder = folder
         check_free(folder, factories)
+        self.notes: list[str] = []
         self._writers: dict[str, FrameWriter] = {}
         self._cleanup = ExitStack()
         try:
@@ -107,6 +117,7 @@ class OutputFolder:
                 writer.close()
                 flush_to_disk(self._staging_folder / name)
                 move_without_overwriting(self._staging_folder / name, path)
+                self.notes += [writer.note] if writer.note else []
             except FileExistsError:
                 failures.append(_exists_error(path))
             except OSError as error:
@@ -162,7 +173,7 @@ def check_outputs(options: argparse.Namespace) -> None:
     """Check that the files can be created, before anything is tracked.
 
     Raises:
-        RecordingError: A file exists, or OpenCV does not support the name of the folder.
+        RecordingError: A file exists, or a video cannot be written into the folder.
     """
     if options.video:
         _check_video_folder(options.output)
@@ -189,13 +200,13 @@ def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[Out
 
 
 def _check_video_folder(folder: Path) -> None:
-    """Reject a name that is not UTF-8: OpenCV's writer would abort the process."""
+    """Reject a name that is not UTF-8, which FFmpeg needs; OpenCV would abort the process."""
     name = str(folder)
     try:
         name.encode()
     except UnicodeEncodeError as error:
         raise RecordingError(
-            f"OpenCV cannot write a video into --output {name!a}; give a folder with a UTF-8 name"
+            f"--video cannot write into --output {name!a}; give a folder with a UTF-8 name"
         ) from error
 
 

@@ -95,6 +95,8 @@ class RecordingReport:
         fixed_frame: Frame of the positions; empty without positions.
     """
 
+    note = ""
+
     def __init__(
         self,
         path: Path,

@@ -208,6 +208,7 @@ def run_recording(
             for failure in failures:
                 name_source_in(failure, name, path)
             failures += [failure for folder in outputs for failure in folder.close()]
+            summary.notes += [note for folder in outputs for note in folder.notes]
         except BaseException:
             for folder in outputs:
                 folder.discard()
