@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol
+from urllib.parse import quote
 
 from pf_tracker_ros.atomic_files import flush_to_disk, hidden_folder, move_without_overwriting
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
@@ -225,6 +226,14 @@ def _output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
     return {options.output: names, options.report: [REPORT_FILE]}
 
 
+def _video_address(options: argparse.Namespace) -> str:
+    """Address of the video, relative to the report."""
+    folder = (
+        options.output if options.report is None or options.report is SIDECAR else options.report
+    )
+    return quote(os.path.relpath(options.output / VIDEO, folder))
+
+
 def _writer_factories(
     plan: Plan, name: str, options: argparse.Namespace
 ) -> dict[str, WriterFactory]:
@@ -249,6 +258,7 @@ def _writer_factories(
             preset=preset,
             facts=facts,
             fixed_frame=localizer.fixed_frame if localizer else "",
+            video=_video_address(options) if options.video else "",
         ),
         FRAMES_TO_CHECK: FramesToCheck,
         **{
