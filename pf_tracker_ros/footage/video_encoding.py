@@ -138,9 +138,15 @@ class PyavEncoder:
 
 
 class OpencvEncoder:
-    """OpenCV with the encoders that its FFmpeg has; attributes and arguments as `PyavEncoder`.
+    """OpenCV with the encoders that its FFmpeg has. It does not report a full disk.
 
-    It does not report a full disk.
+    Attributes:
+        is_for_browsers: Whether browsers play it.
+
+    Args:
+        path: Of the file.
+        rate: Hertz.
+        size: Width and height of the images, pixels.
 
     Raises:
         FootageError: It has none for MP4.

@@ -178,7 +178,7 @@ def check_outputs(options: argparse.Namespace) -> None:
     """
     if options.video:
         _check_video_folder(options.output)
-    for folder, names in _output_files(options).items():
+    for folder, names in output_files(options).items():
         check_free(folder, names)
 
 
@@ -191,7 +191,7 @@ def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[Out
     factories = _writer_factories(plan, name, options)
     opened: list[OutputFolder] = []
     try:
-        for folder, names in _output_files(options).items():
+        for folder, names in output_files(options).items():
             opened.append(OutputFolder(folder, {each: factories[each] for each in names}))
     except BaseException:
         for outputs in opened:
@@ -211,7 +211,7 @@ def _check_video_folder(folder: Path) -> None:
         ) from error
 
 
-def _output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
+def output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
     """Folder to the names of its files."""
     names = [BOXES]
     names += [PARQUET] if options.parquet else []

@@ -24,7 +24,7 @@ from pf_tracker_ros.evaluation.reports.content import (
 )
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
 from pf_tracker_ros.evaluation.reports.thumbnails import make_thumbnails
-from pf_tracker_ros.evaluation.reports.timeline import Playback
+from pf_tracker_ros.evaluation.reports.timeline import RecordingVideo
 from pf_tracker_ros.evaluation.results import FrameDetails, Scores
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.video_encoding import playable_rate
@@ -149,9 +149,9 @@ class RecordingReport:
         """Do nothing: the file is not open before `close`."""
 
     @property
-    def _playback(self) -> Playback:
+    def _recording_video(self) -> RecordingVideo:
         rate = playable_rate(1.0 / self._recording.interval)
-        return Playback(self._video, rate, len(self._states), self._image_size)
+        return RecordingVideo(self._video, rate, len(self._states), self._image_size)
 
     @property
     def _facts(self) -> Mapping[str, str]:
@@ -168,7 +168,7 @@ class RecordingReport:
             preset=self._preset,
             facts=self._facts,
             ground=self._ground.view if self._ground else None,
-            playback=self._playback,
+            recording_video=self._recording_video,
         )
 
     def _multi_target_page(self) -> str:
@@ -188,7 +188,7 @@ class RecordingReport:
             facts=facts,
             kind="target",
             ground=self._ground.view if self._ground else None,
-            playback=self._playback,
+            recording_video=self._recording_video,
         )
 
 
@@ -200,7 +200,7 @@ def recording_page(
     preset: str,
     facts: Mapping[str, str],
     ground: GroundView | None = None,
-    playback: Playback | None = None,
+    recording_video: RecordingVideo | None = None,
 ) -> str:
     """The report of a single target, with the scores of an evaluation if there is ground truth.
 
@@ -211,12 +211,12 @@ def recording_page(
         preset: Name of the preset.
         facts: Further facts of the run, name to value.
         ground: Target and camera from above, None without positions.
-        playback: For the timeline; None without one.
+        recording_video: For the timeline; None without one.
     """
     content = _content(recording.path.name, frames, true_boxes)
     content = _with_scores(content, np.array([each.seconds for each in frames]))
     header: dict[str, Any] = {"preset": preset, "facts": facts, "mean": content.scores}
-    header |= {"ground": ground, "playback": playback}
+    header |= {"ground": ground, "recording_video": recording_video}
     return _page(recording, [content], **header)
 
 

@@ -6,11 +6,12 @@ import argparse
 import signal
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, closing
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
+from typing import Protocol
 
 from pf_tracker_ros.command_lines import missing_package
 from pf_tracker_ros.footage import FootageError
@@ -22,14 +23,15 @@ from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.keyframes.summary import KeyframeSummary
 from pf_tracker_ros.recordings.output_files import OutputFolder, check_outputs, open_outputs
 from pf_tracker_ros.recordings.plan import (
-    DrawTargets,
     Plan,
     check_applies,
     make_plan,
     open_from_options,
     uses_detector,
 )
+from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
+from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.signals import handled_signals
 
@@ -54,6 +56,21 @@ class Stop:
             KeyboardInterrupt: On the second signal, or with `at_once`.
         """
         return handled_signals(dict.fromkeys(_SIGNALS, self._on_signal))
+
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Stop at once on a signal within a block, also on one that came before.
+
+        Raises:
+            KeyboardInterrupt: On a signal.
+        """
+        self.at_once = True
+        try:
+            if self.exit_code:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self.at_once = False
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         is_second = bool(self.exit_code)
@@ -179,8 +196,18 @@ def check_packages(options: argparse.Namespace) -> None:
             raise RecordingError(missing)
 
 
+class Watcher(Protocol):
+    """Somebody who draws the targets, and watches the tracking."""
+
+    def ask(self, recording: Recording, max_targets: int) -> tuple[Target, ...]:
+        """Let the user draw the targets; see `DrawTargets`."""
+
+    def show(self, tracked: TrackedFrame) -> None:
+        """Show a tracked frame."""
+
+
 def run_recording(
-    options: argparse.Namespace, path: Path, name: str, stop: Stop, draw: DrawTargets | None = None
+    options: argparse.Namespace, path: Path, name: str, stop: Stop, watcher: Watcher | None = None
 ) -> RunSummary:
     """Track a recording, and write the files of the options.
 
@@ -189,7 +216,7 @@ def run_recording(
         path: Of the recording, or of its local copy.
         name: Path or URL of the recording, for reports and errors.
         stop: Ends it.
-        draw: Asks the user for the targets; None for targets from elsewhere.
+        watcher: Draws the targets; None for targets from elsewhere.
 
     Raises:
         FootageError: The recording cannot be read at all.
@@ -200,11 +227,11 @@ def run_recording(
     if options.archive is None:
         check_applies(options, recording)
     check_outputs(options)
-    with closing(make_plan(recording, options, draw)) as plan:
+    with closing(make_plan(recording, options, watcher.ask if watcher else None)) as plan:
         summary = RunSummary(_target_source(options, plan), plan.max_targets > 1)
         outputs = open_outputs(options, plan, name)
         try:
-            failures = _track_into(outputs, plan, summary, stop, options)
+            failures = _track_into(outputs, plan, summary, stop, options, watcher=watcher)
             for failure in failures:
                 name_source_in(failure, name, path)
             failures += [failure for folder in outputs for failure in folder.close()]
@@ -227,6 +254,8 @@ def _track_into(
     summary: RunSummary,
     stop: Stop,
     options: argparse.Namespace,
+    *,
+    watcher: Watcher | None,
 ) -> list[FootageError | RecordingError]:
     """Track until the end of the recording or a signal; returns what ended it early.
 
@@ -242,6 +271,8 @@ def _track_into(
             for tracked in frames:
                 for folder in outputs:
                     folder.write(tracked)
+                if watcher:
+                    watcher.show(tracked)
                 summary.add(tracked)
                 on_progress(recording.path.name, 1)
                 if stop.exit_code:

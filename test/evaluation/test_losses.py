@@ -4,7 +4,7 @@ import numpy as np
 
 from pf_tracker_ros.evaluation.reports.content import SequenceContent
 from pf_tracker_ros.evaluation.reports.losses import losses
-from pf_tracker_ros.evaluation.reports.timeline import Playback, Run, timeline
+from pf_tracker_ros.evaluation.reports.timeline import RecordingVideo, Run, timeline
 
 SIZE = (200, 100)
 MIDDLE = (80.0, 40.0, 20.0, 20.0)
@@ -75,7 +75,7 @@ def test_the_longest_of_many_are_listed_in_order():
 
 def test_the_timeline_has_the_states_and_a_line_where_the_confidence_is_known():
     shown = content(["idle", "tracking", "tracking", "lost"], [np.nan, 0.5, 1.0, np.nan], first=2)
-    made = timeline([shown], Playback("", 25.0, 6, SIZE))
+    made = timeline([shown], RecordingVideo("", 25.0, 6, SIZE))
     (row,) = made.rows
     assert row.runs == [Run(2, 1, "idle"), Run(3, 2, "tracking"), Run(5, 1, "lost")]
     assert row.lines == ["3,0.5 4,0.5 4,0 5,0"]

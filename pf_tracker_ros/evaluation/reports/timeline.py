@@ -13,7 +13,7 @@ from pf_tracker_ros.evaluation.reports.losses import Loss, losses
 
 
 @dataclass(frozen=True)
-class Playback:
+class RecordingVideo:
     """How the recording is played.
 
     Attributes:
@@ -56,27 +56,27 @@ class Timeline(NamedTuple):
     """The timeline of all targets.
 
     Attributes:
-        playback: How the recording is played.
+        recording_video: How the recording is played.
         rows: The targets.
         losses: Where they were out of sight, at most 40.
         loss_count: Number of all such places.
         data: For the script of the page.
     """
 
-    playback: Playback
+    recording_video: RecordingVideo
     rows: Sequence[Row]
     losses: Sequence[Loss]
     loss_count: int
     data: dict[str, Any]
 
 
-def timeline(contents: Sequence[SequenceContent], playback: Playback) -> Timeline:
+def timeline(contents: Sequence[SequenceContent], recording_video: RecordingVideo) -> Timeline:
     """The timeline of the targets of a recording."""
     rows = [Row(one.name, list(_runs(one)), list(_lines(one))) for one in contents]
-    found, count = losses(contents, playback.image_size)
+    found, count = losses(contents, recording_video.image_size)
     data = {
-        "rate": playback.frame_rate,
-        "frames": playback.frames,
+        "rate": recording_video.frame_rate,
+        "frames": recording_video.frames,
         "targets": [
             {
                 "name": content.name,
@@ -87,7 +87,7 @@ def timeline(contents: Sequence[SequenceContent], playback: Playback) -> Timelin
             for content, row in zip(contents, rows, strict=True)
         ],
     }
-    return Timeline(playback, rows, found, count, data)
+    return Timeline(recording_video, rows, found, count, data)
 
 
 def _runs(content: SequenceContent) -> Iterator[Run]:

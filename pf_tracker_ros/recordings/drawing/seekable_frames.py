@@ -6,14 +6,8 @@ import threading
 from collections.abc import Generator
 from dataclasses import dataclass
 
-import cv2
-
-from pf_tracker_ros.overlay import draw_overlay
+from pf_tracker_ros.overlay import draw_overlay, encode_jpeg
 from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
-
-# Pixels; screens show no more of a wider picture.
-_MAX_WIDTH = 1920
-_QUALITY = 90
 
 
 @dataclass(frozen=True)
@@ -87,10 +81,4 @@ class SeekableFrames:
 
 def _jpeg(frame: RecordedFrame) -> bytes:
     assert frame.image is not None
-    picture = draw_overlay(frame.image, None)
-    height, width = picture.shape[:2]
-    if width > _MAX_WIDTH:
-        size = (_MAX_WIDTH, max(1, round(height * _MAX_WIDTH / width)))
-        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    return encoded.tobytes()
+    return encode_jpeg(draw_overlay(frame.image, None))
