@@ -15,6 +15,7 @@ from pf_tracker_ros.command_lines import print_error
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.cameras import camera_name, is_camera
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings import errors
@@ -65,16 +66,27 @@ def _run(options: argparse.Namespace, stop: Stop) -> int:
         stop.at_once = True
         return run_archive(options)
     page = _Page(options, stop) if options.draw else None
-    with (
-        closing(page) if page else nullcontext(),
-        local_copy(parse_path_or_url(options.source)) as path,
-        errors_name_source(options.source, path),
-    ):
+    with closing(page) if page else nullcontext(), _opened(options) as path:
         summary = run_recording(options, path, options.source, stop, page)
         _print_summary(options, summary)
         if page:
             page.finish(summary)
     return summary.exit_code
+
+
+@contextmanager
+def _opened(options: argparse.Namespace) -> Iterator[Path | str]:
+    """The path of the source, or of its local copy, or the camera; errors name the source."""
+    if is_camera(options.source):
+        camera, options.source = options.source, camera_name(options.source)
+        print(f"opening {options.source}; Ctrl-C ends it and writes the results", flush=True)
+        yield camera
+        return
+    with (
+        local_copy(parse_path_or_url(options.source)) as path,
+        errors_name_source(options.source, path),
+    ):
+        yield path
 
 
 def _print_summary(options: argparse.Namespace, summary: RunSummary) -> None:
@@ -142,7 +154,9 @@ class _Page:
                 f"{self._stop.word} before a target was drawn; nothing was tracked",
                 self._stop.exit_code,
             ) from None
-        if is_url(self._options.source):
+        if recording.is_live:
+            saved = "not saved, because a camera sees it only now"
+        elif is_url(self._options.source):
             saved = "not saved, because the recording has a URL"
         else:
             saved = _save(targets, recording.path)
@@ -155,7 +169,7 @@ class _Page:
 
     def finish(self, summary: RunSummary) -> None:
         """Show the report until the page is closed or a signal ends it."""
-        from pf_tracker_ros.recordings.drawing.progress import ResultFiles
+        from pf_tracker_ros.recordings.drawing.progress import WrittenFiles
 
         files = [
             folder / name
@@ -164,12 +178,14 @@ class _Page:
             if (folder / name).is_file()
         ]
         reports = [path for path in files if path.name == REPORT_FILE]
-        report = reports[0] if reports and not self._stop.exit_code else None
+        report = reports[0] if reports and not summary.errors else None
         text = "; ".join([*summary.errors, *summary.warnings, *summary.lines])
         if report:
             print("the page shows the report; close it, or press Ctrl-C, to end", flush=True)
+        # A camera was ended by a signal: only another one ends the page.
+        self._stop.exit_code = 0
         with contextlib.suppress(KeyboardInterrupt), self._stop.interrupting():
-            self._page.finish(text, ResultFiles(files, report))
+            self._page.finish(text, WrittenFiles(files, report))
 
 
 def _print_url(url: str) -> None:

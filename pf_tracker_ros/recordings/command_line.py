@@ -54,7 +54,8 @@ exit codes:
   {errors.DISK_FULL}    the disk is full
   {errors.WRONG_TARGET}    the target or its file is invalid, or belongs to another recording
   {errors.WRONG_DETECTIONS}    the detections are invalid, or belong to another recording
-  {errors.INTERRUPTED}  interrupted (Ctrl-C); a second Ctrl-C discards the unfinished files
+  {errors.INTERRUPTED}  interrupted (Ctrl-C, which for a camera is success); a second Ctrl-C
+       discards the unfinished files
   {errors.TERMINATED}  terminated (SIGTERM)
 
 If tracking ends early, the files are complete up to the last tracked frame.
@@ -77,7 +78,8 @@ def parser() -> argparse.ArgumentParser:
         nargs="?",
         metavar="SOURCE",
         help="recording: a rosbag2 folder or .mcap file, a video, a folder of images, a sequence "
-        "folder, or the URL of one of these (needs fsspec)",
+        "folder, or the URL of one of these (needs fsspec); or a camera: its number, such as 0, or "
+        "its address, rtsp://...",
     )
     parser.add_argument(
         "--output",

@@ -222,6 +222,8 @@ def recording_page(
 
 def _page(recording: Recording, contents: Sequence[SequenceContent], **header: Any) -> str:
     def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
+        if recording.is_live:
+            return
         # The recording may be damaged, or gone by now: the page has the images that can be read.
         with suppress(FootageError), closing(recording.frames()) as frames:
             for frame in frames:

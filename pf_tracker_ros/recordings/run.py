@@ -96,6 +96,7 @@ class RunSummary:
         states: State to number of frames.
         notes: Warnings about the recording as a whole.
         seconds: Duration of the tracking.
+        is_live: Whether a camera was tracked, which has no end: Ctrl-C ends it well.
     """
 
     target_source: str = ""
@@ -105,6 +106,7 @@ class RunSummary:
     states: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    is_live: bool = False
     _skip_reason: str = ""
     _first_warning: str = ""
     _warning_count: int = 0
@@ -135,7 +137,7 @@ class RunSummary:
             verb = "was" if self.frames == 1 else "were"
             kept = f"; {counted(self.frames, 'frame')} {verb} tracked" if self.frames else ""
             self.errors.append(f"{failure}{kept}")
-        if stop.exit_code:
+        if stop.exit_code and not (self.is_live and stop.exit_code == errors.INTERRUPTED):
             self.errors.append(f"{stop.word}; {counted(self.frames, 'frame')} saved")
             self.exit_code = stop.exit_code
 
@@ -207,13 +209,17 @@ class Watcher(Protocol):
 
 
 def run_recording(
-    options: argparse.Namespace, path: Path, name: str, stop: Stop, watcher: Watcher | None = None
+    options: argparse.Namespace,
+    path: Path | str,
+    name: str,
+    stop: Stop,
+    watcher: Watcher | None = None,
 ) -> RunSummary:
     """Track a recording, and write the files of the options.
 
     Args:
         options: Of the command line; with an archive, the recording is one of it.
-        path: Of the recording, or of its local copy.
+        path: Of the recording, or of its local copy; or a camera.
         name: Path or URL of the recording, for reports and errors.
         stop: Ends it.
         watcher: Draws the targets; None for targets from elsewhere.
@@ -229,11 +235,13 @@ def run_recording(
     check_outputs(options)
     with closing(make_plan(recording, options, watcher.ask if watcher else None)) as plan:
         summary = RunSummary(_target_source(options, plan), plan.max_targets > 1)
+        summary.is_live = recording.is_live
         outputs = open_outputs(options, plan, name)
         try:
             failures = _track_into(outputs, plan, summary, stop, options, watcher=watcher)
             for failure in failures:
-                name_source_in(failure, name, path)
+                if isinstance(path, Path):
+                    name_source_in(failure, name, path)
             failures += [failure for folder in outputs for failure in folder.close()]
             summary.notes += [note for folder in outputs for note in folder.notes]
         except BaseException:

@@ -32,7 +32,7 @@ _GONE_AFTER = 2.0
 
 
 @dataclass(frozen=True)
-class ResultFiles:
+class WrittenFiles:
     """The written files.
 
     Attributes:
@@ -74,7 +74,7 @@ class Progress:
         """Take a frame."""
         self._tracked = tracked
 
-    def finish(self, text: str, results: ResultFiles) -> None:
+    def finish(self, text: str, results: WrittenFiles) -> None:
         """Take the outcome; with a report, wait until no page is open.
 
         Args:

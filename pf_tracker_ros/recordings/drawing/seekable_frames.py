@@ -7,7 +7,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from pf_tracker_ros.overlay import draw_overlay, encode_jpeg
-from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
+from pf_tracker_ros.recordings.recording import CameraRecording, RecordedFrame, Recording
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class EncodedFrame:
 class SeekableFrames:
     """Random access to the frames of a recording; reading an earlier frame restarts it.
 
+    A camera has one frame, a picture; each higher number takes a new one.
+
     Args:
         recording: The recording.
     """
@@ -40,6 +42,8 @@ class SeekableFrames:
         self._recording = recording
         self._frames: Generator[RecordedFrame, None, None] | None = None
         self._next = 0
+        # The picture of a camera.
+        self._shown: EncodedFrame | None = None
         self._is_closing = False
         self._lock = threading.Lock()
 
@@ -54,6 +58,8 @@ class SeekableFrames:
             FootageError: The recording cannot be read that far.
         """
         with self._lock:
+            if isinstance(self._recording, CameraRecording):
+                return self._picture(self._recording, is_new=number > 0)
             if self._frames is None or number < self._next:
                 self._restart()
             assert self._frames is not None
@@ -65,6 +71,12 @@ class SeekableFrames:
                     return EncodedFrame(frame, _jpeg(frame))
             self._restart()
             raise LookupError(f"there is no image in frame {number} or after it")
+
+    def _picture(self, camera: CameraRecording, *, is_new: bool) -> EncodedFrame:
+        if is_new or self._shown is None:
+            frame = camera.take()
+            self._shown = EncodedFrame(frame, _jpeg(frame))
+        return self._shown
 
     def close(self) -> None:
         """Close the recording, also during `find`."""

@@ -14,7 +14,7 @@ from aiohttp import web
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.pages.access import Access
 from pf_tracker_ros.pages.serving import Site
-from pf_tracker_ros.recordings.drawing.progress import RESULTS_POLICY, Progress, ResultFiles
+from pf_tracker_ros.recordings.drawing.progress import RESULTS_POLICY, Progress, WrittenFiles
 from pf_tracker_ros.recordings.drawing.seekable_frames import EncodedFrame, SeekableFrames
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import Recording
@@ -53,7 +53,7 @@ class TargetPage:
         self._runner: web.AppRunner | None = None
         self._is_decided = threading.Event()
         self._progress = Progress()
-        self._results: ResultFiles | None = None
+        self._results: WrittenFiles | None = None
         self._loop = asyncio.new_event_loop()
         self._site = Site(Access(_HOST), _PAGE)
         router = self._site.application.router
@@ -102,7 +102,7 @@ class TargetPage:
         """Show the progress."""
         self._progress.show(tracked)
 
-    def finish(self, text: str, results: ResultFiles) -> None:
+    def finish(self, text: str, results: WrittenFiles) -> None:
         """Show the results; with a report, return when the page is closed, else at once.
 
         Args:
