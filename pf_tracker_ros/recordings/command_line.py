@@ -218,7 +218,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[,NAME...]",
         help="write the boxes in further formats: mot (boxes.mot.txt), coco (boxes.coco.json), "
         "cvat (boxes.cvat.xml, CVAT for video 1.1), kitti (boxes.kitti.txt), target "
-        "(boxes.target.yaml, a target file with keyframes)",
+        "(boxes.target.yaml, a target file with keyframes), yolo (boxes.yolo.zip)",
     )
     outputs.add_argument(
         "--bag",
