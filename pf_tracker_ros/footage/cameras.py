@@ -29,7 +29,7 @@ _WARM_UP = 5
 _FRAME_RATES = (1.0, 240.0)
 
 
-class Picture(NamedTuple):
+class CameraImage(NamedTuple):
     """A picture of a camera.
 
     Attributes:
@@ -82,7 +82,7 @@ class Camera:
         rate = float(self._capture.get(cv2.CAP_PROP_FPS))
         slowest, fastest = _FRAME_RATES
         self.interval = 1.0 / (rate if slowest <= rate <= fastest else DEFAULT_FRAME_RATE)
-        self._newest: Picture | None = None
+        self._newest: CameraImage | None = None
         self._has_ended = False
         self._condition = threading.Condition()
         # As a daemon, it cannot keep the process from ending while the camera is silent.
@@ -91,7 +91,7 @@ class Camera:
         )
         self._thread.start()
 
-    def next(self) -> Picture:
+    def next(self) -> CameraImage:
         """Wait for a picture that is newer than the last one.
 
         Raises:
@@ -139,7 +139,7 @@ class Camera:
             dropped -= 1
             with self._condition:
                 if is_read and dropped < 0:
-                    self._newest = Picture(image, time.time_ns())
+                    self._newest = CameraImage(image, time.time_ns())
                 self._has_ended |= not is_read
                 self._condition.notify()
         self._capture.release()

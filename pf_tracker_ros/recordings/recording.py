@@ -28,7 +28,7 @@ from pf_tracker_ros.footage import (
 )
 from pf_tracker_ros.footage.bags import BagImage
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
-from pf_tracker_ros.footage.cameras import Camera, Picture, is_camera
+from pf_tracker_ros.footage.cameras import Camera, CameraImage, is_camera
 from pf_tracker_ros.footage.cdr import deserialize_polygon
 from pf_tracker_ros.footage.ground_truth import true_box
 from pf_tracker_ros.footage.stamp_order import StampOrder
@@ -220,7 +220,7 @@ class CameraRecording:
         self.path = Path(camera.name.rpartition("://")[2])
         self.interval = camera.interval
         self._camera = camera
-        self._first: Picture | None = None
+        self._first: CameraImage | None = None
 
     def frames(self) -> Generator[RecordedFrame, None, None]:
         """Read the newest picture each time, the first time that of `take`, if there is one.
@@ -243,7 +243,7 @@ class CameraRecording:
         return self._recorded(0, self._first)
 
     @staticmethod
-    def _recorded(index: int, picture: Picture) -> RecordedFrame:
+    def _recorded(index: int, picture: CameraImage) -> RecordedFrame:
         frame = Frame(picture.image, picture.stamp)
         return RecordedFrame(index, picture.stamp, picture.stamp, _FRAME_ID, frame, "", None)
 
