@@ -95,7 +95,7 @@ CLIPS = (
         box=(354.0, 128.0, 28.0, 68.0),
     ),
     Clip(
-        name="crowd",
+        name="people",
         description="The same street: a cyclist overtakes, men at the roadside hide each other. "
         "The built-in detector of people, five times a second, starts the targets; the filters "
         "track them in every frame.",

@@ -30,7 +30,7 @@ LAST_BOXES = {"lady": (491, 150, 87, 172)}
 clips = pytest.mark.parametrize("clip", FRAME_COUNTS)
 
 # The clip of several targets, and three men who stand in front in a frame of it, with their arms.
-STREET, STREET_FRAMES, MEN_FRAME = "crowd", 305, 150
+STREET, STREET_FRAMES, MEN_FRAME = "people", 305, 150
 MEN = [(466, 142, 62, 135), (414, 148, 43, 135), (533, 143, 56, 175)]
 every_clip = pytest.mark.parametrize(
     ("clip", "count"), [*FRAME_COUNTS.items(), (STREET, STREET_FRAMES)]
