@@ -218,6 +218,12 @@ BAG = [
         "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
         needs="bag",
     ),
+    Elsewhere(
+        f"ros2 bag record -s mcap --storage-config-file {SHARE}/config/rosbag2_record.yaml "
+        "/camera/image_raw /camera/camera_info /odom /imu /tf /tf_static /pf_tracker/status "
+        "/pf_tracker/boxes",
+        "needs rosbag2 with the storage plugin for MCAP",
+    ),
     GoesOn(f"{LAUNCH} tracker.launch.py", node="/pf_tracker", ends=("ros2 bag",)),
     GoesOn(f"{RUN} console rosbag2_2026_01_01", node="/console"),
     GoesOn(
@@ -226,6 +232,17 @@ BAG = [
         prints=TARGET_TAKEN,
         ends=(f"{LAUNCH} tracker", f"{RUN} console"),
     ),
+]
+
+DOCKER = [
+    Elsewhere(command, "needs Docker")
+    for command in (
+        "docker build -t pf_tracker .",
+        "docker run --rm --network host --ipc host -e ROS_DOMAIN_ID pf_tracker",
+        f"docker run --rm --network host --ipc host pf_tracker {RUN} watch",
+        f"docker run --rm -v $PWD:/data pf_tracker {RUN} track /data/drive.mcap "
+        "--box 62,31,53,70 --output /data/tracked",
+    )
 ]
 
 RECIPES = [
@@ -260,6 +277,7 @@ DOCUMENTS = {
     "docs/thermal_camera.md": THERMAL_CAMERA,
     "docs/yolo.md": YOLO,
     "docs/bag.md": BAG,
+    "docs/docker.md": DOCKER,
     "docs/localizer.md": LOCALIZER,
     "docs/recipes.md": RECIPES,
     "docs/benchmarks.md": BENCHMARKS,
