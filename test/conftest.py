@@ -7,7 +7,9 @@ import os
 import re
 import shutil
 import signal
+import socket
 import subprocess
+import sys
 import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -85,6 +87,34 @@ BROWSER_FLAGS = [
     "--disable-sync",
 ]
 PAGE_DEADLINE = 60_000.0
+
+# OpenCV waits for a camera that sends of itself, so no server is needed.
+RTSP_LISTEN = "rtsp_flags;listen|rtsp_transport;tcp|listen_timeout;30"
+RTSP_SEND = """
+import sys, time, av
+from fractions import Fraction
+import numpy as np
+deadline = time.monotonic() + 30
+while True:
+    try:
+        stream = av.open(sys.argv[1], "w", format="rtsp", options={"rtsp_transport": "tcp"})
+        video = stream.add_stream("mpeg4", 25)
+        video.width, video.height, video.pix_fmt = 64, 48, "yuv420p"
+        stream.start_encoding()
+        break
+    except OSError:
+        if time.monotonic() > deadline:
+            raise
+        time.sleep(0.05)
+noise = np.random.default_rng(0).integers(0, 255, (12, 16, 3), np.uint8)
+noise = noise.repeat(4, axis=0).repeat(4, axis=1)
+for number in range(int(sys.argv[2])):
+    frame = av.VideoFrame.from_ndarray(noise, format="bgr24")
+    frame.pts, frame.time_base = number, Fraction(1, 25)
+    stream.mux(video.encode(frame))
+    time.sleep(0.04)
+stream.close()
+"""
 
 
 @pytest.fixture
@@ -436,3 +466,25 @@ def ordinary_user():
                 os.seteuid(0)
 
     return block
+
+
+@pytest.fixture
+def send_stream(monkeypatch):
+    """A function that starts to send pictures; returns the address of the camera."""
+    pytest.importorskip("av")
+    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", RTSP_LISTEN)
+    processes = []
+
+    def send(pictures):
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            port = server.getsockname()[1]
+        address = f"rtsp://127.0.0.1:{port}/live"
+        processes.append(
+            subprocess.Popen([sys.executable, "-c", RTSP_SEND, address, str(pictures)])
+        )
+        return address.replace("//", "//user:secret@")
+
+    yield send
+    for process in processes:
+        process.kill()
+        process.wait()

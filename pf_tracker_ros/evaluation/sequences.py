@@ -150,11 +150,11 @@ def open_labeled_sequences(
             f"{source} is a bag, which evaluate does not read; allowed: a video, a folder of "
             "images or a sequence folder"
         )
+    footage = open_footage(source)
     try:
-        tracks = read_tracks(labels)
+        tracks = read_tracks(labels, lambda: _image_size(footage))
     except FormatError as error:
         raise EvaluationError(str(error)) from error
-    footage = open_footage(source)
     sequences: list[Footage] = []
     failures = []
     for track in tracks:
@@ -174,6 +174,11 @@ def open_labeled_sequences(
         except EvaluationError as error:
             failures.append(SequenceFailure(name, error))
     return sequences, failures
+
+
+def _image_size(footage: Footage) -> tuple[int, int]:
+    image = next(iter(footage.frames())).image
+    return image.shape[1], image.shape[0]
 
 
 def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:

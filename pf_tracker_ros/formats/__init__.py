@@ -16,11 +16,13 @@ from pf_tracker_ros.formats.kitti import KITTI_COLUMNS, read_kitti, write_kitti
 from pf_tracker_ros.formats.mot import read_mot, write_mot, write_mot_labels
 from pf_tracker_ros.formats.tracks import BoxTrack, FormatError, LabeledBox, RecordingInfo
 from pf_tracker_ros.formats.tracks import read_text as _read_text
+from pf_tracker_ros.formats.yolo import ImageSize, is_yolo, read_yolo, write_yolo
 
 __all__ = [
     "FORMATS",
     "BoxTrack",
     "FormatError",
+    "ImageSize",
     "LabeledBox",
     "RecordingInfo",
     "WriteTracks",
@@ -36,17 +38,23 @@ FORMATS: Mapping[str, Mapping[str, WriteTracks]] = {
     "coco": {"boxes.coco.json": write_coco},
     "cvat": {"boxes.cvat.xml": write_cvat},
     "kitti": {"boxes.kitti.txt": write_kitti},
+    "yolo": {"boxes.yolo.zip": write_yolo},
 }
 """Name of each format to the files that `track` writes, with their writers."""
 
 _ACCEPTED = (
     "allowed: boxes.csv of `track`, MOT challenge text, COCO JSON, CVAT for video 1.1 (XML, or the "
-    "ZIP archive that CVAT exports), KITTI tracking"
+    "ZIP archive that CVAT exports), KITTI tracking, YOLO (a folder or ZIP archive of texts)"
 )
 
 
-def read_tracks(path: str | Path) -> tuple[BoxTrack, ...]:
+def read_tracks(path: str | Path, image_size: ImageSize | None = None) -> tuple[BoxTrack, ...]:
     """Read a file of labeled boxes in any of the formats; its content tells which.
+
+    Args:
+        path: Of the file, or of the folder of YOLO's texts.
+        image_size: Gives the (width, height) of the recording's images in pixels. Called for
+            YOLO's labels, which are shares of it.
 
     Returns:
         The tracks in the order of their ids, at least one; each has a box in its first frame.
@@ -55,6 +63,8 @@ def read_tracks(path: str | Path) -> tuple[BoxTrack, ...]:
         FormatError: It cannot be read, is in no known format, or has no box.
     """
     source = Path(path).expanduser()
+    if is_yolo(source):
+        return read_yolo(source, image_size)
     if is_cvat(source):
         return read_cvat(source)
     text = _read_text(source)

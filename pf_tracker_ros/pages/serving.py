@@ -106,4 +106,5 @@ def _file_handler(path: Path) -> Callable[[web.Request], Awaitable[web.Response]
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(HEADERS)
+    for name, value in HEADERS.items():
+        response.headers.setdefault(name, value)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import argparse
-import functools
+import contextlib
 import io
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from pf_tracker_ros.command_lines import print_error
+from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.evaluation.results import EvaluationError
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.cameras import camera_name, is_camera
 from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings import errors
@@ -22,9 +24,10 @@ from pf_tracker_ros.recordings.archives.sources import errors_name_source, local
 from pf_tracker_ros.recordings.archives.stores import is_url, parse_path_or_url
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
+from pf_tracker_ros.recordings.output_files import output_files
 from pf_tracker_ros.recordings.plan import SIDECAR, apply_parameter_file, check_request
 from pf_tracker_ros.recordings.recording import Recording
-from pf_tracker_ros.recordings.run import Stop, check_packages, run_recording
+from pf_tracker_ros.recordings.run import RunSummary, Stop, check_packages, run_recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, save_targets
 
@@ -62,20 +65,39 @@ def _run(options: argparse.Namespace, stop: Stop) -> int:
     if options.archive is not None:
         stop.at_once = True
         return run_archive(options)
-    draw = functools.partial(_draw, options, stop) if options.draw else None
+    page = _Page(options, stop) if options.draw else None
+    with closing(page) if page else nullcontext(), _opened(options) as path:
+        summary = run_recording(options, path, options.source, stop, page)
+        _print_summary(options, summary)
+        if page:
+            page.finish(summary)
+    return summary.exit_code
+
+
+@contextmanager
+def _opened(options: argparse.Namespace) -> Iterator[Path | str]:
+    """The path of the source, or of its local copy, or the camera; errors name the source."""
+    if is_camera(options.source):
+        camera, options.source = options.source, camera_name(options.source)
+        print(f"opening {options.source}; Ctrl-C ends it and writes the results", flush=True)
+        yield camera
+        return
     with (
         local_copy(parse_path_or_url(options.source)) as path,
         errors_name_source(options.source, path),
     ):
-        summary = run_recording(options, path, options.source, stop, draw)
+        yield path
+
+
+def _print_summary(options: argparse.Namespace, summary: RunSummary) -> None:
     for error in summary.errors:
         print_error("track", error)
     for warning in summary.warnings:
         print(f"track: {warning}", file=sys.stderr)
     if not summary.errors:
         first, *others = summary.lines
-        print(f"{options.source}: {first}; results in {options.output}", *others, sep="\n")
-    return summary.exit_code
+        lines = (f"{options.source}: {first}; results in {options.output}", *others)
+        print(*lines, sep="\n", flush=True)
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -105,31 +127,65 @@ def _check_options(options: argparse.Namespace) -> None:
         )
 
 
-def _draw(
-    options: argparse.Namespace, stop: Stop, recording: Recording, max_targets: int
-) -> tuple[Target, ...]:
-    """Let the user draw the targets on a page, and save them beside the recording if possible."""
-    from pf_tracker_ros.recordings.drawing.server import prompt_for_targets
+class _Page:
+    """The page of --draw, from the first box to the report.
 
-    stop.at_once = True
-    try:
-        targets = prompt_for_targets(recording, max_targets, _print_url)
-    except KeyboardInterrupt:
-        raise RecordingError(
-            f"{stop.word} before a target was drawn; nothing was tracked", stop.exit_code
-        ) from None
-    finally:
-        stop.at_once = False
-    if is_url(options.source):
-        saved = "not saved, because the recording has a URL"
-    else:
-        saved = _save(targets, recording.path)
-    boxes = "; ".join(
-        f"{','.join(f'{value:.10g}' for value in target.box or ())} in frame {target.frame}"
-        for target in targets
-    )
-    print(f"target{'s' if len(targets) > 1 else ''} {boxes}, {saved}", flush=True)
-    return targets
+    Args:
+        options: Of the command line.
+        stop: Ends it.
+    """
+
+    def __init__(self, options: argparse.Namespace, stop: Stop) -> None:
+        from pf_tracker_ros.recordings.drawing.server import TargetPage
+
+        self._options = options
+        self._stop = stop
+        self._page = TargetPage(_print_url)
+        self.show = self._page.show
+        self.close = self._page.close
+
+    def ask(self, recording: Recording, max_targets: int) -> tuple[Target, ...]:
+        """Let the user draw the targets, and save them beside the recording if possible."""
+        try:
+            with self._stop.interrupting():
+                targets = self._page.ask(recording, max_targets)
+        except KeyboardInterrupt:
+            raise RecordingError(
+                f"{self._stop.word} before a target was drawn; nothing was tracked",
+                self._stop.exit_code,
+            ) from None
+        if recording.is_live:
+            saved = "not saved, because a camera sees it only now"
+        elif is_url(self._options.source):
+            saved = "not saved, because the recording has a URL"
+        else:
+            saved = _save(targets, recording.path)
+        boxes = "; ".join(
+            f"{','.join(f'{value:.10g}' for value in target.box or ())} in frame {target.frame}"
+            for target in targets
+        )
+        print(f"target{'s' if len(targets) > 1 else ''} {boxes}, {saved}", flush=True)
+        return targets
+
+    def finish(self, summary: RunSummary) -> None:
+        """Show the report until the page is closed or a signal ends it."""
+        from pf_tracker_ros.recordings.drawing.progress import WrittenFiles
+
+        files = [
+            folder / name
+            for folder, names in output_files(self._options).items()
+            for name in names
+            if (folder / name).is_file()
+        ]
+        reports = [path for path in files if path.name == REPORT_FILE]
+        report = reports[0] if reports and not summary.errors else None
+        text = "; ".join([*summary.errors, *summary.warnings, *summary.lines])
+        if report:
+            print("the page shows the report; close it, or press Ctrl-C, to end", flush=True)
+        # A camera was ended by a signal: only another one ends the page.
+        self._stop.exit_code = 0
+        with contextlib.suppress(KeyboardInterrupt), self._stop.interrupting():
+            self._page.finish(text, WrittenFiles(files, report))
 
 
 def _print_url(url: str) -> None:

@@ -55,7 +55,8 @@ exit codes:
   {errors.WRONG_TARGET}    the target or its file is invalid, or belongs to another recording
   {errors.WRONG_DETECTIONS}    the detections are invalid, or belong to another recording
   {errors.FILES_KEPT}    files added to the results of an archive, or changed there, were kept
-  {errors.INTERRUPTED}  interrupted (Ctrl-C); a second Ctrl-C discards the unfinished files
+  {errors.INTERRUPTED}  interrupted (Ctrl-C, which for a camera is success); a second Ctrl-C
+       discards the unfinished files
   {errors.TERMINATED}  terminated (SIGTERM)
 
 If tracking ends early, the files are complete up to the last tracked frame.
@@ -78,7 +79,8 @@ def parser() -> argparse.ArgumentParser:
         nargs="?",
         metavar="SOURCE",
         help="recording: a rosbag2 folder or .mcap file, a video, a folder of images, a sequence "
-        "folder, or the URL of one of these (needs fsspec)",
+        "folder, or the URL of one of these (needs fsspec); or a camera: its number, such as 0, or "
+        "its address, rtsp://...",
     )
     parser.add_argument(
         "--output",
@@ -217,7 +219,7 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[,NAME...]",
         help="write the boxes in further formats: mot (boxes.mot.txt), coco (boxes.coco.json), "
         "cvat (boxes.cvat.xml, CVAT for video 1.1), kitti (boxes.kitti.txt), target "
-        "(boxes.target.yaml, a target file with keyframes)",
+        "(boxes.target.yaml, a target file with keyframes), yolo (boxes.yolo.zip)",
     )
     outputs.add_argument(
         "--bag",

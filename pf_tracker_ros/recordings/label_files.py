@@ -47,6 +47,8 @@ class LabelFile:
         write_tracks: Of the format.
     """
 
+    note = ""
+
     def __init__(self, path: Path, name: str, write_tracks: WriteTracks) -> None:
         self._path = path
         self._name = name

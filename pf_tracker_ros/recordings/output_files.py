@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol
+from urllib.parse import quote
 
 from pf_tracker_ros.atomic_files import flush_to_disk, hidden_folder, move_without_overwriting
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
@@ -36,7 +37,13 @@ from pf_tracker_ros.recordings.video import AnnotatedVideo
 
 
 class FrameWriter(Protocol):
-    """Writes one output file, frame by frame."""
+    """Writes one output file, frame by frame.
+
+    Attributes:
+        note: What is unusual in the file, as a sentence, or empty.
+    """
+
+    note: str
 
     def write(self, tracked: TrackedFrame) -> None:
         """Write one frame."""
@@ -55,6 +62,9 @@ WriterFactory = Callable[[Path], FrameWriter]
 class OutputFolder:
     """Writes several files in a hidden folder, and moves them into place on `close`.
 
+    Attributes:
+        notes: After `close`: what is unusual in a file, a sentence each.
+
     Args:
         folder: Final folder of the files; created if missing.
         factories: Name of each file to the factory of its writer.
@@ -66,6 +76,7 @@ class OutputFolder:
     def __init__(self, folder: Path, factories: dict[str, WriterFactory]) -> None:
         self._folder = folder
         check_free(folder, factories)
+        self.notes: list[str] = []
         self._writers: dict[str, FrameWriter] = {}
         self._cleanup = ExitStack()
         try:
@@ -108,6 +119,7 @@ class OutputFolder:
                 writer.close()
                 flush_to_disk(self._staging_folder / name)
                 move_without_overwriting(self._staging_folder / name, path)
+                self.notes += [writer.note] if writer.note else []
             except FileExistsError:
                 failures.append(_exists_error(path))
             except OSError as error:
@@ -159,21 +171,22 @@ def _remove_empty(folder: Path) -> None:
 BOXES, PARQUET, VIDEO, BAG = "boxes.csv", "boxes.parquet", "overlay.mp4", "topics.mcap"
 
 
-def check_outputs(options: argparse.Namespace, source: Path) -> None:
+def check_outputs(options: argparse.Namespace, source: Path | str) -> None:
     """Check that the files can be created, before anything is tracked.
 
     Args:
         options: Of the command line.
-        source: The recording.
+        source: The recording, or a camera.
 
     Raises:
-        RecordingError: A file exists, a folder is in the recording, or OpenCV does not support its
-            name.
+        RecordingError: A file exists, a folder is in the recording, or a video cannot be written
+            into the folder.
     """
     if options.video:
         _check_video_folder(options.output)
-    for folder, names in _output_files(options).items():
-        if is_folder(source) and resolved(folder).is_relative_to(resolved(source)):
+    recording = source if isinstance(source, Path) and is_folder(source) else None
+    for folder, names in output_files(options).items():
+        if recording and resolved(folder).is_relative_to(resolved(recording)):
             raise RecordingError(
                 f"the output {folder} is in the recording {source}, which could not be read any "
                 "more; give a folder outside it"
@@ -190,7 +203,7 @@ def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[Out
     factories = _writer_factories(plan, name, options)
     opened: list[OutputFolder] = []
     try:
-        for folder, names in _output_files(options).items():
+        for folder, names in output_files(options).items():
             opened.append(OutputFolder(folder, {each: factories[each] for each in names}))
     except BaseException:
         for outputs in opened:
@@ -200,17 +213,17 @@ def open_outputs(options: argparse.Namespace, plan: Plan, name: str) -> list[Out
 
 
 def _check_video_folder(folder: Path) -> None:
-    """Reject a name that is not UTF-8: OpenCV's writer would abort the process."""
+    """Reject a name that is not UTF-8, which FFmpeg needs; OpenCV would abort the process."""
     name = str(folder)
     try:
         name.encode()
     except UnicodeEncodeError as error:
         raise RecordingError(
-            f"OpenCV cannot write a video into --output {name!a}; give a folder with a UTF-8 name"
+            f"--video cannot write into --output {name!a}; give a folder with a UTF-8 name"
         ) from error
 
 
-def _output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
+def output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
     """Folder to the names of its files."""
     names = [BOXES]
     names += [PARQUET] if options.parquet else []
@@ -223,6 +236,14 @@ def _output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
     if options.report is SIDECAR or options.report == options.output:
         return {options.output: [*names, REPORT_FILE]}
     return {options.output: names, options.report: [REPORT_FILE]}
+
+
+def _video_address(options: argparse.Namespace) -> str:
+    """Address of the video, relative to the report."""
+    folder = (
+        options.output if options.report is None or options.report is SIDECAR else options.report
+    )
+    return quote(os.path.relpath(options.output / VIDEO, folder))
 
 
 def _writer_factories(
@@ -249,6 +270,7 @@ def _writer_factories(
             preset=preset,
             facts=facts,
             fixed_frame=localizer.fixed_frame if localizer else "",
+            video=_video_address(options) if options.video else "",
         ),
         FRAMES_TO_CHECK: FramesToCheck,
         **{

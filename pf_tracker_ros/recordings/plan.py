@@ -117,8 +117,12 @@ class Plan:
             self.detection_source.close()
 
 
-def open_from_options(path: Path, options: argparse.Namespace) -> Recording:
+def open_from_options(path: Path | str, options: argparse.Namespace) -> Recording:
     """Open a recording with the options of `track`.
+
+    Args:
+        path: Its path; or a camera.
+        options: Of the command line.
 
     Raises:
         FootageError: It cannot be read.
@@ -142,6 +146,10 @@ def check_applies(options: argparse.Namespace, recording: Recording) -> None:
     ):
         if value and not is_bag(path):
             raise RecordingError(f"{name} applies to bags, and {path} is not a bag; leave it out")
+    if recording.is_live:
+        for name in ("--keyframes", "--detections", "--detections-topic"):
+            if getattr(options, name.strip("-").replace("-", "_")):
+                raise RecordingError(f"{name} needs a recording, and {path} is a camera")
     rate = 1.0 / recording.interval
     # The recording's own frame rate is no error.
     if options.frame_rate and not math.isclose(rate, options.frame_rate, rel_tol=1e-3):

@@ -18,6 +18,7 @@ from pf_tracker_ros.boxes import Box, bounding_box
 from pf_tracker_ros.decoding.image_decoding import decode_image
 from pf_tracker_ros.footage import (
     Footage,
+    FootageError,
     ImageBag,
     PartialFootageError,
     existing_path,
@@ -27,6 +28,7 @@ from pf_tracker_ros.footage import (
 )
 from pf_tracker_ros.footage.bags import BagImage
 from pf_tracker_ros.footage.base import DEFAULT_FRAME_RATE
+from pf_tracker_ros.footage.cameras import Camera, CameraImage, is_camera
 from pf_tracker_ros.footage.cdr import deserialize_polygon
 from pf_tracker_ros.footage.ground_truth import true_box
 from pf_tracker_ros.footage.stamp_order import StampOrder
@@ -78,10 +80,10 @@ def open_recording(
     frame_rate: float = DEFAULT_FRAME_RATE,
     as_recorded: bool = False,
 ) -> Recording:
-    """Open a bag, a video, a folder of images or a sequence folder.
+    """Open a bag, a video, a folder of images, a sequence folder or a camera.
 
     Args:
-        path: Path of the recording.
+        path: Path of the recording; or a camera, see `is_camera`.
         bag_topic: Image topic of a bag; empty selects the only one.
         frame_rate: Hertz, for sources without a frame rate of their own.
         as_recorded: Whether the images of a bag keep the order of recording, in which the node
@@ -90,6 +92,8 @@ def open_recording(
     Raises:
         FootageError: The recording cannot be read.
     """
+    if is_camera(str(path)):
+        return CameraRecording(Camera(str(path)))
     source = existing_path(path)
     if is_bag(source):
         bag = open_bag(source, bag_topic)
@@ -106,11 +110,14 @@ class FootageRecording:
         interval: Approximate frame interval, seconds.
         has_ground_truth: Whether there are true boxes.
         note: After reading: what is unusual in it, as a sentence, or empty.
+        is_live: Whether it cannot be read again.
 
     Args:
         path: As the attribute.
         footage: The opened footage.
     """
+
+    is_live = False
 
     def __init__(self, path: Path, footage: Footage) -> None:
         self.path = path
@@ -146,6 +153,8 @@ class BagRecording:
         bag: The opened bag.
         as_recorded: As for `open_recording`.
     """
+
+    is_live = False
 
     def __init__(self, bag: ImageBag, *, as_recorded: bool = False) -> None:
         self.path = bag.path
@@ -191,8 +200,69 @@ class BagRecording:
         )
 
 
-Recording = FootageRecording | BagRecording
+class CameraRecording:
+    """The pictures of a camera from now on, without an end.
+
+    Attributes, beside those of `FootageRecording`:
+        is_live: True.
+
+    Args:
+        camera: The camera.
+    """
+
+    frame_count = None
+    has_ground_truth = False
+    is_live = True
+    note = ""
+
+    def __init__(self, camera: Camera) -> None:
+        # Of no file, but named in messages like one.
+        self.path = Path(camera.name.rpartition("://")[2])
+        self.interval = camera.interval
+        self._camera = camera
+        self._first: CameraImage | None = None
+
+    def frames(self) -> Generator[RecordedFrame, None, None]:
+        """Read the newest picture each time, the first time that of `take`, if there is one.
+
+        It can be called once.
+
+        Raises:
+            FootageError: The camera sends no picture any more.
+        """
+        numbers = count()
+        if self._first is not None:
+            yield self._recorded(next(numbers), self._first)
+        with closing(self._camera):
+            for number in numbers:
+                yield self._recorded(number, self._camera.next())
+
+    def take(self) -> RecordedFrame:
+        """Take a picture, which becomes the first frame; raises as `frames`."""
+        self._first = self._camera.next()
+        return self._recorded(0, self._first)
+
+    @staticmethod
+    def _recorded(index: int, picture: CameraImage) -> RecordedFrame:
+        frame = Frame(picture.image, picture.stamp)
+        return RecordedFrame(index, picture.stamp, picture.stamp, _FRAME_ID, frame, "", None)
+
+
+Recording = FootageRecording | BagRecording | CameraRecording
 """A source of frames."""
+
+
+def image_size_of(recording: Recording) -> tuple[int, int]:
+    """The (width, height) of the first image of a recording, pixels.
+
+    Raises:
+        FootageError: There is none, or it cannot be read.
+    """
+    with closing(recording.frames()) as frames:
+        for frame in frames:
+            if frame.image is not None:
+                return frame.image.shape[1], frame.image.shape[0]
+    raise FootageError(f"{recording.path} has no image")
 
 
 def _bounding_box(points: list[tuple[float, float]]) -> Box | None:

@@ -24,8 +24,10 @@ from pf_tracker_ros.evaluation.reports.content import (
 )
 from pf_tracker_ros.evaluation.reports.page import Report, Section, render
 from pf_tracker_ros.evaluation.reports.thumbnails import make_thumbnails
+from pf_tracker_ros.evaluation.reports.timeline import RecordingVideo
 from pf_tracker_ros.evaluation.results import FrameDetails, Scores
 from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.video_encoding import playable_rate
 from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.recordings.keyframes.summary import KeyframeSummary
 from pf_tracker_ros.recordings.recording import Recording
@@ -93,7 +95,10 @@ class RecordingReport:
         preset: Name of the preset.
         facts: Further facts of the run, name to value.
         fixed_frame: Frame of the positions; empty without positions.
+        video: Address of the annotated video, relative to the page; empty without one.
     """
+
+    note = ""
 
     def __init__(
         self,
@@ -103,8 +108,11 @@ class RecordingReport:
         preset: str,
         facts: Mapping[str, str],
         fixed_frame: str = "",
+        video: str = "",
     ) -> None:
         self._path = path
+        self._video = video
+        self._image_size = (0, 0)
         self._recording = recording
         self._preset = preset
         self._given_facts = facts
@@ -118,6 +126,8 @@ class RecordingReport:
         """Add a frame."""
         self._states.append(tracked.state)
         self._keyframes.add(tracked)
+        if tracked.frame.image is not None:
+            self._image_size = (tracked.frame.image.shape[1], tracked.frame.image.shape[0])
         if self._ground and tracked.located:
             self._ground.add(tracked.located)
         if tracked.max_targets == 1:
@@ -139,6 +149,11 @@ class RecordingReport:
         """Do nothing: the file is not open before `close`."""
 
     @property
+    def _recording_video(self) -> RecordingVideo:
+        rate = playable_rate(1.0 / self._recording.interval)
+        return RecordingVideo(self._video, rate, len(self._states), self._image_size)
+
+    @property
     def _facts(self) -> Mapping[str, str]:
         return {**self._given_facts, **(self._keyframes.facts if self._keyframes.given else {})}
 
@@ -153,6 +168,7 @@ class RecordingReport:
             preset=self._preset,
             facts=self._facts,
             ground=self._ground.view if self._ground else None,
+            recording_video=self._recording_video,
         )
 
     def _multi_target_page(self) -> str:
@@ -172,6 +188,7 @@ class RecordingReport:
             facts=facts,
             kind="target",
             ground=self._ground.view if self._ground else None,
+            recording_video=self._recording_video,
         )
 
 
@@ -183,6 +200,7 @@ def recording_page(
     preset: str,
     facts: Mapping[str, str],
     ground: GroundView | None = None,
+    recording_video: RecordingVideo | None = None,
 ) -> str:
     """The report of a single target, with the scores of an evaluation if there is ground truth.
 
@@ -193,15 +211,19 @@ def recording_page(
         preset: Name of the preset.
         facts: Further facts of the run, name to value.
         ground: Target and camera from above, None without positions.
+        recording_video: For the timeline; None without one.
     """
     content = _content(recording.path.name, frames, true_boxes)
     content = _with_scores(content, np.array([each.seconds for each in frames]))
-    header = {"preset": preset, "facts": facts, "mean": content.scores, "ground": ground}
+    header: dict[str, Any] = {"preset": preset, "facts": facts, "mean": content.scores}
+    header |= {"ground": ground, "recording_video": recording_video}
     return _page(recording, [content], **header)
 
 
 def _page(recording: Recording, contents: Sequence[SequenceContent], **header: Any) -> str:
     def images() -> Iterator[tuple[int, NDArray[Any] | None]]:
+        if recording.is_live:
+            return
         # The recording may be damaged, or gone by now: the page has the images that can be read.
         with suppress(FootageError), closing(recording.frames()) as frames:
             for frame in frames:

@@ -6,11 +6,12 @@ import argparse
 import signal
 import time
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, closing
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
+from typing import Protocol
 
 from pf_tracker_ros.command_lines import missing_package
 from pf_tracker_ros.footage import FootageError
@@ -22,14 +23,15 @@ from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.keyframes.summary import KeyframeSummary
 from pf_tracker_ros.recordings.output_files import OutputFolder, check_outputs, open_outputs
 from pf_tracker_ros.recordings.plan import (
-    DrawTargets,
     Plan,
     check_applies,
     make_plan,
     open_from_options,
     uses_detector,
 )
+from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.sidecar_files import target_file
+from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.signals import handled_signals
 
@@ -55,6 +57,21 @@ class Stop:
         """
         return handled_signals(dict.fromkeys(_SIGNALS, self._on_signal))
 
+    @contextmanager
+    def interrupting(self) -> Iterator[None]:
+        """Stop at once on a signal within a block, also on one that came before.
+
+        Raises:
+            KeyboardInterrupt: On a signal.
+        """
+        self.at_once = True
+        try:
+            if self.exit_code:
+                raise KeyboardInterrupt
+            yield
+        finally:
+            self.at_once = False
+
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         is_second = bool(self.exit_code)
         self.exit_code = _SIGNALS[signal.Signals(number)]
@@ -79,6 +96,7 @@ class RunSummary:
         states: State to number of frames.
         notes: Warnings about the recording as a whole.
         seconds: Duration of the tracking.
+        is_live: Whether a camera was tracked, which has no end: Ctrl-C ends it well.
     """
 
     target_source: str = ""
@@ -88,6 +106,7 @@ class RunSummary:
     states: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     seconds: float = 0.0
+    is_live: bool = False
     _skip_reason: str = ""
     _first_warning: str = ""
     _warning_count: int = 0
@@ -118,7 +137,7 @@ class RunSummary:
             verb = "was" if self.frames == 1 else "were"
             kept = f"; {counted(self.frames, 'frame')} {verb} tracked" if self.frames else ""
             self.errors.append(f"{failure}{kept}")
-        if stop.exit_code:
+        if stop.exit_code and not (self.is_live and stop.exit_code == errors.INTERRUPTED):
             self.errors.append(f"{stop.word}; {counted(self.frames, 'frame')} saved")
             self.exit_code = stop.exit_code
 
@@ -179,17 +198,31 @@ def check_packages(options: argparse.Namespace) -> None:
             raise RecordingError(missing)
 
 
+class Watcher(Protocol):
+    """Somebody who draws the targets, and watches the tracking."""
+
+    def ask(self, recording: Recording, max_targets: int) -> tuple[Target, ...]:
+        """Let the user draw the targets; see `DrawTargets`."""
+
+    def show(self, tracked: TrackedFrame) -> None:
+        """Show a tracked frame."""
+
+
 def run_recording(
-    options: argparse.Namespace, path: Path, name: str, stop: Stop, draw: DrawTargets | None = None
+    options: argparse.Namespace,
+    path: Path | str,
+    name: str,
+    stop: Stop,
+    watcher: Watcher | None = None,
 ) -> RunSummary:
     """Track a recording, and write the files of the options.
 
     Args:
         options: Of the command line; with an archive, the recording is one of it.
-        path: Of the recording, or of its local copy.
+        path: Of the recording, or of its local copy; or a camera.
         name: Path or URL of the recording, for reports and errors.
         stop: Ends it.
-        draw: Asks the user for the targets; None for targets from elsewhere.
+        watcher: Draws the targets; None for targets from elsewhere.
 
     Raises:
         FootageError: The recording cannot be read at all.
@@ -200,14 +233,17 @@ def run_recording(
     if options.archive is None:
         check_applies(options, recording)
     check_outputs(options, path)
-    with closing(make_plan(recording, options, draw)) as plan:
+    with closing(make_plan(recording, options, watcher.ask if watcher else None)) as plan:
         summary = RunSummary(_target_source(options, plan), plan.max_targets > 1)
+        summary.is_live = recording.is_live
         outputs = open_outputs(options, plan, name)
         try:
-            failures = _track_into(outputs, plan, summary, stop, options)
+            failures = _track_into(outputs, plan, summary, stop, options, watcher=watcher)
             for failure in failures:
-                name_source_in(failure, name, path)
+                if isinstance(path, Path):
+                    name_source_in(failure, name, path)
             failures += [failure for folder in outputs for failure in folder.close()]
+            summary.notes += [note for folder in outputs for note in folder.notes]
         except BaseException:
             for folder in outputs:
                 folder.discard()
@@ -226,6 +262,8 @@ def _track_into(
     summary: RunSummary,
     stop: Stop,
     options: argparse.Namespace,
+    *,
+    watcher: Watcher | None,
 ) -> list[FootageError | RecordingError]:
     """Track until the end of the recording or a signal; returns what ended it early.
 
@@ -241,6 +279,8 @@ def _track_into(
             for tracked in frames:
                 for folder in outputs:
                     folder.write(tracked)
+                if watcher:
+                    watcher.show(tracked)
                 summary.add(tracked)
                 on_progress(recording.path.name, 1)
                 if stop.exit_code:

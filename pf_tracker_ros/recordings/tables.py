@@ -96,6 +96,8 @@ class BoxesCsv:
         OSError: It cannot be written.
     """
 
+    note = ""
+
     def __init__(self, path: Path, columns: Sequence[str] = COLUMNS) -> None:
         self._columns = columns
         # Unbuffered: on a full disk, the rows before stay.
@@ -137,6 +139,8 @@ class BoxesParquet:
     Raises:
         OSError: It cannot be written.
     """
+
+    note = ""
 
     def __init__(self, path: Path, columns: Sequence[str] = COLUMNS) -> None:
         import pyarrow

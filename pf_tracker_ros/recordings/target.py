@@ -164,10 +164,15 @@ def choose_targets(
     if boxes:
         return tuple(Target(as_box(box), source="--box") for box in boxes)
     path = target_file(recording.path)
-    if lexists(path):
+    if not recording.is_live and lexists(path):
         return read_targets(path, recording.path)
     if with_detector:
         return ()
+    if recording.is_live:
+        raise RecordingError(
+            f"no target for {recording.path}; draw it with --draw, give --box X,Y,W,H, or find "
+            "targets with --detector"
+        )
     if recording.has_ground_truth:
         return (Target(None, source="the ground truth"),)
     write = f"write {path.name} beside it"

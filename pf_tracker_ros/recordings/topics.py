@@ -49,6 +49,8 @@ class TopicBag:
         OSError: It cannot be written.
     """
 
+    note = ""
+
     def __init__(
         self,
         path: Path,

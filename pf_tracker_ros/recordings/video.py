@@ -13,34 +13,38 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.footage.video_encoding import VideoEncoder, open_encoder
 from pf_tracker_ros.recordings.errors import FAILED, UNREADABLE_SOURCE, RecordingError
 from pf_tracker_ros.recordings.tracking import TrackedFrame
 
-_CODEC = "mp4v"
 # Frames that wait for the encoder; more would only take memory.
 _QUEUE_LENGTH = 8
-# Frame rates that MP4 supports, hertz.
-_FRAME_RATE_RANGE = (0.1, 1000.0)
 
 
 class AnnotatedVideo:
     """Writes the overlay of every frame into an MP4 file.
 
-    A frame that cannot be decoded repeats the previous one, so that the video keeps its timing. An
-    image of another size is scaled to fit the size of the first one.
+    A frame that cannot be decoded repeats the previous one, so that frame n begins at n /
+    `frame_rate`. An image of another size is scaled to fit the size of the first one.
+
+    Attributes:
+        note: Why browsers do not play it, as a sentence, or empty.
 
     Args:
         path: Of the new file.
-        frame_rate: Hertz.
+        frame_rate: Hertz, see `playable_rate`.
     """
 
     def __init__(self, path: Path, frame_rate: float) -> None:
+        self.note = ""
         self._path = path
-        self._frame_rate = float(np.clip(frame_rate, *_FRAME_RATE_RANGE))
+        self._frame_rate = frame_rate
         self._frame_count = 0
         self._queue: deque[Future[None]] = deque()
-        self._writer: cv2.VideoWriter | None = None
+        self._encoder: VideoEncoder | None = None
         self._problem = ""
+        self._disk_error: OSError | None = None
         self._size = (0, 0)
         self._overlay: NDArray[Any] | None = None
         self._thread = ThreadPoolExecutor(1, "video")
@@ -49,7 +53,7 @@ class AnnotatedVideo:
         """Queue a frame for the encoder.
 
         Raises:
-            RecordingError: OpenCV cannot write the file.
+            RecordingError: The file cannot be written.
         """
         if len(self._queue) == _QUEUE_LENGTH:
             self._queue.popleft().result()
@@ -59,15 +63,20 @@ class AnnotatedVideo:
         """Complete the file.
 
         Raises:
-            RecordingError: OpenCV cannot write the file, or no frame has an image.
+            RecordingError: The file cannot be written, or no frame has an image.
             OSError: The disk is full.
         """
         try:
             for frame in self._queue:
                 frame.result()
         finally:
-            self.discard()
-        if self._writer is None:
+            try:
+                self.discard()
+            except OSError as error:
+                self._disk_error = self._disk_error or error
+        if self._disk_error:
+            raise self._disk_error
+        if self._encoder is None:
             raise RecordingError(
                 f"{self._path.name} was not written, because no frame has an image: "
                 f"{self._problem}",
@@ -76,33 +85,41 @@ class AnnotatedVideo:
         self._check_frame_count()
 
     def discard(self) -> None:
-        """End the thread and close the incomplete file."""
+        """End the thread and close the file."""
         self._thread.shutdown(cancel_futures=True)
-        if self._writer is not None:
-            self._writer.release()
+        if self._encoder is not None:
+            self._encoder.close()
 
     def _encode(self, tracked: TrackedFrame) -> None:
         if tracked.frame.image is not None:
             self._overlay = self._scaled_to_fit(tracked.draw())
-        if self._overlay is not None:
-            self._open().write(self._overlay)
-            self._frame_count += 1
-        else:
+        if self._overlay is None:
             self._problem = self._problem or tracked.problem
+            return
+        self._frame_count += 1
+        if self._disk_error is None:
+            try:
+                self._open().write(self._overlay)
+            except OSError as error:
+                # The other files may still have room.
+                self._disk_error = error
 
-    def _open(self) -> cv2.VideoWriter:
-        if self._writer is None:
-            codec = cv2.VideoWriter.fourcc(*_CODEC)
-            self._writer = cv2.VideoWriter(str(self._path), codec, self._frame_rate, self._size)
-            if not self._writer.isOpened():
-                raise RecordingError(
-                    f"OpenCV cannot write {self._path.name}: its build has no MP4 encoder", FAILED
+    def _open(self) -> VideoEncoder:
+        if self._encoder is None:
+            try:
+                self._encoder = open_encoder(self._path, self._frame_rate, self._size)
+            except FootageError as error:
+                raise RecordingError(str(error), FAILED) from error
+            if not self._encoder.is_for_browsers:
+                self.note = (
+                    f"{self._path.name} is MPEG-4 Part 2, which browsers do not play; for H.264 "
+                    "install PyAV (pip install av)"
                 )
-        return self._writer
+        return self._encoder
 
     def _scaled_to_fit(self, image: NDArray[Any]) -> NDArray[Any]:
         size = (image.shape[1], image.shape[0])
-        if self._writer is None:
+        if self._encoder is None:
             self._size = size
         if size == self._size:
             return image
@@ -129,7 +146,7 @@ class AnnotatedVideo:
 
 
 def _has_index(path: Path) -> bool:
-    """Whether an MP4 file has its index, which is written last (ISO/IEC 14496-12, 4.2)."""
+    """Whether an MP4 file has its index (ISO/IEC 14496-12, 4.2)."""
     with path.open("rb") as file:
         while len(head := file.read(8)) == 8:
             size, kind = int.from_bytes(head[:4], "big"), head[4:]

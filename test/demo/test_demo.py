@@ -22,16 +22,15 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 DEMO = REPOSITORY / "demo"
 TIMEOUT = 300.0
 
-FRAME_COUNTS = {"carphone": 120, "bikes": 32}
+FRAME_COUNTS = {"lady": 204}
 
-# Drawn by hand on the last frame of each clip: the face from the hairline to the chin, and the
-# visible outline of the car, through the posts.
-LAST_BOXES = {"carphone": (47, 30, 53, 71), "bikes": (416, 102, 87, 53)}
+# Drawn by hand on the last frame: the lady from her hat to the hem of her dress.
+LAST_BOXES = {"lady": (491, 150, 87, 172)}
 
 clips = pytest.mark.parametrize("clip", FRAME_COUNTS)
 
-# The clip of several targets, and three men who stand in front in its last frame, with their arms.
-STREET, STREET_FRAMES = "street", 76
+# The clip of several targets, and three men who stand in front in a frame of it, with their arms.
+STREET, STREET_FRAMES, MEN_FRAME = "people", 305, 150
 MEN = [(466, 142, 62, 135), (414, 148, 43, 135), (533, 143, 56, 175)]
 every_clip = pytest.mark.parametrize(
     ("clip", "count"), [*FRAME_COUNTS.items(), (STREET, STREET_FRAMES)]
@@ -100,7 +99,7 @@ def test_several_targets_start_without_a_hand_and_keep_their_ids(demo):
     frames = street_frames(demo)
     assert len(frames) == STREET_FRAMES
     assert frames[0]["targets"] == []
-    last = frames[-1]["targets"]
+    last = frames[MEN_FRAME]["targets"]
     ids = []
     for man in MEN:
         best = max(last, key=lambda one: intersection_over_union(one["box"], man))
@@ -185,14 +184,13 @@ def _messages_of(bag):
 
 @every_clip
 def test_videos_and_contact_sheet_can_be_looked_at(demo, clip, count):
-    # VP8 is what browsers play.
-    for name, codec in (("overlay.mp4", b"FMP4"), ("overlay.webm", b"VP80")):
-        capture = cv2.VideoCapture(str(demo[0] / clip / name))
-        assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == codec
-        grabbed = 0
-        while capture.grab():
-            grabbed += 1
-        assert grabbed == count
+    capture = cv2.VideoCapture(str(demo[0] / clip / "overlay.mp4"))
+    # H.264 is what browsers play.
+    assert int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little") == b"h264"
+    grabbed = 0
+    while capture.grab():
+        grabbed += 1
+    assert grabbed == count
     sheet = cv2.imread(str(demo[0] / clip / "contact_sheet.png"))
     assert sheet is not None
     assert sheet.shape[1] == 1920
@@ -204,7 +202,7 @@ def test_the_demo_ends_with_a_page_of_files_beside_it(demo):
     text = page.read_text()
     # Without those of parts of a plot.
     addresses = set(re.findall(r'(?:src|href)="([^"#][^"]*)"', text)) - {"data:,"}
-    assert {f"{clip}/overlay.webm" for clip in (*FRAME_COUNTS, STREET)} < addresses
+    assert {f"{clip}/overlay.mp4" for clip in (*FRAME_COUNTS, STREET)} < addresses
     assert {f"{clip}/tracked/report.html" for clip in (*FRAME_COUNTS, STREET)} < addresses
     assert [one for one in sorted(addresses) if not (page.parent / one).is_file()] == []
     # In styles as well, nothing of another host; a plot names its standards.
@@ -216,13 +214,16 @@ def test_the_demo_ends_with_a_page_of_files_beside_it(demo):
 
 def test_the_demo_ends_with_people_seen_from_above(demo):
     folder = demo[0] / "room"
-    capture = cv2.VideoCapture(str(folder / "overlay.webm"))
+    capture = cv2.VideoCapture(str(folder / "tracked" / "overlay.mp4"))
     assert capture.read()[0]
     with (folder / "tracked" / "boxes.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["id"] for row in rows if row["position_x"]} == {"1", "2"}
     page = (demo[0] / "index.html").read_text()
-    shown = page[page.index("positions in meters") :]
+    shown = page[page.index("room: positions in meters") :]
+    error = re.search(r"positions are (\d\.\d+) m off the true ones in the median", shown)
+    assert float(error[1]) < 0.3
+    assert error[0] in demo[1].replace("\n", "")
     assert "x in odom, m" in shown[: shown.index("</svg>")]
     assert "track demo/room" in page or f"track {folder}" in page
 
@@ -234,10 +235,10 @@ def test_the_table_names_the_clip(demo, clip, count):
 
 
 def test_a_failed_step_is_named_with_its_reason(demo, tmp_path):
-    (tmp_path / "carphone").write_text("in the way")
+    (tmp_path / "lady").write_text("in the way")
     process = run_demo(tmp_path)
     assert process.returncode == 1
-    assert "failed carphone: writing the bag:" in process.stdout
+    assert "failed lady: writing the bag:" in process.stdout
     assert "Traceback" not in process.stdout + process.stderr
 
 
@@ -262,7 +263,7 @@ def test_a_wheel_without_the_video_is_refused(tmp_path):
     wheel = tmp_path / demo_clips.CLIPS[0].wheel.file
     with zipfile.ZipFile(wheel, "w") as archive:
         archive.writestr("readme.txt", "no videos today")
-    with pytest.raises(DemoError, match=r"does not hold .*carphone_pristine\.mp4"):
+    with pytest.raises(DemoError, match=r"does not hold .*sample\.mp4"):
         demo_clips.open_clip(demo_clips.CLIPS[0], wheel)
 
 

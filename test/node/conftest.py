@@ -376,6 +376,14 @@ class Graph:
         self._closing.append(lambda: _end(process))
         return process
 
+    def command(self, *command):
+        """Start a command as a process."""
+        process = subprocess.Popen(
+            command, cwd=REPOSITORY, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self._closing.append(lambda: _end(process))
+        return process
+
     def context(self):
         context = Context()
         rclpy.init(context=context, domain_id=self._domain)

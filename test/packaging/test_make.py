@@ -24,7 +24,7 @@ def clone(tmp_path):
     (folder / "requirements").mkdir(parents=True)
     for name in ("Makefile", "setup.py", "pyproject.toml"):
         shutil.copy2(REPOSITORY / name, folder)
-    for name in ("bench.txt", "development.txt", "environment.sh"):
+    for name in ("bench.txt", "demo.txt", "development.txt", "environment.sh"):
         shutil.copy2(REPOSITORY / "requirements" / name, folder / "requirements")
     return folder
 

@@ -117,12 +117,12 @@ def test_an_output_in_the_recording_is_refused(
     assert sorted(moving_square_sequence.rglob("*")) == before
 
 
-def test_a_video_is_refused_if_opencv_would_abort_the_process(start_track, long_sequence):
+def test_a_video_is_refused_if_ffmpeg_cannot_have_its_name(start_track, long_sequence):
     folder = os.fsdecode(b"\xe4")
     process = start_track(long_sequence, "--output", folder, "--video", *QUICK)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 2
-    assert "OpenCV cannot write a video into --output" in one_sentence(errors)
+    assert "--video cannot write into --output" in one_sentence(errors)
 
 
 def test_a_file_that_appears_meanwhile_is_not_overwritten_and_the_others_are_written(

@@ -20,7 +20,7 @@ from pf_tracker_ros.pages.access import HEADERS
 pytest.importorskip("aiohttp", reason="the page needs the extra 'console'")
 from pf_tracker_ros.recordings import RecordingError, open_recording
 from pf_tracker_ros.recordings.drawing import server
-from pf_tracker_ros.recordings.drawing.server import prompt_for_targets
+from pf_tracker_ros.recordings.drawing.server import TargetPage
 from pf_tracker_ros.recordings.target import Target
 
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
@@ -182,7 +182,7 @@ def test_a_box_is_drawn_corrected_and_tracked(start_draw, open_page, rows, track
     assert page.locator("#handles circle:visible").count() == 4
     drag(page, (60, 70), (44, 54))
     page.keyboard.press("Enter")
-    page.get_by_text("tracking begins; this page can be closed").wait_for()
+    page.get_by_text("tracking begins").wait_for()
     assert page.locator("#send").is_disabled()
     code, output, errors = command.end()
     assert (code, errors) == (0, "")
@@ -313,6 +313,88 @@ def test_a_signal_while_drawing_ends_it(start_draw, images, tmp_path, number, co
     assert not (tmp_path / "out").exists()
 
 
+def test_a_signal_before_the_page_ends_it_too(images, track, monkeypatch, tmp_path):
+    def signaled(*_):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    monkeypatch.setattr("pf_tracker_ros.recordings.run.check_applies", signaled)
+    code, printed, errors = track(images, "--output", tmp_path / "out", "--draw", *QUICK)
+    assert (code, printed) == (143, "")
+    assert errors.count("\n") == 1
+    assert "terminated before a target was drawn" in errors
+
+
+def finished_page(command, open_page):
+    """The page of a command whose target is drawn, when it shows the report."""
+    page = open_page(command)
+    drag(page, (20, 30), (44, 54))
+    page.keyboard.press("Enter")
+    page.locator("#report:not([hidden])").wait_for()
+    page.frame_locator("#report").get_by_text("frame 0, 0.00 s: tracking").wait_for()
+    return page
+
+
+def test_the_page_goes_from_the_box_to_the_report(start_draw, open_page, images, tmp_path):
+    pytest.importorskip("matplotlib")
+    output = tmp_path / "out"
+    command = start_draw(images, "--output", output, "--video", "--report", tmp_path / "report")
+    page = finished_page(command, open_page)
+    page.get_by_text("20 frames (").wait_for()
+    # The report finds the video, though it lies in another folder.
+    video = page.frame_locator("#report").locator("#video")
+    assert video.get_attribute("src") == "../out/overlay.mp4"
+    names = page.locator("#files a").all_inner_texts()
+    assert names == ["boxes.csv", "overlay.mp4", "report.html"]
+    addresses = [one.get_attribute("href") for one in page.locator("#files a").all()]
+    assert addresses[0] == "/results/out/boxes.csv"
+    for address in addresses:
+        assert command.ask(address)[0] == 200
+    assert command.ask(addresses[1], Range="bytes=0-3")[0] == 206
+    assert command.ask("/results/out/boxes.csv")[2] == (output / "boxes.csv").read_bytes()
+    for other in ("/results/", "/results/out", "/results/../img.target.yaml", "/results/%2e%2e"):
+        assert command.ask(other)[0] == 404
+    assert command.ask(addresses[2], Host="attacker.example")[0] == 403
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert command.process.poll() is None
+    page.close()
+    code, printed, errors = command.end()
+    assert (code, errors) == (0, "")
+    assert printed.endswith("the page shows the report; close it, or press Ctrl-C, to end\n")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_page_with_the_report(start_draw, open_page, images, tmp_path, number):
+    pytest.importorskip("matplotlib")
+    command = start_draw(images, "--output", tmp_path / "out", "--report")
+    page = finished_page(command, open_page)
+    command.process.send_signal(number)
+    assert command.end()[::2] == (0, "")
+    page.close()
+
+
+def test_the_progress_has_events_and_pictures(start_draw, images, tmp_path):
+    command = start_draw(images, "--output", tmp_path / "out")
+    assert command.ask("/picture")[0] == 404
+    assert command.ask("/results/boxes.csv")[0] == 404
+    connection = http.client.HTTPConnection(
+        "127.0.0.1", urlsplit(command.address).port, timeout=DEADLINE
+    )
+    connection.request("GET", "/progress")
+    events = connection.getresponse()
+    assert json.loads(events.readline().removeprefix(b"data: ")) == {"frame": None}
+    assert command.draw(BOX)[0] == 200
+    code, printed, _ = command.end()
+    lines = [line for line in events.read().splitlines() if line.startswith(b"data: ")]
+    last = json.loads(lines[-1].removeprefix(b"data: "))
+    connection.close()
+    assert code == 0
+    assert "the page shows the report" not in printed
+    assert last["text"].startswith("20 frames (")
+    assert last["report"] is None
+    assert last["files"] == [["boxes.csv", "/results/boxes.csv"]]
+
+
 def test_only_the_same_origin_may_draw(start_draw, images, tmp_path):
     command = start_draw(images, "--output", tmp_path / "out")
     for path in ("/", "/draw.js", "/box_editor.js", "/page.css", "/recording", "/frame?number=0"):
@@ -337,7 +419,7 @@ def test_a_page_that_cannot_be_served_is_an_error(images, monkeypatch, error, ra
 
     monkeypatch.setattr("pf_tracker_ros.recordings.drawing.server.Site.serve", fail)
     with pytest.raises(raised, match="no loopback"):
-        prompt_for_targets(open_recording(images), 1, print)
+        TargetPage(print).ask(open_recording(images), 1)
 
 
 def test_invalid_targets_are_refused_and_can_be_corrected(start_draw, images, tmp_path):
@@ -374,7 +456,7 @@ def test_invalid_targets_are_refused_and_can_be_corrected(start_draw, images, tm
 def test_a_request_in_several_pieces_is_read_to_its_end(start_draw, rows, images, tmp_path):
     command = start_draw(images, "--output", tmp_path / "out")
     status, text = command.send("/targets", " " * 2**18 + json.dumps({"targets": [FIRST]}))
-    assert (status, text) == (200, "tracking begins; this page can be closed")
+    assert (status, text) == (200, "tracking begins")
     assert command.end()[0] == 0
     assert rows(tmp_path / "out")[0]["state"] == "tracking"
 
@@ -432,11 +514,11 @@ def test_without_a_target_the_error_mentions_draw(track, images, tmp_path):
 def test_the_page_gets_max_targets(track, images, monkeypatch, tmp_path):
     limits = []
 
-    def draw(recording, max_targets, announce):
+    def draw(page, recording, max_targets):
         limits.append(max_targets)
         return (Target(tuple(BOX), 10**9, 0, (160, 120), "the page"),)
 
-    monkeypatch.setattr(server, "prompt_for_targets", draw)
+    monkeypatch.setattr(server.TargetPage, "ask", draw)
     # Only detections need SciPy.
     monkeypatch.setitem(sys.modules, "scipy", None)
     assert track(images, "--output", tmp_path / "many", "--draw", *QUICK)[0] == 0

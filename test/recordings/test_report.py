@@ -11,6 +11,11 @@ from pf_tracker_ros.evaluation.__main__ import main as evaluate
 pytest.importorskip("jinja2")
 pytest.importorskip("matplotlib")
 
+# Waits for an event of the video, unless a property tells that it was.
+VIDEO_ONCE = """([event, property]) => new Promise((done) => {
+  const video = document.getElementById("video");
+  if (video[property]) done(); else video.addEventListener(event, () => done(), { once: true });
+})"""
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
@@ -61,8 +66,10 @@ def test_without_truth_it_shows_the_confidence(track, moving_square_sequence, tm
     page = (tmp_path / "out" / "report.html").read_text()
     assert "success AUC" not in page
     assert "<h3>overlap</h3>" not in page
-    assert "<h3>Least confidence</h3>" in page
-    assert page.count("data:image/jpeg;base64,") >= 10
+    # A square that is never lost needs no look at single frames.
+    assert "<p>No frame with a confidence below 0.5.</p>" in page
+    assert "<p>No target was out of sight for more than two frames.</p>" in page
+    assert page.count("data:image/jpeg;base64,") == 8
 
 
 def test_frames_before_the_target_and_after_its_loss_are_shown(
@@ -89,3 +96,53 @@ def test_the_report_covers_the_frames_before_an_unreadable_one(
     page = (output / "report.html").read_text()
     assert figures(page)["frames"] == 12
     assert page.count("<figure><img") >= 8
+
+
+def test_the_timeline_seeks_in_the_video(track, moving_square_sequence, browser, tmp_path):
+    pytest.importorskip("av", reason="browsers do not play what OpenCV of PyPI writes")
+    output, report = tmp_path / "a folder", tmp_path / "report"
+    arguments = ("--output", output, *QUICK, "--video", "--report", report)
+    assert track(moving_square_sequence, *arguments)[0] == 0
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    complaints = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    try:
+        page.goto((report / "report.html").as_uri())
+        page.evaluate(VIDEO_ONCE, ["loadeddata", "readyState"])
+        shown = page.locator("#at")
+        assert shown.inner_text().startswith("frame 0, 0.00 s: tracking")
+        area = page.locator("#timeline svg").bounding_box()
+        page.mouse.click(area["x"] + area["width"] * 12.5 / 20, area["y"] + 5)
+        page.get_by_text("frame 12, 0.48 s: ").wait_for()
+        page.keyboard.press("ArrowRight")
+        page.get_by_text("frame 13, 0.52 s: ").wait_for()
+        time = page.evaluate("document.getElementById('video').currentTime")
+        assert 13 / 25 < time < 14 / 25
+        assert page.locator("#timeline").get_attribute("aria-valuenow") == "13"
+        page.keyboard.press(" ")
+        page.evaluate(VIDEO_ONCE, ["ended", "ended"])
+        page.get_by_text("frame 19, 0.76 s: ").wait_for()
+        width = page.evaluate("document.documentElement.scrollWidth")
+    finally:
+        page.close()
+    assert complaints == []
+    assert width <= 390
+
+
+def test_a_loss_is_listed_with_its_cause_and_how_it_ended(
+    track, moving_square, write_sequence, tmp_path
+):
+    ground = np.full_like(moving_square.images[0], 90)
+    images = [*moving_square.images[:10], *[ground] * 20]
+    boxes = np.full((30, 4), np.nan)
+    boxes[:10] = moving_square.boxes[:10]
+    source = write_sequence("gone", images, boxes)
+    soon = ("--preset", "li2007", "--parameter", "track.lost_after=0.2", "--report")
+    assert track(source, "--output", tmp_path / "out", *soon)[0] == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    (row,) = re.findall(r"<tr><td>gone</td>.*?</tr>", page)
+    assert re.search(r'data-frame="1\d">1\d to 29</button></td><td>lost</td>', row)
+    assert "the confidence fell from" in row
+    assert "not found again" in row
+    assert "With <code>--video</code> it seeks in the video, too." in page

@@ -52,7 +52,7 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     assert (first["frame"], [float(first[n]) for n in NAMES]) == ("2", list(boxes[2][0]))
     assert {(row["id"], row["label"]) for row in found} == {("", ""), ("1", "red"), ("2", "blue")}
     page = (output / "report.html").read_text()
-    assert page.count("<section") == 2
+    assert page.count('<section class="sequence"') == 2
     assert "target 1 red" in page
     assert "target 2 blue" in page
     assert f"Tracked in frames 2 to {COUNT - 1}." in page

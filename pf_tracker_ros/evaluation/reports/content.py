@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,6 +15,8 @@ from pf_tracker_ros.evaluation import metrics
 from pf_tracker_ros.evaluation.results import FrameDetails, Scores, SequenceResult
 
 _MAX_WORST = 10
+# Better frames, by overlap or confidence, need no look.
+_WORTH_A_LOOK = 0.5
 _MAX_SAMPLED = 8
 # Minimum distance of the worst frames, as neighbors look alike.
 _MIN_DISTANCE = 5
@@ -153,13 +154,13 @@ class SequenceContent:
 
     @property
     def worst_frames(self) -> list[int]:
-        """At most ten frames, worst first: by overlap, or by confidence without ground truth."""
+        """At most ten frames below 0.5, worst first: by overlap, or by confidence without truth."""
         overlaps = self.overlaps
         quality: NDArray[np.float64] = self.confidence if overlaps is None else overlaps
         order = np.lexsort((self.confidence, quality))
         worst: list[int] = []
         for index in map(int, order):
-            if math.isnan(float(quality[index])) or len(worst) == _MAX_WORST:
+            if not quality[index] < _WORTH_A_LOOK or len(worst) == _MAX_WORST:
                 break
             if all(abs(index - other) >= _MIN_DISTANCE for other in worst):
                 worst.append(index)

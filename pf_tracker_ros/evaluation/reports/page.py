@@ -19,6 +19,7 @@ from pf_tracker_ros.evaluation.reports.svg_plots import (
     view_from_above,
 )
 from pf_tracker_ros.evaluation.reports.thumbnails import FrameThumbnail
+from pf_tracker_ros.evaluation.reports.timeline import RecordingVideo, timeline
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.access import read_file
@@ -59,6 +60,7 @@ class Report:
         seeds: Number of seeds in the means.
         kind: Kind of the sections, "sequence" or "target".
         ground: Targets and camera from above; None without positions.
+        recording_video: How the recording is played; None for several recordings.
     """
 
     title: str
@@ -70,6 +72,7 @@ class Report:
     seeds: int = 1
     kind: str = "sequence"
     ground: GroundView | None = None
+    recording_video: RecordingVideo | None = None
 
 
 class SavedResults(NamedTuple):
@@ -124,6 +127,9 @@ def render(report: Report) -> str:
         "report.html.jinja",
         report=report,
         plots=plots,
+        timeline=timeline(contents, report.recording_video)
+        if report.recording_video and contents
+        else None,
         view_from_above=Markup(view_from_above(report.ground)) if report.ground else "",
         sections=list(zip(report.sections, series, strict=True)),
         changes={

@@ -33,8 +33,8 @@ with contextlib.suppress(ModuleNotFoundError):
 
 DETECTIONS_TOPIC = "detections"
 VISION_MSGS_MISSING = (
-    "the topic 'detections' needs vision_msgs: install ros-jazzy-vision-msgs (ROS from apt; it is "
-    "not on PyPI), request targets on ~/target, or set 'built_in_detector'"
+    "the topic 'detections' needs vision_msgs: apt install ros-jazzy-vision-msgs, or with ROS from "
+    "PyPI run tools/make_vision_msgs.py; without it, draw targets or set 'built_in_detector'"
 )
 
 # Bytes of a message other than detections; enough for thousands of corners.

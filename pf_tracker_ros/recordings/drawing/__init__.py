@@ -1,1 +1,1 @@
-"""Drawing targets on a web page before tracking begins, without ROS."""
+"""A web page to draw targets, to watch them being tracked and to read the report; without ROS."""

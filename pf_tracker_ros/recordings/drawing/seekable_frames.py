@@ -6,14 +6,8 @@ import threading
 from collections.abc import Generator
 from dataclasses import dataclass
 
-import cv2
-
-from pf_tracker_ros.overlay import draw_overlay
-from pf_tracker_ros.recordings.recording import RecordedFrame, Recording
-
-# Pixels; screens show no more of a wider picture.
-_MAX_WIDTH = 1920
-_QUALITY = 90
+from pf_tracker_ros.overlay import draw_overlay, encode_jpeg
+from pf_tracker_ros.recordings.recording import CameraRecording, RecordedFrame, Recording
 
 
 @dataclass(frozen=True)
@@ -38,6 +32,8 @@ class EncodedFrame:
 class SeekableFrames:
     """Random access to the frames of a recording; reading an earlier frame restarts it.
 
+    A camera has one frame, a picture; each higher number takes a new one.
+
     Args:
         recording: The recording.
     """
@@ -46,6 +42,8 @@ class SeekableFrames:
         self._recording = recording
         self._frames: Generator[RecordedFrame, None, None] | None = None
         self._next = 0
+        # The picture of a camera.
+        self._shown: EncodedFrame | None = None
         self._is_closing = False
         self._lock = threading.Lock()
 
@@ -60,6 +58,8 @@ class SeekableFrames:
             FootageError: The recording cannot be read that far.
         """
         with self._lock:
+            if isinstance(self._recording, CameraRecording):
+                return self._picture(self._recording, is_new=number > 0)
             if self._frames is None or number < self._next:
                 self._restart()
             assert self._frames is not None
@@ -71,6 +71,12 @@ class SeekableFrames:
                     return EncodedFrame(frame, _jpeg(frame))
             self._restart()
             raise LookupError(f"there is no image in frame {number} or after it")
+
+    def _picture(self, camera: CameraRecording, *, is_new: bool) -> EncodedFrame:
+        if is_new or self._shown is None:
+            frame = camera.take()
+            self._shown = EncodedFrame(frame, _jpeg(frame))
+        return self._shown
 
     def close(self) -> None:
         """Close the recording, also during `find`."""
@@ -87,10 +93,4 @@ class SeekableFrames:
 
 def _jpeg(frame: RecordedFrame) -> bytes:
     assert frame.image is not None
-    picture = draw_overlay(frame.image, None)
-    height, width = picture.shape[:2]
-    if width > _MAX_WIDTH:
-        size = (_MAX_WIDTH, max(1, round(height * _MAX_WIDTH / width)))
-        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    _, encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    return encoded.tobytes()
+    return encode_jpeg(draw_overlay(frame.image, None))

@@ -1,4 +1,4 @@
-"""A page on the loopback where a user draws the targets. Needs aiohttp."""
+"""A page on the loopback, from drawing the targets to the report. Needs aiohttp."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from aiohttp import web
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.pages.access import Access
 from pf_tracker_ros.pages.serving import Site
+from pf_tracker_ros.recordings.drawing.progress import RESULTS_POLICY, Progress, WrittenFiles
 from pf_tracker_ros.recordings.drawing.seekable_frames import EncodedFrame, SeekableFrames
 from pf_tracker_ros.recordings.errors import RecordingError
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target
+from pf_tracker_ros.recordings.tracking import TrackedFrame
 from pf_tracker_ros.tracking.input_checks import check_box
 
 _PAGE = Path(__file__).with_name("page")
@@ -29,55 +31,29 @@ _MAX_LABEL = 100
 _MAX_DIGITS = 20
 
 
-def prompt_for_targets(
-    recording: Recording, max_targets: int, announce: Callable[[str], None]
-) -> tuple[Target, ...]:
-    """Serve a page with the frames of a recording until the user has drawn the targets.
+class TargetPage:
+    """The page of a run of `track`: the targets are drawn, then tracked before the user's eyes.
+
+    1. `ask` serves the page until the user has drawn the targets.
+    2. `show` is called with each tracked frame. The page has the progress and the newest picture.
+    3. `finish` shows the report on the page, and returns when the page is closed.
+
+    The server runs in a thread with an event loop of its own; the caller's thread keeps signals.
 
     Args:
-        recording: The recording.
-        max_targets: Maximum number of targets, at least 1.
         announce: Called with the address of the page.
-
-    Returns:
-        At least one target, in the order of drawing.
-
-    Raises:
-        RecordingError: The user has canceled, or the page cannot be served.
-        FootageError: The recording cannot be read.
-    """
-    frames = SeekableFrames(recording)
-    server = _DrawingServer(recording, frames, max_targets)
-    try:
-        # An unreadable recording needs no page.
-        try:
-            frames.find(0)
-        except LookupError as error:
-            raise RecordingError(f"{recording.path} cannot be drawn on: {error}") from error
-        server.start()
-        announce(server.address)
-        return server.wait()
-    finally:
-        frames.close()
-        server.close()
-
-
-class _DrawingServer:
-    """The server, in a thread with an event loop of its own; the caller's thread keeps signals.
-
-    Args:
-        recording: The recording.
-        frames: Its frames.
-        max_targets: Maximum number of targets.
     """
 
-    def __init__(self, recording: Recording, frames: SeekableFrames, max_targets: int) -> None:
-        self._recording = recording
-        self._frames = frames
-        self._max_targets = max_targets
+    def __init__(self, announce: Callable[[str], None]) -> None:
+        self._announce = announce
+        self._recording: Recording | None = None
+        self._frames: SeekableFrames | None = None
+        self._max_targets = 1
         self._targets: tuple[Target, ...] = ()
         self._runner: web.AppRunner | None = None
         self._is_decided = threading.Event()
+        self._progress = Progress()
+        self._results: WrittenFiles | None = None
         self._loop = asyncio.new_event_loop()
         self._site = Site(Access(_HOST), _PAGE)
         router = self._site.application.router
@@ -85,32 +61,72 @@ class _DrawingServer:
         router.add_get("/frame", self._on_frame)
         router.add_post("/targets", self._on_targets)
         router.add_post("/cancel", self._on_cancel)
+        router.add_get("/progress", self._progress.on_request)
+        router.add_get("/picture", self._progress.on_picture)
+        router.add_get("/results/{name:.+}", self._on_results)
         self._thread = threading.Thread(target=self._loop.run_forever, name="drawing", daemon=True)
 
-    @property
-    def address(self) -> str:
-        return f"http://{_HOST}:{self._site.port}/"
+    def ask(self, recording: Recording, max_targets: int) -> tuple[Target, ...]:
+        """Serve the page with the frames of a recording until the user has drawn the targets.
 
-    def start(self) -> None:
-        self._thread.start()
+        Args:
+            recording: The recording.
+            max_targets: Maximum number of targets, at least 1.
+
+        Returns:
+            At least one target, in the order of drawing.
+
+        Raises:
+            RecordingError: The user has canceled, or the page cannot be served.
+            FootageError: The recording cannot be read.
+        """
+        self._recording, self._max_targets = recording, max_targets
+        self._frames = frames = SeekableFrames(recording)
         try:
-            self._run(self._serve())
-        except OSError as error:
-            raise RecordingError(f"the page to draw on cannot be served: {error}") from error
-
-    def wait(self) -> tuple[Target, ...]:
-        self._is_decided.wait()
+            # An unreadable recording needs no page.
+            try:
+                frames.find(0)
+            except LookupError as error:
+                raise RecordingError(f"{recording.path} cannot be drawn on: {error}") from error
+            self._start()
+            self._announce(f"http://{_HOST}:{self._site.port}/")
+            self._is_decided.wait()
+        finally:
+            frames.close()
         if not self._targets:
             raise RecordingError("no target was drawn: the page was canceled; nothing was tracked")
+        self._progress.begin(recording.frame_count)
         return self._targets
 
+    def show(self, tracked: TrackedFrame) -> None:
+        """Show the progress."""
+        self._progress.show(tracked)
+
+    def finish(self, text: str, results: WrittenFiles) -> None:
+        """Show the results; with a report, return when the page is closed, else at once.
+
+        Args:
+            text: How it went.
+            results: The written files.
+        """
+        self._results = results
+        self._progress.finish(text, results)
+
     def close(self) -> None:
+        """Stop the server."""
         if self._thread.is_alive():
             self._run(self._stop())
             self._loop.call_soon_threadsafe(self._loop.stop)
             self._thread.join()
         # Not in the loop's thread, which may just be ending.
         self._loop.close()
+
+    def _start(self) -> None:
+        self._thread.start()
+        try:
+            self._run(self._serve())
+        except OSError as error:
+            raise RecordingError(f"the page to draw on cannot be served: {error}") from error
 
     def _run(self, work: Coroutine[Any, Any, None]) -> None:
         asyncio.run_coroutine_threadsafe(work, self._loop).result()
@@ -122,14 +138,17 @@ class _DrawingServer:
             self._runner = await self._site.serve(_HOST, 0)
 
     async def _stop(self) -> None:
+        self._progress.stop()
         if self._runner is not None:
             await self._runner.cleanup()
         await self._loop.shutdown_default_executor()
 
     async def _find(self, number: int) -> EncodedFrame:
+        assert self._frames is not None
         return await self._loop.run_in_executor(None, self._frames.find, number)
 
     async def _on_recording(self, request: web.Request) -> web.Response:
+        assert self._recording is not None
         name, frames = self._recording.path.name, self._recording.frame_count
         return web.json_response({"name": name, "frames": frames, "max_targets": self._max_targets})
 
@@ -154,7 +173,7 @@ class _DrawingServer:
             self._targets = await self._read_targets(await request.read())
         except (ValueError, LookupError) as error:
             raise web.HTTPUnprocessableEntity(text=str(error)) from error
-        return self._decide("tracking begins; this page can be closed")
+        return self._decide("tracking begins")
 
     async def _read_targets(self, text: bytes) -> tuple[Target, ...]:
         """The targets of a request.
@@ -185,6 +204,12 @@ class _DrawingServer:
         self._site.check_origin(request)
         self._targets = ()
         return self._decide("nothing is tracked; this page can be closed")
+
+    async def _on_results(self, request: web.Request) -> web.StreamResponse:
+        path = self._results and self._results.find(request.match_info["name"])
+        if not path:
+            raise web.HTTPNotFound(text="there is no such result")
+        return web.FileResponse(path, headers={"Content-Security-Policy": RESULTS_POLICY})
 
     def _decide(self, text: str) -> web.Response:
         # Scheduled, so that the response is under way when the server stops.

@@ -26,6 +26,8 @@ class FramesToCheck:
         OSError: It cannot be written.
     """
 
+    note = ""
+
     def __init__(self, path: Path) -> None:
         self._file = path.open("w", newline="", encoding="utf-8")
         self._writer = csv.writer(self._file, lineterminator="\n")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import yaml
+from rclpy.parameter import Parameter
 
 LAYERS = {
     "box": "#box",
@@ -25,14 +26,16 @@ def stamp_at(index):
 @pytest.mark.usefixtures("tracker")
 def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
     camera.show_on(page)
-    hint, ghost, empty = page.locator("#hint"), page.locator("#ghost rect"), page.locator(".empty")
+    hint, pointer = page.locator("#hint"), page.locator("#ghost path")
+    empty = page.locator(".plot.empty")
     assert hint.inner_text() == "Drag a box around what to follow"
     assert page.locator("#ghost:not([hidden])").count() == 1
-    # Only with motion allowed the ghost is drawn again and again.
+    # The dashed box stands still; its pointer moves where motion is allowed.
     animation = "it => getComputedStyle(it).animationName"
-    assert ghost.evaluate(animation) == "draw"
+    assert page.locator("#ghost rect").evaluate(animation) == "none"
+    assert pointer.evaluate(animation) == "point"
     page.emulate_media(reduced_motion="reduce")
-    assert ghost.evaluate(animation) == "none"
+    assert pointer.evaluate(animation) == "none"
     # A plot without a line says what it is.
     assert empty.count() == 4
     assert "probability" in page.locator("#plot-confidence .slot p").inner_text()
@@ -196,3 +199,27 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     page.keyboard.press("Home")
     page.wait_until(lambda: page.text("frame") == "0 / 19", "first frame")
     assert page.evaluate("() => window.shifted") == []
+
+
+@pytest.mark.usefixtures("tracker")
+def test_a_detector_needs_no_hand(camera, page, tracker):
+    camera.show_on(page)
+    page.wait_until(lambda: page.text("health").endswith(": drag a box around it"), "advice")
+    tracker.set_parameters([Parameter("built_in_detector", value="people")])
+    page.wait_until(lambda: "the detector finds it" in page.text("health"), "other advice")
+    camera.show_on(page)
+    page.wait_until(lambda: page.locator("#hint").is_hidden(), "picture without a hint")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_parameters_are_found_and_tell_what_they_are_on_demand(page):
+    page.wait_until(lambda: page.locator("#groups details").count(), "parameters")
+    page.locator("#find").fill("MOTION.size_noise")
+    shown = page.locator(".parameter:visible")
+    assert shown.locator("label:first-child").all_inner_texts() == ["motion.size_noise"]
+    about = shown.locator("p.quiet")
+    assert about.is_hidden()
+    page.get_by_role("button", name="What is motion.size_noise?").click()
+    assert about.is_visible()
+    page.locator("#find").fill("")
+    assert page.locator(".parameter:visible").count() == 0

@@ -208,7 +208,11 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
     assert texts.all_text_contents() == ["1 car", f"2 {HOSTILE}"]
     assert {rects.nth(i).get_attribute("stroke") for i in range(2)} == {"#ff8000"}
     rows = page.locator("#target-list .choose").all_text_contents()
-    assert rows == ["1 car · tracking 50 %", f"2 {HOSTILE} · occluded 50 %", "3 · lost 50 %"]
+    assert rows == [
+        "1 car · tracking 50 %",
+        f"2 {HOSTILE} · occluded 50 %, behind 1 car",
+        "3 · lost 50 %, not seen any more; it is searched for",
+    ]
     assert page.text("target-count") == "3 of 4"
     # Each target has its line of confidence.
     show_until(lambda: page.locator("#plot-confidence path").count() == 3, "lines")

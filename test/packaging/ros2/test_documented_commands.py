@@ -117,7 +117,7 @@ FIRST_STEPS = [
         '-p target_box:="[62, 31, 53, 70]"',
         box="/pf_tracker/box",
     ),
-    Ends("ros2 topic echo --once /pf_tracker/box", "points:"),
+    Ends(f"{RUN} watch --once", "target 1  tracking"),
     Ends(f"ros2 topic pub --once /pf_tracker/target {BOW_TIE}", "publishing #1"),
     Ends("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
     GoesOn(
@@ -166,7 +166,7 @@ NODE = [
 USB_CAMERA = [
     Elsewhere("ros2 run usb_cam usb_cam_node_exe --ros-args -r __ns:=/camera", "needs a camera"),
     GoesOn(TRACK_CONSOLE, node="/pf_tracker"),
-    Elsewhere("ros2 topic echo --once /pf_tracker/status", "needs a camera"),
+    Elsewhere(f"{RUN} watch", "needs a camera"),
     GoesOn(
         f"{LAUNCH} tracker.launch.py namespace:=left image:=/left/image_raw",
         node="/left/pf_tracker",
@@ -189,7 +189,7 @@ DEPTH_CAMERA = [
         prints="camera_info on /camera/camera/color/camera_info, depth on "
         "/camera/camera/aligned_depth_to_color/image_raw, odom on /odom",
     ),
-    Elsewhere("ros2 topic echo --once /localizer/pose", "test_launch_files.py"),
+    Elsewhere(f"{RUN} watch", "test_watch.py"),
 ]
 
 LOCALIZER = [
@@ -199,7 +199,7 @@ LOCALIZER = [
         node="/localizer",
         prints="camera_info on /camera/camera_info",
     ),
-    Elsewhere("ros2 topic echo --once /localizer/pose", "test_launch_files.py"),
+    Elsewhere(f"{RUN} watch", "test_watch.py"),
 ]
 
 THERMAL_CAMERA = [
@@ -218,6 +218,12 @@ BAG = [
         "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
         needs="bag",
     ),
+    Elsewhere(
+        f"ros2 bag record -s mcap --storage-config-file {SHARE}/config/rosbag2_record.yaml "
+        "/camera/image_raw /camera/camera_info /odom /imu /tf /tf_static /pf_tracker/status "
+        "/pf_tracker/boxes",
+        "needs rosbag2 with the storage plugin for MCAP",
+    ),
     GoesOn(f"{LAUNCH} tracker.launch.py", node="/pf_tracker", ends=("ros2 bag",)),
     GoesOn(f"{RUN} console rosbag2_2026_01_01", node="/console"),
     GoesOn(
@@ -226,6 +232,17 @@ BAG = [
         prints=TARGET_TAKEN,
         ends=(f"{LAUNCH} tracker", f"{RUN} console"),
     ),
+]
+
+DOCKER = [
+    Elsewhere(command, "needs Docker")
+    for command in (
+        "docker build -t pf_tracker .",
+        "docker run --rm --network host --ipc host -e ROS_DOMAIN_ID pf_tracker",
+        f"docker run --rm --network host --ipc host pf_tracker {RUN} watch",
+        f"docker run --rm -v $PWD:/data pf_tracker {RUN} track /data/drive.mcap "
+        "--box 62,31,53,70 --output /data/tracked",
+    )
 ]
 
 RECIPES = [
@@ -260,6 +277,7 @@ DOCUMENTS = {
     "docs/thermal_camera.md": THERMAL_CAMERA,
     "docs/yolo.md": YOLO,
     "docs/bag.md": BAG,
+    "docs/docker.md": DOCKER,
     "docs/localizer.md": LOCALIZER,
     "docs/recipes.md": RECIPES,
     "docs/benchmarks.md": BENCHMARKS,

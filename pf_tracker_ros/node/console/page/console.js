@@ -11,7 +11,7 @@ import * as tune from "./tune.js";
 
 const RECONNECT = 500, RATE_WINDOW = 2000, HEALTH_DELAY = 200, NOTE_SHOWN = 10000;  // milliseconds
 const UNSENT = "not connected to the console; nothing was sent";
-const HOW = ": drag a box around it";
+const HOW = ": drag a box around it", DETECTOR = ": the detector finds it, or drag a box around one";
 const FIGURES = 200;  // milliseconds between two updates of the figures
 const at = (id) => document.getElementById(id);
 const text = (id, content) => { if (at(id).textContent !== content) at(id).textContent = content; };
@@ -21,6 +21,8 @@ let drawing = Promise.resolve();  // resolves once all received frames are drawn
 let drawOnRequest = false, draw = () => {};  // whether frames wait for a request, and the function that draws the newest
 let healthDue = null;  // timer; the next frame shows it, so that the browser lays out once
 let socket = null, health = {}, lastStatus = null, drawn = [];  // [time, bytes] of the last frames
+let hasDetector = false;  // whether targets start by themselves
+let why = "";  // why the selected or only target is out of sight
 let noteTimer = null;  // clears the note
 let failed = "";  // error of the last frame
 let accepted = "", isTracked = false;  // note about an accepted target, and whether a frame has shown the target
@@ -86,7 +88,11 @@ const handlers = {
   recording(message) { recording.show(message); },
   parameters(message) {
     tune.show(message.parameters);
-    targets.setMaxTargets(message.parameters.find((one) => one.name === "max_targets")?.value ?? 1);
+    const value = (name) => message.parameters.find((one) => one.name === name)?.value;
+    targets.setMaxTargets(value("max_targets") ?? 1);
+    hasDetector = (value("built_in_detector") ?? "none") !== "none";
+    stage.setDetector(hasDetector);
+    showHealth();
   },
   detections: targets.setDetections,
   set(message) { tune.showRefusal(message.name, message.refusal); },
@@ -143,6 +149,10 @@ function showStatus(frame) {
 
 const showFigures = throttle(FIGURES, (frame, values) => {
   showConfidence(values.confidence);
+  const { targets: found = [], selected } = frame.status ?? {};
+  const own = found.find(({ id }) => id === selected) ?? (found.length === 1 ? found[0] : null);
+  why = own ? targets.reason(own, frame) : "";
+  if (!healthDue) text("health", healthText());
   if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
   text("count", number(values.particles, 0));
   text("now-effective", number(values.effective_sample_size, 0));
@@ -178,9 +188,7 @@ function showHealth() {
   // An old picture is gray.
   at("stage").classList.toggle("old", lacksImages() || !alive);
   if (lacksImages() || !alive) text("age", "–");
-  // The state itself is shown large.
-  const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
-  text("health", isPlain ? "" : health.text + (health.text === "waiting for a target" && lastStatus ? HOW : ""));
+  text("health", healthText());
   at("health").dataset.level = health.level;
   const advice = health.text.startsWith("no image for") ? `\n\nStart a camera that publishes on ${health.image_topic}, or play a recording here: console drive.mcap` : "";
   text("missing", `No picture yet: ${health.text}${advice}`);
@@ -190,6 +198,13 @@ function showHealth() {
   if (isBlank) for (const id of ["count", "now-effective", "now-processing"]) text(id, "–");
   stage.setBlank(isBlank, (alive && health.state) || "");
   stage.setPaused(alive && health.text.startsWith("paused"));
+}
+
+// What the state, which is shown large, does not tell; and why the shown target is out of sight.
+function healthText() {
+  const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
+  const advice = health.text === "waiting for a target" && lastStatus ? (hasDetector ? DETECTOR : HOW) : "";
+  return [isPlain ? "" : health.text + advice, why].filter(Boolean).join("; ");
 }
 
 // Reports the width of the picture, which limits the pixels sent.

@@ -3,7 +3,7 @@ import { fit } from "./children.js";
 import { throttle } from "./throttle.js";
 
 const at = (id) => document.getElementById(id);
-const SECONDS = 60, WIDTH = 600, HEIGHT = 100, MARGIN = 4;
+const SECONDS = 60, WIDTH = 600, HEIGHT = 100, MARGIN = 9;
 const SLOT = 0.25;       // seconds per minimum and maximum of a line
 const INTERVAL = 500;    // milliseconds between two redraws
 const SVG = "http://www.w3.org/2000/svg";
@@ -25,10 +25,12 @@ export function add(values, targets) {
       if (typeof value === "number") put(lines, name, now, value);
     }
   }
+  at("axis").classList.toggle("empty", !plots.some(({ lines }) => lines.size));
   draw(values);
 }
 
 export function clear() {
+  at("axis").classList.add("empty");
   for (const { id, lines } of plots) {
     lines.clear();
     at(`plot-${id}`).classList.add("empty");

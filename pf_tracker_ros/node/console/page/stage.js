@@ -20,6 +20,7 @@ let paused = false;
 let blank = false;       // no overlay, as there is no current status
 let blankState = "";     // the state while blank
 let suggested = null;    // box to suggest for the first target, null for one in the middle
+let hasDetector = false;
 let hadTarget = false;   // whether there was a target, so that the user needs no hint
 
 export function show(next, bitmap) {
@@ -58,7 +59,7 @@ export function begin(box, hasHint) {
 // Shows what to do, and a ghost of the box to draw.
 function showHint(state) {
   hadTarget ||= Boolean(state) && !["idle", "skipped"].includes(state);
-  const shown = !hadTarget && mode === "live" && state === "idle";
+  const shown = !hadTarget && mode === "live" && state === "idle" && (!hasDetector || suggested);
   at("hint").hidden = !shown;
   at("ghost").toggleAttribute("hidden", !shown);
   if (!shown) return;
@@ -77,6 +78,9 @@ export function setBlank(now, state) {
   trail = [];
   if (frame && mode === "live") drawOverlay();
 }
+
+// With a detector nobody has to draw.
+export function setDetector(now) { hasDetector = now; }
 
 export function setPaused(now) {
   paused = now;

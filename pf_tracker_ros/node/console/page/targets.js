@@ -13,13 +13,49 @@ let send, maxTargets = 1, detected = null;
 
 const title = ({ id, label }) => label ? `${id} ${label}` : id;
 
+const COVERED = 0.3;     // share of a box that another one covers, to be in front of it
+
+// Share of one box that another covers.
+function coveredShare([x, y, width, height], [u, v, w, h]) {
+  const across = Math.min(x + width, u + w) - Math.max(x, u), down = Math.min(y + height, v + h) - Math.max(y, v);
+  return Math.max(0, across) * Math.max(0, down) / (width * height);
+}
+
+// Why a target is occluded or lost, in words; "" while it is tracked.
+export function reason(one, { boxes = {}, status, width, height }) {
+  if (one.state === "lost") return "not seen any more; it is searched for";
+  const own = boxes?.[one.id]?.box;
+  if (one.state !== "occluded" || !own) return "";
+  const front = status.targets.find((other) => other.id !== one.id && other.state === "tracking" && boxes[other.id]
+    && coveredShare(own, boxes[other.id].box) > COVERED);
+  if (front) return `behind ${title(front)}`;
+  const [x, y, across, down] = own;
+  if (x < 0 || y < 0 || x + across > width || y + down > height) return "at the edge of the picture";
+  return one.confidence >= 0.5 ? "not certain yet: just found again, or a similar object is near" : "hardly seen";
+}
+
+// The labels, without covering each other: one that would goes up, or, at the edge, below its box.
+function placeLabels(boxes, unit) {
+  const taken = [];
+  return boxes.map(({ box: [x, y, , height], caption }) => {
+    const size = TEXT * unit, across = 0.62 * size * caption.length;
+    const isTaken = (top) => taken.some((other) => x < other.x + other.across && other.x < x + across && Math.abs(top - other.top) < size);
+    let top = Math.max(size, y - 4 * unit);
+    while (isTaken(top) && top > size) top = Math.max(size, top - size);
+    if (isTaken(top)) top = y + height + size;
+    taken.push({ x, across, top });
+    return top;
+  });
+}
+
 function draw(parent, boxes, unit) {
+  const tops = placeLabels(boxes, unit);
   fit(parent, boxes.length, labeledBox).forEach((group, i) => {
     const [rect, text] = group.children, { box: [x, y, width, height], stroke, state, caption } = boxes[i];
     set(rect, { x, y, width, height });
     if (stroke) rect.setAttribute("stroke", stroke);
     rect.dataset.state = state ?? "";
-    set(text, { x, y: Math.max(TEXT * unit, y - 4 * unit), "font-size": TEXT * unit });
+    set(text, { x, y: tops[i], "font-size": TEXT * unit });
     text.textContent = caption;
   });
 }
@@ -35,7 +71,7 @@ export function show(frame, unit) {
   const isNew = detected && Math.abs(milliseconds(frame.stamp) - milliseconds(detected.stamp)) < DETECTED;
   draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, caption: label })), unit);
   if (isNew) showDetections();
-  list(found, frame.status?.selected);
+  list(found, frame);
 }
 
 // Whether a click selects a target instead of starting one.
@@ -54,14 +90,16 @@ export const select = (id, selected) => send({ type: "select", id: id === select
 
 export function setDetections(message) { detected = message; }
 
-function list(found, selected) {
+function list(found, frame) {
+  const selected = frame.status?.selected;
   const ids = new Set(found.map(({ id }) => id));
   for (const [id, { row }] of rows) if (!ids.has(id)) { row.remove(); rows.delete(id); }
   for (const one of found) {
     if (!rows.has(one.id)) add(one.id);
     const { mark, choose, stop } = rows.get(one.id);
     mark.style.background = colors.get(one.id) ?? "";
-    const caption = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${Math.round(100 * one.confidence)} %` : ""}`;
+    const why = reason(one, frame);
+    const caption = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${Math.round(100 * one.confidence)} %` : ""}${why ? `, ${why}` : ""}`;
     if (choose.textContent !== caption) choose.textContent = caption;
     choose.setAttribute("aria-pressed", one.id === selected);
     choose.onclick = () => select(one.id, selected);

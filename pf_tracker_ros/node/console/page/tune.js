@@ -56,6 +56,7 @@ function build(parameters) {
     details.dataset.group = group;
     return details;
   }));
+  if (at("find").value) find();
   if (focused) at(focused)?.focus();
 }
 
@@ -74,11 +75,15 @@ function row(one) {
     inputs[0].focus();  // the button is going to be disabled
     submit(one.default);
   } });
+  const about = element("button", { type: "button", className: "about", textContent: "?", ariaExpanded: false, ariaLabel: `What is ${one.name}?`, title: one.description, onclick() {
+    about.ariaExpanded = entry.classList.toggle("asked");
+  } });
   const entry = element("div", { className: "parameter" },
-    element("label", { htmlFor: id, textContent: one.name }),
+    element("label", { htmlFor: id, textContent: one.name }), " ", about,
     element("div", { className: "field" }, ...inputs.map((input) => input.choice ? element("label", { className: "choice" }, input, input.choice) : input), reset),
     element("p", { className: "quiet", id: `${id}-about`, textContent: `${one.description} Allowed: ${allowed}.${one.read_only ? " Read-only while the node runs." : ""}` }),
     refusal);
+  entry.dataset.words = `${one.name} ${one.description}`.toLowerCase();
   fields.set(one.name, { row: entry, show, refusal, reset, input: inputs[0] });
   return entry;
 }
@@ -155,9 +160,21 @@ function endTyping() {
   waiting = null;
 }
 
+// Shows the parameters with all words of the search, and opens their groups.
+function find() {
+  const words = at("find").value.toLowerCase().split(/\s+/).filter(Boolean);
+  for (const details of at("groups").querySelectorAll("details")) {
+    const rows = [...details.querySelectorAll(".parameter")];
+    for (const row of rows) row.hidden = !words.every((word) => row.dataset.words.includes(word));
+    details.hidden = rows.every((row) => row.hidden);
+    details.open = words.length > 0 && !details.hidden;
+  }
+}
+
 export function init(sender) {
   send = sender;
   at("groups").addEventListener("input", () => { typing = true; });
+  at("find").addEventListener("input", find);
   // The handlers of the fields themselves run first.
   for (const kind of ["change", "focusout"]) at("groups").addEventListener(kind, endTyping);
   at("reset").addEventListener("click", () => send({ type: "reset" }));

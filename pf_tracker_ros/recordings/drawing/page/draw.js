@@ -78,9 +78,7 @@ async function put(response) {
   const [width, height] = response.headers.get("X-Size").split(" ").map(Number);
   const bitmap = await createImageBitmap(await response.blob());
   frame = { number: Number(response.headers.get("X-Frame")), width, height };
-  [picture.width, picture.height] = [bitmap.width, bitmap.height];
-  picture.getContext("2d").drawImage(bitmap, 0, 0);
-  bitmap.close();
+  draw(bitmap);
   overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
   overlay.dataset.frame = frame.number;
   at("stage").style.setProperty("--ratio", width / height);
@@ -89,6 +87,12 @@ async function put(response) {
   at("frame").textContent = Number(seek.max) ? `${frame.number} / ${seek.max}` : frame.number;
   editor.show(editor.box(), mode === "editing");
   showKept();
+}
+
+function draw(bitmap) {
+  [picture.width, picture.height] = [bitmap.width, bitmap.height];
+  picture.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
 }
 
 const how = () => HOW + (kept.length + 1 < maxTargets ? MORE : "");
@@ -126,6 +130,57 @@ async function decide(path, body) {
   const [ok, text] = await request(path, { method: "POST", body });
   note(text, ok);
   setMode(ok ? "done" : before);
+  if (ok && path === "/targets") watch();
+}
+
+// From here on the page shows the tracking: a stream of events, and the newest picture.
+function watch() {
+  at("heading").textContent = "Tracking";
+  at("recording").hidden = at("actions").hidden = true;
+  at("progress").hidden = false;
+  overlay.setAttribute("hidden", "");
+  const events = new EventSource("/progress");
+  let shown = null;
+  events.addEventListener("message", (event) => {
+    const now = JSON.parse(event.data);
+    if (now.files) return finish(events, now);
+    if (now.frame === null || now.frame === shown) return;
+    shown = now.frame;
+    const { frame, frames, state, confidence, targets, rate } = now;
+    if (frames) at("bar").value = (frame + 1) / frames;
+    const found = targets > 1 ? `${targets} targets` : state + (confidence === null ? "" : ` ${confidence.toFixed(2)}`);
+    at("now").textContent = `frame ${frame + 1}${frames ? ` of ${frames}` : ""}: ${found}, ${rate.toFixed(0)} frames/s`;
+    showTracked();
+  });
+  events.addEventListener("error", () => {
+    events.close();
+    note("track has ended; the terminal has the reason", false);
+  });
+}
+
+async function showTracked() {
+  if (loading) return;
+  loading = true;
+  const [ok, response] = await request("/picture");
+  if (ok) draw(await createImageBitmap(await response.blob()));
+  loading = false;
+}
+
+function finish(events, { text, files, report }) {
+  note(text);
+  at("progress").hidden = true;
+  at("heading").textContent = "Tracked";
+  if (!report) return events.close();
+  // The stream stays open: while it is, track serves the results.
+  document.querySelector("main").dataset.shown = "report";
+  at("files").replaceChildren(...files.map(([name, address]) => {
+    const link = document.createElement("a");
+    [link.textContent, link.href, link.target] = [name, address, "_blank"];
+    return link;
+  }));
+  at("files").hidden = false;
+  at("report").src = report;
+  at("report").hidden = false;
 }
 
 function send() {

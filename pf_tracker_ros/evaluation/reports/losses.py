@@ -1,0 +1,163 @@
+"""Where targets were out of sight, and what the boxes and the confidence tell about the cause.
+
+1. An episode is a run of frames in which the target is occluded, lost or absent. Occlusions of
+   fewer than `_MIN_OCCLUSION` frames are no episodes.
+2. The cause is read from the last box before it, in this order: frames were skipped, another target
+   covers the box, the box touches the edge of the image, or how fast the confidence fell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.plurals import counted
+
+_OUT_OF_SIGHT = ("occluded", "lost", "absent")
+_MIN_OCCLUSION = 3
+_MAX_LISTED = 40
+# Share of the box that another one covers.
+_COVERED = 0.3
+# Distance to the edge of the image, as a share of the box's side.
+_NEAR_EDGE = 0.1
+# Frames in which a sudden fall of the confidence happens, and those that are looked at.
+_SUDDEN, _LOOK_BACK = 3, 30
+_NOTABLE_FALL = 0.1
+
+
+class Loss(NamedTuple):
+    """An episode in which a target was out of sight.
+
+    Attributes:
+        target: Name of the target.
+        first: Its first frame, counted from 0.
+        last: Its last frame.
+        worst: The worst state, "occluded", "lost" or "absent".
+        cause: What the data tell about the cause, as a sentence.
+        outcome: How it ended, as a sentence.
+    """
+
+    target: str
+    first: int
+    last: int
+    worst: str
+    cause: str
+    outcome: str
+
+
+def losses(
+    contents: Sequence[SequenceContent], image_size: tuple[int, int]
+) -> tuple[list[Loss], int]:
+    """The episodes of all targets of a recording, in order of their first frames.
+
+    Args:
+        contents: The targets.
+        image_size: (width, height) in pixels; (0, 0) if unknown.
+
+    Returns:
+        The longest episodes, at most 40, and the number of all.
+    """
+    found = [loss for content in contents for loss in _losses(content, contents, image_size)]
+    longest = sorted(found, key=lambda loss: loss.first - loss.last)[:_MAX_LISTED]
+    return sorted(longest, key=lambda loss: loss.first), len(found)
+
+
+def _losses(
+    content: SequenceContent, contents: Sequence[SequenceContent], image_size: tuple[int, int]
+) -> Iterator[Loss]:
+    index = 0
+    for is_out, frames in groupby(content.states, lambda state: state in _OUT_OF_SIGHT):
+        states = list(frames)
+        start, index = index, index + len(states)
+        worst = max(states, key=_OUT_OF_SIGHT.index) if is_out else ""
+        is_short = worst == "occluded" and len(states) < _MIN_OCCLUSION
+        if not is_out or is_short:
+            continue
+        yield Loss(
+            content.name,
+            content.first + start,
+            content.first + index - 1,
+            worst,
+            _cause(content, start, contents, image_size),
+            _outcome(content, start, index),
+        )
+
+
+def _cause(
+    content: SequenceContent,
+    start: int,
+    contents: Sequence[SequenceContent],
+    image_size: tuple[int, int],
+) -> str:
+    before = content.states[max(0, start - _SUDDEN) : start]
+    if skipped := before.count("skipped"):
+        return f"after {counted(skipped, 'skipped frame')}"
+    box = content.boxes[start]
+    if not np.isfinite(box).all():
+        return "no box before it"
+    number = content.first + start
+    for other in contents:
+        index = number - other.first
+        if other is content or not 0 <= index < other.frames or other.states[index] != "tracking":
+            continue
+        if _covered_share(box, other.boxes[index]) > _COVERED:
+            return f"behind {other.name}"
+    if edge := _edge(box, image_size):
+        return f"at the {edge} edge of the image"
+    return _fall(content.confidence, start)
+
+
+def _covered_share(box: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    low = np.maximum(box[:2], other[:2])
+    high = np.minimum(box[:2] + box[2:], other[:2] + other[2:])
+    return float(np.prod(np.clip(high - low, 0.0, None)) / np.prod(box[2:]))
+
+
+def _edge(box: NDArray[np.float64], image_size: tuple[int, int]) -> str:
+    if not all(image_size):
+        return ""
+    x, y, width, height = box
+    distances = {
+        "left": x / width,
+        "right": (image_size[0] - x - width) / width,
+        "upper": y / height,
+        "lower": (image_size[1] - y - height) / height,
+    }
+    nearest = min(distances, key=lambda name: distances[name])
+    return nearest if distances[nearest] < _NEAR_EDGE else ""
+
+
+def _fall(confidence: NDArray[np.float64], start: int) -> str:
+    """How the confidence fell up to a frame."""
+    low = float(confidence[start])
+    past = confidence[max(0, start - _LOOK_BACK) : start]
+    past = past[np.isfinite(past)]
+    if math.isnan(low) or not len(past):
+        return "the confidence is unknown"
+    high = float(past.max())
+    if high - low < _NOTABLE_FALL:
+        return (
+            f"the confidence stayed at {low:.2f}: a target in front of it, or its depth, tells so"
+        )
+    frames = len(past) - int(np.flatnonzero(past >= high - 0.1 * (high - low))[-1])
+    values = f"from {high:.2f} to {low:.2f} in {counted(frames, 'frame')}"
+    if frames <= _SUDDEN:
+        return f"the confidence fell {values}: something covered it, or it jumped"
+    return f"the confidence fell {values}: it was covered or changed its looks slowly"
+
+
+def _outcome(content: SequenceContent, start: int, end: int) -> str:
+    if end == content.frames:
+        return "not found again"
+    if content.states[end] != "tracking":
+        return f"then {content.states[end]}"
+    before, after = (content.boxes[index] for index in (max(0, start - 1), end))
+    distance = np.linalg.norm(after[:2] + after[2:] / 2 - before[:2] - before[2:] / 2)
+    place = f", {distance:.0f} px away" if np.isfinite(distance) else ""
+    return f"found again in frame {content.first + end}{place}"

@@ -1,0 +1,1 @@
+"""The node `watch`: boxes and positions as lines of text."""

@@ -1,0 +1,97 @@
+"""`watch` prints what a real tracker publishes."""
+
+import sys
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from pf_tracker_ros.node.watch.watch_node import WatchNode, lines
+
+
+def status(message="", **values):
+    items = [KeyValue(key=key, value=value) for key, value in values.items()]
+    return DiagnosticStatus(message=message, values=items)
+
+
+def texts(*statuses):
+    return [text for _, _, text in lines(DiagnosticArray(status=statuses))]
+
+
+BOX = {"box_x": "20.0", "box_y": "30.04", "box_width": "24", "box_height": "25.5"}
+
+
+def test_a_line_has_state_confidence_and_box_or_position():
+    target = status(id="3", label="person", state="tracking", confidence="0.938", **BOX)
+    assert texts(status(), target) == [
+        "target 3 person  tracking 0.94  box at 20.0, 30.0, 24.0 x 25.5 px"
+    ]
+    place = {"x": "2.312", "y": "-0.4", "velocity_x": "0.8", "velocity_y": "0"}
+    located = status(id="3", label="", state="occluded", confidence="0.5", **place)
+    assert texts(status(), located) == ["target 3  occluded 0.50  at 2.31, -0.40 m, 0.80, 0.00 m/s"]
+
+
+def test_without_a_target_or_a_position_the_line_has_the_reason():
+    assert texts(status("waiting for a target", state="idle")) == [
+        "no target: waiting for a target"
+    ]
+    unknown = status("no depth", id="1", label="", state="lost", confidence="x")
+    assert texts(status(), unknown) == ["target 1  lost ?  no depth"]
+    assert texts() == ["no target: "]
+
+
+@pytest.fixture
+def lines_of(graph, client, images, box, capfd):
+    """A function that prints a real tracker at a rate; returns the lines of its target."""
+
+    def run(rate):
+        tracker = graph.tracker(client, preset="li2007", particles=20)
+        watch = WatchNode(rate=rate, context=graph.context())
+        graph.run(watch)
+        graph.introduce(client, tracker, watch)
+        client.point_at(box)
+        client.show_all(images)
+        found = ""
+
+        def has_first():
+            nonlocal found
+            found += capfd.readouterr().out
+            return " tracking " in found
+
+        client.wait_for(has_first, "line")
+        graph.close()
+        found += capfd.readouterr().out
+        return [line for line in found.splitlines() if "target 1" in line]
+
+    return run
+
+
+def test_it_prints_each_frame_of_a_real_tracker(lines_of, client):
+    found = lines_of(0.0)
+    assert len(found) == 20
+    first = f"{client.at(0) / 1e9:.3f}  target 1  tracking 1.00  box at 20.0, 30.0, 24.0 x 24.0 px"
+    assert found[0] == first
+
+
+def test_it_prints_so_many_lines_a_second(lines_of):
+    assert len(lines_of(0.001)) == 1
+
+
+def test_once_ends_with_the_first_target(graph, client, images, box):
+    code = "import pf_tracker_ros.commands as c; c.watch()"
+    graph.tracker(client, preset="li2007", particles=20)
+    process = graph.command(sys.executable, "-c", code, "--once")
+    client.point_at(box)
+    client.show_all(images)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert "target 1  tracking" in output
+
+
+def test_a_missing_tracker_is_reported(graph, monkeypatch, capfd):
+    monkeypatch.setattr("pf_tracker_ros.node.watch.watch_node._SILENCE", 0.1)
+    client = graph.client()
+    graph.run(WatchNode(context=graph.context()))
+    client.wait_for(
+        lambda: "no status on /pf_tracker/status: start a tracker" in capfd.readouterr().err,
+        "warning",
+    )
