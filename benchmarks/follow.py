@@ -26,7 +26,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 # One thread for linear algebra; read when NumPy is imported.
@@ -37,9 +37,9 @@ import cv2
 import numpy as np
 from follow_parts.chain import LibraryChain
 from follow_parts.drawing import RunVideo, draw_map
-from follow_parts.loop import moments
+from follow_parts.loop import Chain, moments
 from follow_parts.metrics import Row, figures, row_of, write_trace
-from follow_parts.scenarios import SCENARIOS
+from follow_parts.scenarios import SCENARIOS, Scenario
 from follow_parts.world import World
 from tables import Table
 
@@ -69,8 +69,9 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     cv2.setNumThreads(1)
     scenario = SCENARIOS[name]
     rows: list[Row] = []
-    world, chain = World.draw(seed, scenario, options.seconds), LibraryChain(scenario, seed)
+    world = World.draw(seed, scenario, options.seconds)
     with ExitStack() as stack:
+        chain = stack.enter_context(closing(_chain(scenario, seed, has_nodes=options.nodes)))
         video = None
         if options.video:
             video = stack.enter_context(RunVideo(_named(options.video, name, seed), world.layout))
@@ -83,6 +84,15 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     if options.trace:
         write_trace(_named(options.trace, name, seed), rows)
     return figures(rows)
+
+
+def _chain(scenario: Scenario, seed: int, *, has_nodes: bool) -> Chain:
+    if not has_nodes:
+        return LibraryChain(scenario, seed)
+    # Only here, as ROS is not installed everywhere.
+    from follow_parts.nodes import NodeChain
+
+    return NodeChain(scenario, seed)
 
 
 def _named(path: Path, name: str, seed: int) -> Path:
@@ -130,6 +140,9 @@ def arguments() -> argparse.ArgumentParser:
     )
     made.add_argument("--seconds", type=float, default=100.0, help="of each run [%(default)s]")
     made.add_argument("--jobs", type=options_of.at_least(1), default=1, help="[%(default)s]")
+    made.add_argument(
+        "--nodes", action="store_true", help="the nodes of ROS in place of the library"
+    )
     for name, what in (
         ("--trace", "CSV of each frame"),
         ("--video", "MP4 of the images and the map"),

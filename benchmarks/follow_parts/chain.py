@@ -186,6 +186,9 @@ class LibraryChain:
             session.set_covered_shares(located.covered_shares, stamp)
         return _report(result, located, self._parameters.min_confidence)
 
+    def close(self) -> None:
+        """Nothing has to be ended."""
+
 
 def _depth_message(depth: NDArray[np.uint16]) -> Any:
     rows, columns = depth.shape

@@ -47,6 +47,9 @@ class Chain(Protocol):
     ) -> Report:
         """Process an image; odometry up to its time has been taken."""
 
+    def close(self) -> None:
+        """End it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Moment:
