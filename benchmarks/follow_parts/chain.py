@@ -87,9 +87,12 @@ def localizer_parameters(scenario: Scenario) -> LocalizerParameters:
     return LocalizerParameters(camera=CameraParameters(CAMERA_HEIGHT, CAMERA_PITCH, 0.0))
 
 
-def tracker_parameters(scenario: Scenario) -> dict[str, Any]:
-    """Those of the preset `default`."""
-    return preset_parameters("default", scenario.max_targets)
+def session(max_targets: int, seed: int) -> Session:
+    """A session with the preset `default`, set as that of the node."""
+    made, node = Session(preset_parameters("default", max_targets), seed), NodeParameters()
+    made.frozen_after = node.frozen_after
+    made.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
+    return made
 
 
 def camera_info() -> Any:
@@ -124,10 +127,7 @@ class LibraryChain:
     """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        node = NodeParameters()
-        self._session = Session(tracker_parameters(scenario), seed)
-        self._session.frozen_after = node.frozen_after
-        self._session.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
+        self._session = session(scenario.max_targets, seed)
         self._max_targets = scenario.max_targets
         self._parameters = localizer_parameters(scenario)
         self._calibration = CameraCalibration(_Feed(is_used=True))
