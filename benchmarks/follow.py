@@ -71,7 +71,7 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     rows: list[Row] = []
     world = World.draw(seed, scenario, options.seconds)
     with ExitStack() as stack:
-        chain = stack.enter_context(closing(_chain(scenario, seed, has_nodes=options.nodes)))
+        chain = stack.enter_context(closing(_chain(scenario, seed, world, has_nodes=options.nodes)))
         video = None
         if options.video:
             video = stack.enter_context(RunVideo(_named(options.video, name, seed), world.layout))
@@ -86,13 +86,13 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     return figures(rows)
 
 
-def _chain(scenario: Scenario, seed: int, *, has_nodes: bool) -> Chain:
+def _chain(scenario: Scenario, seed: int, world: World, *, has_nodes: bool) -> Chain:
     if not has_nodes:
-        return LibraryChain(scenario, seed)
+        return LibraryChain(scenario, seed, has_imu=world.has_imu)
     # Only here, as ROS is not installed everywhere.
     from follow_parts.nodes import NodeChain
 
-    return NodeChain(scenario, seed)
+    return NodeChain(scenario, seed, has_imu=world.has_imu)
 
 
 def _named(path: Path, name: str, seed: int) -> Path:
@@ -104,6 +104,8 @@ def table(results: dict[str, dict[int, dict[str, float]]]) -> Table:
     """A group of rows for each scenario: its seeds, and their mean."""
     groups = []
     for name, by_seed in results.items():
+        if not by_seed:
+            continue
         rows = [[name, str(seed), *_cells([one])] for seed, one in sorted(by_seed.items())]
         groups.append([*rows, [name, "mean", *_cells(list(by_seed.values()))]])
     return Table("Following a person", ("scenario", "seed", *_COLUMNS), groups, names=2)
@@ -176,13 +178,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             name, seed = waiting[done]
             results[name][seed] = done.result()
             on_progress(f"{name} {seed}", 1)
-    made = table(results)
+            made = table(results)
+            _write(options.output, results, made)
     made.show()
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / "follow.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
-    lines = [f"## {made.title}", "", *made.markdown(), ""]
-    (options.output / "follow.md").write_text("\n".join(lines), encoding="utf-8")
     return 0
+
+
+def _write(folder: Path, results: dict[str, dict[int, dict[str, float]]], made: Table) -> None:
+    """Write what there is: a long measurement may be stopped."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "follow.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+    lines = [f"## {made.title}", "", *made.markdown(), ""]
+    (folder / "follow.md").write_text("\n".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, Image, Imu, RegionOfInterest
 from std_msgs.msg import Header, UInt32
 
-from follow_parts.chain import Report, camera_info, odometry_values, stamp_at
-from follow_parts.rendering import CAMERA_HEIGHT, CAMERA_PITCH
-from follow_parts.robot import Pose2D
+from follow_parts.chain import Report, camera_info, camera_parameters, odometry_values, stamp_at
 from follow_parts.scenarios import Scenario
+from follow_parts.world import Motion
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.localization.tracker_frame import TrackerFrame
@@ -48,12 +47,13 @@ class NodeChain:
     Args:
         scenario: What there is to be fed.
         seed: Of the tracker.
+        has_imu: Whether there is an accelerometer.
 
     Raises:
         TimeoutError: The nodes do not find each other.
     """
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
+    def __init__(self, scenario: Scenario, seed: int, *, has_imu: bool) -> None:
         self._stack = ExitStack()
         domain = self._stack.enter_context(unused_domain())
         context = Context()
@@ -65,7 +65,7 @@ class NodeChain:
             context=context,
             parameter_overrides=_overrides(image_reliability="reliable", **parameters),
         )
-        camera = {"camera.height": CAMERA_HEIGHT, "camera.pitch": CAMERA_PITCH}
+        camera = {f"camera.{name}": one for name, one in camera_parameters(has_imu=has_imu).items()}
         self._localizer = LocalizerNode(context=context, parameter_overrides=_overrides(**camera))
         robot = rclpy.create_node("robot", context=context)
         for node in (self._tracker, self._localizer, robot):
@@ -89,17 +89,24 @@ class NodeChain:
                 ("pf_tracker/target", PolygonStamped),
                 ("pf_tracker/select", UInt32),
                 *([("depth", Image)] if scenario.has_depth else []),
+                *([("imu", Imu)] if has_imu else []),
             )
         }
         self._wait(self._is_connected, "the nodes have not found each other")
 
-    def take_odometry(self, time: float, pose: Pose2D) -> None:
-        """Publish on the topic odom."""
+    def take_motion(self, motion: Motion) -> None:
+        """Publish on the topics odom and imu."""
+        time, pose = motion.time, motion.odometry
         message = Odometry(header=_header(time, "odom"))
         message.pose.pose.position.x, message.pose.pose.position.y = pose.x, pose.y
         turn = message.pose.pose.orientation
         turn.z, turn.w = math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0)
         self._topics["odom"].publish(message)
+        if "imu" in self._topics:
+            imu, acceleration = Imu(header=_header(time, "camera")), motion.acceleration.tolist()
+            one = imu.linear_acceleration
+            one.x, one.y, one.z = acceleration
+            self._topics["imu"].publish(imu)
 
     def take_detections(self, detections: Detections, time: float) -> None:
         """Give the detections of the image of a time to the tracker."""
