@@ -245,7 +245,9 @@ def _returns(
     visible: NDArray[np.bool_], posed: NDArray[np.bool_], interval: float
 ) -> dict[str, float]:
     """Times from the end of each occlusion to the first right pose."""
-    short, long, back = [], [], []
+    short: list[float] = []
+    long: list[float] = []
+    back: list[bool] = []
     for begin, end in spans(~visible):
         again = np.flatnonzero(posed[end:])
         # Without a pose until the end of the run, it takes at least so long.

@@ -110,7 +110,8 @@ class NodeChain:
 
     def take_detections(self, detections: Detections, time: float) -> None:
         """Give the detections of the image of a time to the tracker."""
-        self._tracker._manager.session.add_detections(detections, stamp_at(time))
+        if session := self._tracker._manager.session:
+            session.add_detections(detections, stamp_at(time))
 
     def request(self, box: Box, time: float) -> None:
         """Publish a box on the image of a time."""

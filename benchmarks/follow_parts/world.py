@@ -84,6 +84,13 @@ class World:
         cast: Everybody; the first is followed.
         time: Seconds since the start.
         has_imu: Whether the camera has an accelerometer; else its tilt is known by its drawing.
+
+    Args:
+        layout: The room.
+        renderer: Of the room.
+        robot: At its start.
+        cast: Everybody at their start.
+        generator: Light and the noise of the sensors are drawn from it.
     """
 
     def __init__(
