@@ -26,7 +26,7 @@ import os
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 # One thread for linear algebra; read when NumPy is imported.
@@ -37,9 +37,9 @@ import cv2
 import numpy as np
 from follow_parts.chain import LibraryChain
 from follow_parts.drawing import RunVideo, draw_map
-from follow_parts.loop import moments
+from follow_parts.loop import Chain, moments
 from follow_parts.metrics import Row, figures, row_of, write_trace
-from follow_parts.scenarios import SCENARIOS
+from follow_parts.scenarios import SCENARIOS, Scenario
 from follow_parts.world import World
 from tables import Table
 
@@ -69,8 +69,9 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     cv2.setNumThreads(1)
     scenario = SCENARIOS[name]
     rows: list[Row] = []
-    world, chain = World.draw(seed, scenario, options.seconds), LibraryChain(scenario, seed)
+    world = World.draw(seed, scenario, options.seconds)
     with ExitStack() as stack:
+        chain = stack.enter_context(closing(_chain(scenario, seed, world, has_nodes=options.nodes)))
         video = None
         if options.video:
             video = stack.enter_context(RunVideo(_named(options.video, name, seed), world.layout))
@@ -85,6 +86,15 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     return figures(rows)
 
 
+def _chain(scenario: Scenario, seed: int, world: World, *, has_nodes: bool) -> Chain:
+    if not has_nodes:
+        return LibraryChain(scenario, seed, has_imu=world.has_imu)
+    # Only here, as ROS is not installed everywhere.
+    from follow_parts.nodes import NodeChain
+
+    return NodeChain(scenario, seed, has_imu=world.has_imu)
+
+
 def _named(path: Path, name: str, seed: int) -> Path:
     """A file of one run: `{}` in the name becomes scenario and seed."""
     return Path(str(path).replace("{}", f"{name}_{seed}"))
@@ -94,6 +104,8 @@ def table(results: dict[str, dict[int, dict[str, float]]]) -> Table:
     """A group of rows for each scenario: its seeds, and their mean."""
     groups = []
     for name, by_seed in results.items():
+        if not by_seed:
+            continue
         rows = [[name, str(seed), *_cells([one])] for seed, one in sorted(by_seed.items())]
         groups.append([*rows, [name, "mean", *_cells(list(by_seed.values()))]])
     return Table("Following a person", ("scenario", "seed", *_COLUMNS), groups, names=2)
@@ -130,6 +142,9 @@ def arguments() -> argparse.ArgumentParser:
     )
     made.add_argument("--seconds", type=float, default=100.0, help="of each run [%(default)s]")
     made.add_argument("--jobs", type=options_of.at_least(1), default=1, help="[%(default)s]")
+    made.add_argument(
+        "--nodes", action="store_true", help="the nodes of ROS in place of the library"
+    )
     for name, what in (
         ("--trace", "CSV of each frame"),
         ("--video", "MP4 of the images and the map"),
@@ -163,13 +178,18 @@ def main(argv: Sequence[str] | None = None) -> int:
             name, seed = waiting[done]
             results[name][seed] = done.result()
             on_progress(f"{name} {seed}", 1)
-    made = table(results)
+            made = table(results)
+            _write(options.output, results, made)
     made.show()
-    options.output.mkdir(parents=True, exist_ok=True)
-    (options.output / "follow.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
-    lines = [f"## {made.title}", "", *made.markdown(), ""]
-    (options.output / "follow.md").write_text("\n".join(lines), encoding="utf-8")
     return 0
+
+
+def _write(folder: Path, results: dict[str, dict[int, dict[str, float]]], made: Table) -> None:
+    """Write what there is: a long measurement may be stopped."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "follow.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+    lines = [f"## {made.title}", "", *made.markdown(), ""]
+    (folder / "follow.md").write_text("\n".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

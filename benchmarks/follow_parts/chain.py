@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
-from follow_parts.robot import Pose2D
 from follow_parts.scenarios import Scenario
+from follow_parts.world import Motion
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
@@ -82,14 +82,17 @@ def stamp_at(time: float) -> int:
     return _EPOCH + round(time * NANOSECONDS)
 
 
-def localizer_parameters(scenario: Scenario) -> LocalizerParameters:
-    """As a user sets them: height and tilt of the camera by its drawing."""
-    return LocalizerParameters(camera=CameraParameters(CAMERA_HEIGHT, CAMERA_PITCH, 0.0))
+def camera_parameters(*, has_imu: bool) -> dict[str, float]:
+    """As a user sets them: height and tilt of the camera by its drawing, or tilt by the IMU."""
+    return {"height": CAMERA_HEIGHT, "pitch": 0.0 if has_imu else CAMERA_PITCH}
 
 
-def tracker_parameters(scenario: Scenario) -> dict[str, Any]:
-    """Those of the preset `default`."""
-    return preset_parameters("default", scenario.max_targets)
+def session(max_targets: int, seed: int) -> Session:
+    """A session with the preset `default`, set as that of the node."""
+    made, node = Session(preset_parameters("default", max_targets), seed), NodeParameters()
+    made.frozen_after = node.frozen_after
+    made.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
+    return made
 
 
 def camera_info() -> Any:
@@ -121,33 +124,42 @@ class LibraryChain:
     Args:
         scenario: What there is to be fed.
         seed: Of the tracker.
+        has_imu: Whether there is an accelerometer.
     """
 
-    def __init__(self, scenario: Scenario, seed: int) -> None:
-        node = NodeParameters()
-        self._session = Session(tracker_parameters(scenario), seed)
-        self._session.frozen_after = node.frozen_after
-        self._session.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
+    def __init__(self, scenario: Scenario, seed: int, *, has_imu: bool) -> None:
+        self._session = session(scenario.max_targets, seed)
         self._max_targets = scenario.max_targets
-        self._parameters = localizer_parameters(scenario)
+        self._parameters = LocalizerParameters(
+            camera=CameraParameters(**camera_parameters(has_imu=has_imu))
+        )
         self._calibration = CameraCalibration(_Feed(is_used=True))
         self._calibration.take(1, "camera", camera_info())
         self._depth = DepthImages(_Feed(is_used=scenario.has_depth))
         self._base = BasePoses(_Feed(is_used=True))
-        gravity = Gravity(_Feed(is_used=False))
+        self._gravity = Gravity(_Feed(is_used=has_imu))
+        self._has_imu = has_imu
         self._problems = Problems(lambda sentence: None, math.inf)
         self._localizer = FrameLocalizer(
-            Sensors(self._calibration, self._depth, self._base, gravity), self._problems
+            Sensors(self._calibration, self._depth, self._base, self._gravity), self._problems
         )
 
-    def take_odometry(self, time: float, pose: Pose2D) -> None:
-        """Take a message of the topic odom."""
+    def take_motion(self, motion: Motion) -> None:
+        """Take a message of the topic odom, and one of the topic imu where there is one."""
+        pose, stamp = motion.odometry, stamp_at(motion.time)
         half = pose.yaw / 2.0
         orientation = SimpleNamespace(x=0.0, y=0.0, z=math.sin(half), w=math.cos(half))
         position = SimpleNamespace(x=pose.x, y=pose.y, z=0.0)
         pose_message = SimpleNamespace(position=position, orientation=orientation)
         message = SimpleNamespace(pose=SimpleNamespace(pose=pose_message))
-        self._base.take(stamp_at(time), "odom", message)
+        self._base.take(stamp, "odom", message)
+        if self._has_imu and not self._gravity.is_needless(stamp):
+            x, y, z = motion.acceleration.tolist()
+            acceleration = SimpleNamespace(x=x, y=y, z=z)
+            imu = SimpleNamespace(
+                linear_acceleration=acceleration, linear_acceleration_covariance=[0.0] * 9
+            )
+            self._gravity.take(stamp, "camera", imu)
 
     def take_detections(self, detections: Detections, time: float) -> None:
         """Take the detections of the image of a time."""
@@ -184,6 +196,9 @@ class LibraryChain:
         )
         session.set_hints(located.hints, stamp)
         return _report(result, located)
+
+    def close(self) -> None:
+        """Nothing has to be ended."""
 
 
 def _depth_message(depth: NDArray[np.uint16]) -> Any:

@@ -265,7 +265,7 @@ def _room(generator: np.random.Generator, width: float, depth: float) -> Array:
     here = corners[which]
     around = [corners[which - 1] - here, corners[(which + 1) % 4] - here]
     cut = [here + size * one / np.linalg.norm(one) for one in around]
-    return np.insert(np.delete(corners, which, 0), which, cut, axis=0)
+    return np.asarray(np.insert(np.delete(corners, which, 0), which, cut, axis=0), float)
 
 
 def _corridor(generator: np.random.Generator) -> Array:

@@ -16,7 +16,7 @@ from follow_parts.detector import DELAY, INTERVAL, clipped, detect
 from follow_parts.rendering import Seen
 from follow_parts.robot import Pose2D
 from follow_parts.scenarios import Scenario
-from follow_parts.world import RATE, Truth, World
+from follow_parts.world import RATE, Motion, Truth, World
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box, iou
 
@@ -30,8 +30,8 @@ _SELECTED_ABOVE = 0.5
 class Chain(Protocol):
     """Tracker and localizer; times are seconds."""
 
-    def take_odometry(self, time: float, pose: Pose2D) -> None:
-        """Take a message of the topic odom."""
+    def take_motion(self, motion: Motion) -> None:
+        """Take a message of the topic odom, and one of the topic imu where there is one."""
 
     def take_detections(self, detections: Detections, time: float) -> None:
         """Take the detections of the image of a time."""
@@ -46,6 +46,9 @@ class Chain(Protocol):
         self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
     ) -> Report:
         """Process an image; odometry up to its time has been taken."""
+
+    def close(self) -> None:
+        """End it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +128,7 @@ def moments(
     generator = np.random.default_rng([seed, _DETECTOR])
     late: deque[tuple[float, float, Box | None, Detections]] = deque()
     commands = deque([(0.0, 0.0)] * _COMMAND_DELAY)
-    chain.take_odometry(0.0, world.robot.odometry)
+    chain.take_motion(Motion(0.0, world.robot.odometry, world.acceleration(0.0, 0.0)))
     for number in range(round(seconds * RATE)):
         truth = world.observe()
         time, people = truth.time, truth.view.people
@@ -141,8 +144,8 @@ def moments(
         yield Moment(truth, report)
         controller.take(_perceived(time, truth.odometry, report))
         commands.append(controller.command(time, truth.odometry, world.is_free))
-        for at, pose in world.advance(*commands.popleft()):
-            chain.take_odometry(at, pose)
+        for motion in world.advance(*commands.popleft()):
+            chain.take_motion(motion)
 
 
 def _perceived(time: float, odometry: Pose2D, report: Report) -> Perceived:

@@ -234,7 +234,7 @@ def figures(rows: Sequence[Row], interval: float = INTERVAL) -> dict[str, float]
         "visible": _mean(visible),
         **_returns(visible, near, interval),
         **_standing(kept, posed, interval),
-        "rms": _rms((said - distance)[both]),
+        "rms": _rms((said - distance)[near]),
         "raw_rms": _rms((measured - distance)[both]),
         "lag": _lag(kept, near),
         "nees": _mean(np.array([row.nees for row in kept])[posed]),
@@ -245,13 +245,15 @@ def _returns(
     visible: NDArray[np.bool_], posed: NDArray[np.bool_], interval: float
 ) -> dict[str, float]:
     """Times from the end of each occlusion to the first right pose."""
-    short, long, back = [], [], []
+    short: list[float] = []
+    long: list[float] = []
+    back: list[bool] = []
     for begin, end in spans(~visible):
-        if end == len(visible):
-            continue
         again = np.flatnonzero(posed[end:])
-        # Without a pose until the end, it is later than that.
-        time = interval * float(again[0]) if len(again) else math.inf
+        # Without a pose until the end of the run, it takes at least so long.
+        time = interval * float(again[0] if len(again) else len(visible) - end)
+        if not len(again) and time < _BACK:
+            continue
         duration = (end - begin) * interval
         (short if duration < _SHORT else long).append(time)
         if duration >= _ABSENT:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from follow_parts.actors import Cast, Walker, drawn_crossings
 from follow_parts.layout import Layout
 from follow_parts.people import Body, Clothes, Sprites
-from follow_parts.rendering import CameraState, Renderer, View
+from follow_parts.rendering import CameraState, Renderer, View, camera_pose
 from follow_parts.robot import Pose2D, Robot
 from follow_parts.scenarios import Scenario
 
@@ -22,6 +23,7 @@ RATE = 20.0
 INTERVAL = 1.0 / RATE
 ODOMETRY_INTERVAL = 0.025
 _STEP = 0.0125
+_GRAVITY, _ACCELERATION_NOISE = 9.81, 0.05
 # Half of the width of the robot, with a margin, meters, and the radius of a person.
 _HALF_WIDTH, _PERSON = 0.3, 0.25
 
@@ -59,6 +61,20 @@ class Truth:
         return self.robot.outward(self.odometry.inward(position))
 
 
+class Motion(NamedTuple):
+    """What the robot's sensors say of its motion.
+
+    Attributes:
+        time: Seconds.
+        odometry: Pose by its wheels.
+        acceleration: (3,) of an accelerometer in camera coordinates, m/s^2, upward at rest.
+    """
+
+    time: float
+    odometry: Pose2D
+    acceleration: Array
+
+
 class World:
     """A room with a robot and people.
 
@@ -67,13 +83,35 @@ class World:
         robot: The robot.
         cast: Everybody; the first is followed.
         time: Seconds since the start.
+        has_imu: Whether the camera has an accelerometer; else its tilt is known by its drawing.
+
+    Args:
+        layout: The room.
+        renderer: Of the room.
+        robot: At its start.
+        cast: Everybody at their start.
+        generator: Light and the noise of the sensors are drawn from it.
     """
 
-    def __init__(self, layout: Layout, renderer: Renderer, robot: Robot, cast: Cast) -> None:
+    def __init__(
+        self,
+        layout: Layout,
+        renderer: Renderer,
+        robot: Robot,
+        cast: Cast,
+        generator: np.random.Generator,
+    ) -> None:
         self.layout, self.robot, self.cast = layout, robot, cast
-        self.time = 0.0
+        self.time, self.has_imu = 0.0, bool(generator.random() < 0.5)
         self._renderer = renderer
-        self._light = (1.0, 0.0, 1.0, 0.0)
+        self._generator = generator
+        # Mean and size of its change, period and phase.
+        self._light = (
+            generator.uniform(0.6, 1.05),
+            generator.uniform(0.0, 0.15),
+            generator.uniform(15.0, 60.0),
+            generator.uniform(0.0, 2.0 * math.pi),
+        )
 
     @classmethod
     def draw(cls, seed: int, scenario: Scenario, seconds: float) -> World:
@@ -93,15 +131,7 @@ class World:
         walkers = _walkers(layout, start, person, generators[4], scenario)
         crossings = drawn_crossings(generators[5], seconds) if scenario.crosses else []
         cast = Cast(layout, walkers, crossings, scenario.hides, generators[6])
-        world = cls(layout, renderer, robot, cast)
-        light = generators[7]
-        world._light = (
-            light.uniform(0.6, 1.05),
-            light.uniform(0.0, 0.15),
-            light.uniform(15.0, 60.0),
-            light.uniform(0.0, 2.0 * math.pi),
-        )
-        return world
+        return cls(layout, renderer, robot, cast, generators[7])
 
     def observe(self) -> Truth:
         """The next frame."""
@@ -122,7 +152,7 @@ class World:
             self.cast.doing,
         )
 
-    def advance(self, speed: float, turn: float) -> list[tuple[float, Pose2D]]:
+    def advance(self, speed: float, turn: float) -> list[Motion]:
         """Go on to the next frame.
 
         Args:
@@ -130,18 +160,28 @@ class World:
             turn: Wanted, rad/s.
 
         Returns:
-            Time and pose of the odometry in between, that of the end included.
+            The motion in between, that of the end included.
         """
         ranges = self._free_ahead()
         self.cast.advance(self.time, INTERVAL, self.robot.pose)
         measured = []
         first = round(self.time / _STEP)
         for step in range(first + 1, first + round(INTERVAL / _STEP) + 1):
+            before = self.robot.speed
             self.robot.drive(_STEP, speed, turn, ranges)
             if step % round(ODOMETRY_INTERVAL / _STEP) == 0:
-                measured.append((step * _STEP, self.robot.odometry))
+                forward = (self.robot.speed - before) / _STEP
+                acceleration = self.acceleration(forward, self.robot.speed * self.robot.turn)
+                measured.append(Motion(step * _STEP, self.robot.odometry, acceleration))
         self.time = (first + round(INTERVAL / _STEP)) * _STEP
         return measured
+
+    def acceleration(self, forward: float, left: float) -> Array:
+        """What an accelerometer in the camera measures while the robot accelerates."""
+        pitch, roll = self.robot.tilt
+        rotation = camera_pose(CameraState(0.0, 0.0, 0.0, pitch, roll)).rotation
+        noise = self._generator.normal(0.0, _ACCELERATION_NOISE, 3)
+        return np.asarray(rotation.T @ [forward, left, _GRAVITY] + noise)
 
     def is_free(self, angle: float, distance: float) -> bool:
         """Whether the robot can go straight on at an angle to its left, radians, so many meters."""
