@@ -233,7 +233,7 @@ def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path):
     targets = first_targets(frames[0], 1)
     alone = list(track_recording(recording, targets))
     located = list(positions.locate(track_recording(recording, targets)))
-    shares = np.array([frame.located.covered_shares.get(1, 0.0) for frame in located])
+    shares = np.array([frame.located.hints[1].covered_share for frame in located])
     hidden = np.array([1.0 - frame.visible[0] for frame in frames])
     assert shares == pytest.approx(hidden, abs=0.12)
     lowered = [

@@ -84,10 +84,35 @@ def test_a_measurement_outside_the_gate_is_rejected_until_it_stays():
     # One of the old place ends the rejections.
     assert tracker.update(21 * SECOND // 10, (0.0, 0.0), 0.01 * np.eye(2))
     assert tracker.rejected_since is None
-    later = 31 * SECOND // 10
-    assert not tracker.update(later - SECOND // 2, (9.0, 0.0), 0.01 * np.eye(2))
+    later = 32 * SECOND // 10
+    assert not tracker.update(later - SECOND, (9.0, 0.0), 0.01 * np.eye(2))
+    assert not tracker.update(later - SECOND // 10, (9.0, 0.0), 0.01 * np.eye(2))
+    assert not tracker.has_restarted
     assert tracker.update(later, (9.0, 0.0), 0.01 * np.eye(2))
+    assert tracker.has_restarted
     assert tracker.predict(later).position == pytest.approx((9.0, 0.0))
+
+
+def test_the_density_of_a_measurement_given_its_prediction():
+    """At first, that of two normal errors and an unknown speed after a moment."""
+    tracker = PositionFilter(acceleration_density=0.0, correlation_times=(0.0,))
+    tracker.update(0, (0.0, 0.0), np.eye(2))
+    assert tracker.log_density is None
+    tracker.update(1000, (1.0, 2.0), np.eye(2))
+    # The variance is 1 + 1 along each axis.
+    expected = -(1.0 + 4.0) / 4.0 - np.log(2.0 * np.pi * 2.0)
+    assert tracker.log_density == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("sd", [0.1, 0.5, 1.0])
+def test_it_keeps_up_with_who_walks_off(sd):
+    """However uncertain the place, where errors last: its changes are seen."""
+    tracker = PositionFilter(correlation_times=(0.3, 5.0))
+    for step in range(100):
+        time = 0.05 * step
+        tracker.update(round(time * SECOND), (max(time - 2.0, 0.0), 0.0), sd**2 * np.eye(2))
+    # At a meter per second, a meter behind is a second.
+    assert tracker.predict(round(time * SECOND)).position[0] > time - 2.0 - 0.2
 
 
 def test_late_measurements_and_early_predictions():

@@ -1,4 +1,4 @@
-"""What a localizer sees in front of a target lowers the tracker's confidence."""
+"""The tracker takes what a localizer knows of its targets."""
 
 import copy
 
@@ -10,7 +10,8 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
-from pf_tracker_ros.node.tracker.target_subscriptions import covered_shares
+from pf_tracker_ros.node.tracker.target_subscriptions import localizer_hints
+from pf_tracker_ros.tracking.hints import Hint, Standing
 
 SHARE = 0.5
 
@@ -21,15 +22,28 @@ def localizer_status(tracker_status, **values):
     return DiagnosticArray(status=[own, DiagnosticStatus(values=pairs)])
 
 
-def test_only_shares_of_the_trackers_own_targets_are_read():
-    status = localizer_status("/pf_tracker/status", id=3, covered_share=0.25)
-    assert covered_shares(status, "/pf_tracker/status") == {3: 0.25}
-    assert covered_shares(status, "/other/status") == {}
-    assert covered_shares(localizer_status("/a", id=3), "/a") == {}
-    assert covered_shares(DiagnosticArray(), "/a") == {}
+def test_only_hints_about_the_trackers_own_targets_are_read():
+    status = localizer_status(
+        "/pf_tracker/status",
+        id=3,
+        covered_share=0.25,
+        expected_x=1.0,
+        expected_y=2.0,
+        expected_width=3.0,
+        expected_height=4.0,
+        expected_center_std=5.0,
+        horizon=6.0,
+        height_slope=7.0,
+        place_odds=-1.0,
+    )
+    hint = Hint(0.25, (1.0, 2.0, 3.0, 4.0), 5.0, Standing(6.0, 7.0), -1.0)
+    assert localizer_hints(status, "/pf_tracker/status") == {3: hint}
+    assert localizer_hints(status, "/other/status") == {}
+    assert localizer_hints(localizer_status("/a", id=3), "/a") == {3: Hint()}
+    assert localizer_hints(DiagnosticArray(), "/a") == {}
     for values in ({"id": 3, "covered_share": "near"}, {"covered_share": 0.5}):
-        with pytest.raises(ValueError, match=r"a covered share is .*; allowed: numbers"):
-            covered_shares(localizer_status("/a", **values), "/a")
+        with pytest.raises(ValueError, match="a target of the localizer cannot be read"):
+            localizer_hints(localizer_status("/a", **values), "/a")
 
 
 @pytest.fixture
@@ -66,8 +80,8 @@ def test_the_tracker_takes_the_share_that_a_localizer_measures(
         client.wait_for(lambda: localizer._inputs.depth.arrivals.count > index, "depth")
         status = client.show(images[index], client.at(index))
         session = node._manager.session
-        client.wait_for(lambda: session._covered_shares[0] == client.at(index), "share")
-        shares.append(session._covered_shares[1][1])
+        client.wait_for(lambda: session._hints[0] == client.at(index), "share")
+        shares.append(session._hints[1][1].covered_share)
         return float(status.values["confidence"])
 
     shares = []

@@ -245,6 +245,25 @@ DOCKER = [
     )
 ]
 
+FOLLOW = [
+    GoesOn(
+        f"{LAUNCH} follow.launch.py image:=/camera/color/image_raw "
+        "depth:=/camera/aligned_depth_to_color/image_raw odom:=/odom camera_height:=0.6 "
+        "detections:=/yolo/detections labels:=person score_above:=0.4 console:=true",
+        node="/localizer",
+        prints="camera_info on /camera/color/camera_info",
+    ),
+    Elsewhere(
+        "python3 examples/follow_person.py --ros-args -r odom:=/odom -r cmd_vel:=/cmd_vel "
+        "-p distance:=2.0 -p fastest:=0.8",
+        "test_follow_person.py",
+    ),
+    Elsewhere(
+        "ros2 action send_goal /follow_object nav2_msgs/action/FollowObject "
+        '"{pose_topic: /localizer/pose}"',
+        "needs Nav2",
+    ),
+]
 RECIPES = [
     GoesOn(
         f"{RUN} localizer --ros-args -r camera_info:=/camera/camera_info",
@@ -253,17 +272,6 @@ RECIPES = [
     ),
     Elsewhere(
         "python3 examples/gimbal.py --ros-args -r cmd_vel:=/gimbal/cmd_vel", "test_gimbal.py"
-    ),
-    GoesOn(
-        f"{LAUNCH} follow.launch.py image:=/camera/image_raw odom:=/odom camera_height:=0.6 "
-        'target_box:="[62, 31, 53, 70]"',
-        prints="camera_info on /camera/camera_info",
-        ends=(f"{RUN} localizer",),
-    ),
-    Elsewhere(
-        "ros2 action send_goal /follow_object nav2_msgs/action/FollowObject "
-        '"{pose_topic: /localizer/pose}"',
-        "needs Nav2",
     ),
     Elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
     Elsewhere(f"rviz2 -d {SHARE}/config/localizer.rviz", "opens a window; test_displays.py"),
@@ -279,6 +287,7 @@ DOCUMENTS = {
     "docs/bag.md": BAG,
     "docs/docker.md": DOCKER,
     "docs/localizer.md": LOCALIZER,
+    "docs/follow_a_person.md": FOLLOW,
     "docs/recipes.md": RECIPES,
     "docs/benchmarks.md": BENCHMARKS,
 }

@@ -1,0 +1,101 @@
+"""A selected target stays while it may come back; a detector's misses count with the image."""
+
+import numpy as np
+import pytest
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+STEP = 100_000_000
+
+
+def at(number):
+    return 1 + number * STEP
+
+
+def make_session(max_targets, **parameters):
+    named = {name.replace("__", "."): value for name, value in parameters.items()}
+    session = Session(preset_parameters("default", max_targets) | named, seed=0)
+    session.frame_buffer.limit(frames=50, megabytes=64.0)
+    return session
+
+
+def show(session, drawn, number, found=None):
+    """Process a frame; `found` are the targets that a detector finds in it, None without one."""
+    if found is not None:
+        session.add_detections(drawn.detections(number, found), at(number))
+    return session.process(Frame(drawn.images[number], at(number)))
+
+
+def test_a_confident_image_keeps_a_target_through_missed_detections(walkers):
+    """Two in a row of a detector of two frames in a second, then one that finds it."""
+    session = make_session(8)
+    for number in range(25):
+        found = None if number % 5 else [0] if number in (0, 5, 20) else []
+        outcome = show(session, walkers, number, found)
+        assert [one.id for one in outcome.targets] == [1]
+
+
+def test_a_detector_that_does_not_see_a_target_ends_it_or_its_tracking(walkers):
+    """One drawn by hand, and one of the detector, which both have been detected before."""
+    session = make_session(8)
+    session.request(tuple(walkers.boxes[0][0]))
+    states = []
+    for number in range(30):
+        found = None if number % 2 else [0, 1] if number < 6 else []
+        outcome = show(session, walkers, number, found)
+        states.append({one.id: one.estimate.state for one in outcome.targets})
+    assert states[7] == {1: "tracking", 2: "tracking"}
+    assert states[-1] == {1: "occluded"}
+
+
+def test_a_detector_of_other_things_does_not_count_against_a_target_drawn_by_hand(walkers):
+    session = make_session(8)
+    session.request(tuple(walkers.boxes[0][0]))
+    for number in range(30):
+        outcome = show(session, walkers, number, None if number % 2 else [1])
+    assert outcome.targets[0].estimate.state == "tracking"
+
+
+@pytest.fixture(scope="module")
+def crossing(draw):
+    """The first of two walks behind a wall from frame 10 to 26; the other one walks on."""
+    steps = np.arange(45.0)
+    first = np.column_stack([60.0 + 2.0 * steps, np.full(45, 60.0)])
+    second = np.column_stack([280.0 - 2.0 * steps, np.full(45, 140.0)])
+    drawn = draw([first, second])
+    for number in range(10, 27):
+        drawn.images[number][30:90, :200] = 128
+        drawn.boxes[number, 0] = np.nan
+    return drawn
+
+
+@pytest.mark.parametrize("max_targets", [1, 8])
+def test_a_selected_target_keeps_its_id_until_it_is_found_again(crossing, iou, max_targets):
+    """With one target, the other person is told apart from it, and does not replace it."""
+    session = make_session(max_targets)
+    for number in range(45):
+        found = None if number % 2 else [0] if number < 4 else [0, 1]
+        outcome = show(session, crossing, number, found)
+        if number == 2:
+            assert [one.id for one in outcome.targets] == [1]
+            session.select(1)
+        if number > 2:
+            assert outcome.selected == 1
+            assert outcome.estimate is not None
+        if number == 26:
+            assert outcome.estimate.state != "tracking"
+        if max_targets == 1 and number > 2:
+            assert [one.id for one in outcome.targets] == [1]
+    assert outcome.estimate.state == "tracking"
+    assert iou(outcome.estimate.box, crossing.boxes[44][0]) > 0.5
+
+
+def test_a_selected_target_ends_when_it_may_not_come_back(crossing):
+    session = make_session(1, track__reidentify_within=1.0)
+    for number in range(45):
+        found = None if number % 2 else [0] if number < 4 else [1]
+        outcome = show(session, crossing, number, found)
+    # The other one is the target now.
+    assert [one.id for one in outcome.targets] == [2]

@@ -1,0 +1,70 @@
+"""How long a target stays in doubt after it was out of sight; values by the equation."""
+
+import math
+
+import pytest
+
+from pf_tracker_ros.localization.trust import Trust, log_odds_by_place
+
+SECOND = 1_000_000_000
+# Of a place that says as much for the target as for another one: one in 20 square meters.
+EVEN = math.log(0.05)
+RULES = {"min_confidence": 0.5, "hold": 2.0}
+
+
+def test_a_new_target_is_trusted():
+    trust = Trust()
+    trust.measure(0, None, 0.5, **RULES)
+    assert trust.doubted_for == 0.0
+
+
+def test_it_is_in_doubt_while_it_is_hidden_and_not_with_a_low_confidence_alone():
+    trust = Trust()
+    trust.lose_sight(is_hidden=False)
+    assert trust.doubted_for == 0.0
+    trust.lose_sight(is_hidden=True)
+    assert trust.doubted_for == math.inf
+
+
+@pytest.mark.parametrize(
+    ("log_density", "confidence", "seconds"),
+    [
+        # The place agrees.
+        (EVEN + 0.1, 0.5, 0.0),
+        # Log odds of -2 of at least -4: half of the time.
+        (EVEN - 2.0, 0.5, 1.0),
+        (EVEN - 50.0, 0.5, 2.0),
+        # Odds of 3 to 1 by the confidence.
+        (EVEN - 2.0, 0.75, 0.5 * (2.0 - math.log(3.0))),
+        (EVEN - 2.0, 0.9, 0.0),
+        # Nothing was predicted.
+        (None, 0.5, 0.0),
+    ],
+)
+def test_the_place_and_the_confidence_decide_how_long(log_density, confidence, seconds):
+    trust = Trust()
+    trust.lose_sight(is_hidden=True)
+    trust.measure(0, log_density, confidence, **RULES)
+    assert trust.doubted_for == pytest.approx(seconds)
+    if seconds:
+        # Later places are predicted from the first one, and say nothing new.
+        trust.measure(round((seconds - 0.25) * SECOND), 10.0, confidence, **RULES)
+        assert trust.doubted_for == pytest.approx(0.25)
+        trust.measure(round(seconds * SECOND), 10.0, confidence, **RULES)
+        assert trust.doubted_for == 0.0
+        # Without another loss, a place says nothing any more.
+        trust.measure(5 * SECOND, -50.0, confidence, **RULES)
+        assert trust.doubted_for == 0.0
+
+
+def test_a_contradiction_takes_the_whole_time():
+    trust = Trust()
+    trust.contradict(0)
+    trust.measure(0, 10.0, 0.5, **RULES)
+    assert trust.doubted_for == pytest.approx(2.0)
+
+
+def test_the_odds_by_a_place():
+    assert log_odds_by_place(None) == 0.0
+    assert log_odds_by_place(EVEN + 1.0) == pytest.approx(1.0)
+    assert log_odds_by_place(-1e9) == -4.0
