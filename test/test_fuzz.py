@@ -26,7 +26,7 @@ from pf_tracker_ros import registry
 from pf_tracker_ros.decoding.depth_decoding import decode_depth
 from pf_tracker_ros.decoding.image_decoding import ImageError, decode_image
 from pf_tracker_ros.evaluation.results import EvaluationError
-from pf_tracker_ros.footage import FootageError, open_footage
+from pf_tracker_ros.footage import FootageError, cdr, open_footage
 from pf_tracker_ros.formats import FormatError, read_tracks
 from pf_tracker_ros.networks.described import network_path
 from pf_tracker_ros.networks.description import read_model
@@ -98,6 +98,16 @@ def decode(message, content, folder):
     for read in (decode_image, decode_depth):
         with contextlib.suppress(ImageError):
             read(SimpleNamespace(**fields), 10**6)
+
+
+def deserialize(content, folder):
+    for read in (
+        *(cdr.deserialize_image, cdr.deserialize_compressed_image, cdr.deserialize_polygon),
+        *(cdr.deserialize_detections, cdr.deserialize_camera_info, cdr.deserialize_odometry),
+        *(cdr.deserialize_imu, cdr.deserialize_transforms, cdr.header_stamp),
+    ):
+        with contextlib.suppress(FootageError):
+            read(content)
 
 
 def read_status(content, folder):
@@ -245,6 +255,10 @@ PNG = struct.pack("<HHHB", 0, 0, 0, 0) + encoded(".png", IMAGE)
 JPEG = struct.pack("<HHHB", 0, 0, 0, 1) + encoded(".jpg", IMAGE)
 DEPTH = struct.pack("<HHHB", 0, 0, 0, 3) + struct.pack("<Iff", 0, 1.0, 0.1)
 DEPTH += encoded(".png", IMAGE[:, :, 0].astype(np.uint16))
+# A PolygonStamped with a point, and an Image of two bytes.
+POLYGON = struct.pack("<4sII I2sxx I3f", b"\0\1\0\0", 1, 2, 2, b"a\0", 1, 1.0, 2.0, 0.0)
+MESSAGE = struct.pack("<4sII I2sxx II", b"\0\1\0\0", 1, 2, 2, b"a\0", 1, 2)
+MESSAGE += struct.pack("<I6s Bx II 2s", 6, b"mono8\0", 0, 2, 2, b"ab")
 # A model with a graph of a node and a tensor.
 NETWORK = bytes.fromhex("0807 3a19 0a0c 0a0178 120179 220452656c75 2a09 0801 1001 420177 7000")
 
@@ -264,6 +278,7 @@ def read_ground_truth(content, folder):
 KINDS = {
     "raw message": ([RAW], functools.partial(decode, "image"), ()),
     "compressed message": ([PNG, JPEG, DEPTH], functools.partial(decode, "compressed"), ()),
+    "serialized message": ([POLYGON, MESSAGE], deserialize, ()),
     "status": ([STATUS], read_status, ValueError),
     "label file": (
         [CVAT, COCO, b"1,1,10,20,30,40,0.9,1,1\n2,1,11,20,30,40,0.9,1,1\n",
