@@ -300,9 +300,9 @@ def test_after_an_unexpected_error_the_next_frame_is_tracked(
 def _failing_once(update):
     failures = [ZeroDivisionError("by chance")]
 
-    def failing(*arguments):
+    def failing(*arguments, **options):
         if failures:
             raise failures.pop()
-        return update(*arguments)
+        return update(*arguments, **options)
 
     return failing
