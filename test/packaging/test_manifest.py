@@ -189,10 +189,10 @@ def test_a_release_takes_the_changelog_and_raises_every_version(manifest, tmp_pa
     newest = manifest.version
     if label is not None:
         newest = "9.8.7"
-        text = tools.rename_section(text, label, f"{newest} (2099-02-03)")
+        text = tools.rename_section(text, label, f"{newest} (2001-02-03)")
     changelog = changelogs.Changelog(PACKAGE)
     changelogs.populate_changelog_from_rst(changelog, text)
-    version, _, content = next(iter(changelog.foreach_version()))
+    version, _, content = next(changelog.foreach_version(reverse=True))
     assert version == newest
     assert content[0].bullets
 
