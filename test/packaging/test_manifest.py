@@ -186,15 +186,15 @@ def test_a_release_takes_the_changelog_and_raises_every_version(manifest, tmp_pa
     changelogs = pytest.importorskip("catkin_pkg.changelog")
     text = (REPOSITORY / "CHANGELOG.rst").read_text()
     label = tools.get_forthcoming_label(text)
-    newest = manifest.version
+    released = manifest.version
     if label is not None:
-        newest = "9.8.7"
-        text = tools.rename_section(text, label, f"{newest} (2001-02-03)")
+        released = "9.8.7"
+        text = tools.rename_section(text, label, f"{released} (2001-02-03)")
     changelog = changelogs.Changelog(PACKAGE)
     changelogs.populate_changelog_from_rst(changelog, text)
-    version, _, content = next(changelog.foreach_version(reverse=True))
-    assert version == newest
-    assert content[0].bullets
+    contents = {version: content for version, _, content in changelog.foreach_version()}
+    assert {released, manifest.version} == contents.keys()
+    assert contents[released][0].bullets
 
     for name in ("package.xml", "setup.py"):
         shutil.copy2(REPOSITORY / name, tmp_path)
@@ -205,10 +205,10 @@ def test_a_release_takes_the_changelog_and_raises_every_version(manifest, tmp_pa
 
 def test_what_the_tests_import_is_declared(manifest):
     declared = {dependency.name for dependency in manifest.exec_depends + manifest.test_depends}
-    # Packaging comes with pytest; the demo's and the benchmarks' modules are of this repository.
+    # Packaging comes with pytest; the modules of these folders are of this repository.
     own = {
         path.stem
-        for folder in ("demo", "benchmarks", "tools")
+        for folder in ("demo", "benchmarks", "tools", "test/helpers")
         for path in (REPOSITORY / folder).iterdir()
     }
     assert keys(imported("test") - OPTIONAL) - {"packaging"} - own <= declared
