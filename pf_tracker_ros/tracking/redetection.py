@@ -281,8 +281,9 @@ class Redetector:
             return None
         last = state.challenger
         places = [one for one in (measurement.second_peak, last and last.box) if one is not None]
-        centers = np.array([place[:2] + place[2:] / 2 for place in np.array(places)])
-        boxes = _boxes_around(centers, np.array(state.last_seen_box[2:]))
+        at = np.array(places).reshape(-1, 4)
+        size = np.array(state.last_seen_box[2:])
+        boxes = _boxes_around(at[:, :2] + at[:, 2:] / 2, size)
         others = [*candidates, *self._search_in(state, measurement, assessment, boxes)]
         others = [one for one in others if not are_same_place(one.box, assessment.box)]
         rate = min(interval / _LEAD_TIME, 1.0)
