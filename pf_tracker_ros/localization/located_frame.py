@@ -129,10 +129,11 @@ def hint_of_values(values: Mapping[str, str]) -> Hint:
     def numbers(*names: str) -> list[float] | None:
         return [float(values[name]) for name in names] if values.keys() >= set(names) else None
 
+    share = numbers("covered_share")
     box = numbers("expected_x", "expected_y", "expected_width", "expected_height")
     ground = numbers("horizon", "height_slope")
     return Hint(
-        float(values.get("covered_share", 0.0)),
+        share[0] if share else None,
         as_box(box) if box else None,
         float(values.get("expected_center_std", 0.0)),
         Standing(*ground) if ground else None,

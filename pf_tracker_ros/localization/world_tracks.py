@@ -296,16 +296,15 @@ class _Track:
 
     def hint(self, covered_share: float | None, scene: _Scene) -> Hint:
         """What the tracker may take of it: what covers it, and where to look for it."""
-        share = covered_share or 0.0
         filtered = self.filter.predict(scene.frame.stamp)
         if filtered is None or not self._height:
-            return Hint(share)
+            return Hint(covered_share)
         camera, pose = scene.sensed.camera, scene.sensed.pose
         box, center_std = None, 0.0
         if found := expected_box(camera, pose, filtered, self._height, self._aspect):
             box, center_std = found
         ground = standing(camera, pose, self._height)
-        return Hint(share, box, center_std, ground, self.place_odds)
+        return Hint(covered_share, box, center_std, ground, self.place_odds)
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""

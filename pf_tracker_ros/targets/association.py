@@ -193,8 +193,8 @@ def _with_filter_of(track: Track, other: Track) -> Track:
 _MAX_RELATIVE_DISTANCE = 1.5
 # Largest displacement while lost: box heights, and heights per second.
 _MAX_OFFSET, _MAX_SPEED = 1.0, 1.0
-# Existence log odds below which a manual target is missing, if the image does not show it.
-_MISSING_BELOW = -1.0
+# Existence log odds below which a held target is missing, if the image does not show it.
+_MISSING_BELOW = 0.0
 # A box that covers more than this of another track's box is around both.
 _COVERS_ABOVE = 0.8
 

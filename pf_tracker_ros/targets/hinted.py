@@ -35,10 +35,10 @@ def with_hint(
         image_size: (width, height), pixels.
         operations: Moves its filter state.
     """
-    evidence = track.filter_state.occlusion_evidence._replace(share=hint.covered_share)
+    if hint.covered_share is not None:
+        track = track.with_covered_share(hint.covered_share)
     filter_state = replace(
         track.filter_state,
-        occlusion_evidence=evidence,
         standing=hint.standing,
         place_factor=math.exp(min(hint.place_odds, 0.0)),
     )

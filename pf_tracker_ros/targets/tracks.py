@@ -228,7 +228,7 @@ class Track:
 
     def with_covered_share(self, share: float) -> Track:
         """The track with the share, 0 to 1, of its next box that something in front covers."""
-        evidence = self.filter_state.occlusion_evidence._replace(share=share)
+        evidence = self.filter_state.occlusion_evidence._replace(share=share, is_known=True)
         return replace(self, filter_state=replace(self.filter_state, occlusion_evidence=evidence))
 
     def reset_descriptor(self, frame: Frame, box: Box, appearance: Appearance) -> Track:
@@ -302,8 +302,8 @@ class TrackSet:
     @property
     def covered_shares(self) -> dict[TrackKey, float]:
         """Key to the share of the next box that something in front covers, where that is known."""
-        shares = {one.key: one.filter_state.occlusion_evidence.share for one in self.tracks}
-        return {key: share for key, share in shares.items() if share > 0.0}
+        known = {one.key: one.filter_state.occlusion_evidence for one in self.tracks}
+        return {key: evidence.share for key, evidence in known.items() if evidence.is_known}
 
     def with_covered_shares(self, shares: Mapping[TrackKey, float]) -> TrackSet:
         """The track set with other values of `covered_shares`; tracks that are gone are ignored."""

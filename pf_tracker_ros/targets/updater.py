@@ -240,7 +240,11 @@ class Updater:
             return self._reinitialize(track, frame, interval, detection)
         front, boxes = _near_in_front(track, predicted_box, front)
         covered = pairwise_coverage(predicted_box[None], boxes)[0]
-        is_occluded_by_other = detection is None and _is_covered(track, front, covered)
+        # Who is in front is seen by depth, where there is one.
+        is_clear = track.filter_state.occlusion_evidence.is_clear
+        is_occluded_by_other = (
+            detection is None and not is_clear and _is_covered(track, front, covered)
+        )
         is_sized = _needs_size(track, detection, is_silent)
         filter_state, box_filter = track.filter_state, track.box_filter
         if not is_occluded_by_other:
@@ -267,7 +271,7 @@ class Updater:
             )
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)
-                is_occluded_by_other = _is_on_any(box, boxes)
+                is_occluded_by_other = not is_clear and _is_on_any(box, boxes)
                 is_on_distractor = _is_on_any(box, boxes[[one.is_distractor for one in front]])
                 known = (stepped if is_on_distractor else filter_state).known_distractor
                 filter_state = replace(filter_state, known_distractor=known)

@@ -43,11 +43,18 @@ class OcclusionEvidence(NamedTuple):
         share: Share of the box that something in front covers, 0 to 1.
         used_for: Seconds for which it has counted.
         clear_for: Seconds since then without anything in front.
+        is_known: Whether somebody says what is in front, so that a share of 0 is one.
     """
 
     share: float = 0.0
     used_for: float = 0.0
     clear_for: float = 0.0
+    is_known: bool = False
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether nothing is in front, for certain."""
+        return self.is_known and self.share <= _COUNTS_ABOVE
 
     @property
     def factor(self) -> float:

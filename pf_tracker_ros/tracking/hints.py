@@ -28,14 +28,15 @@ class Hint(NamedTuple):
     """What is known of a target in a frame.
 
     Attributes:
-        covered_share: Share of its box, 0 to 1, that something in front covers.
+        covered_share: Share of its box, 0 to 1, that something in front covers; None where that is
+            unknown.
         box: Where it is expected, pixels; None where that is unknown.
         center_std: Standard deviation of the box's center, pixels.
         standing: Heights of boxes in the image; None where the ground is unknown.
         place_odds: Log odds, at most 0, that it is the target by its place in meters.
     """
 
-    covered_share: float = 0.0
+    covered_share: float | None = None
     box: Box | None = None
     center_std: float = 0.0
     standing: Standing | None = None

@@ -68,7 +68,7 @@ def check_hint(hint: Hint) -> Hint:
     if min(box[2], box[3], standing[1]) <= 0.0:
         raise ValueError(f"{hint} is no hint; allowed: width, height and slope above 0")
     share = hint.covered_share
-    return hint._replace(covered_share=check_share(share))
+    return hint if share is None else hint._replace(covered_share=check_share(share))
 
 
 def check_share(share: float) -> float:

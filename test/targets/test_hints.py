@@ -41,7 +41,7 @@ def hide(session, walkers):
 
 def test_a_hidden_target_is_looked_for_where_it_is_expected(session, walkers):
     hide(session, walkers)
-    estimate = show(session, np.full_like(walkers.images[0], 128), 8, Hint(0.0, EXPECTED, 3.0))
+    estimate = show(session, np.full_like(walkers.images[0], 128), 8, Hint(None, EXPECTED, 3.0))
     center = np.array(estimate.box[:2]) + np.array(estimate.box[2:]) / 2
     assert center == pytest.approx((168.0, 90.0), abs=12.0)
     assert estimate.box[2:] == pytest.approx(EXPECTED[2:], rel=0.15)
@@ -50,8 +50,8 @@ def test_a_hidden_target_is_looked_for_where_it_is_expected(session, walkers):
 @pytest.mark.parametrize(
     "hint",
     [
-        Hint(0.0, EXPECTED, 37.0),
-        Hint(0.0, (400.0, 60.0, 36.0, 60.0), 3.0),
+        Hint(None, EXPECTED, 37.0),
+        Hint(None, (400.0, 60.0, 36.0, 60.0), 3.0),
     ],
     ids=["vague", "outside"],
 )
@@ -66,7 +66,7 @@ def test_a_tracked_target_is_left_to_the_image(session, walkers):
     session.request(tuple(walkers.boxes[0][0]))
     for number in range(4):
         show(session, walkers.images[number], number)
-    estimate = show(session, walkers.images[4], 4, Hint(0.0, EXPECTED, 3.0))
+    estimate = show(session, walkers.images[4], 4, Hint(None, EXPECTED, 3.0))
     assert estimate.box[:2] == pytest.approx(walkers.boxes[4][0][:2], abs=4.0)
 
 
@@ -90,10 +90,10 @@ def test_another_place_counts_against_the_box_in_one_frame(session, walkers):
     "hint",
     [
         Hint(1.5),
-        Hint(0.0, (0.0, 0.0, 0.0, 10.0)),
-        Hint(0.0, (0.0, math.nan, 10.0, 10.0)),
-        Hint(0.0, EXPECTED, -1.0),
-        Hint(0.0, None, 0.0, Standing(100.0, 0.0)),
+        Hint(None, (0.0, 0.0, 0.0, 10.0)),
+        Hint(None, (0.0, math.nan, 10.0, 10.0)),
+        Hint(None, EXPECTED, -1.0),
+        Hint(None, None, 0.0, Standing(100.0, 0.0)),
         Hint(place_odds=math.inf),
     ],
 )

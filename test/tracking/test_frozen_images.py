@@ -50,11 +50,12 @@ def test_the_first_image_that_differs_is_tracked_over_the_whole_time(
     session, moving_square, monkeypatch
 ):
     intervals, update = [], session._manager.update
-    monkeypatch.setattr(
-        session._manager,
-        "update",
-        lambda frame, interval, *due: intervals.append(interval) or update(frame, interval, *due),
-    )
+
+    def noted(frame, interval, *due, **named):
+        intervals.append(interval)
+        update(frame, interval, *due, **named)
+
+    monkeypatch.setattr(session._manager, "update", noted)
     freeze(session, moving_square.images[2])
     changed = moving_square.images[2].copy()
     changed[-1, -1, -1] ^= 1

@@ -7,6 +7,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.out_of_sequence import reprocess
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.filter_state import NO_EVIDENCE, OcclusionEvidence
+from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 SECOND = 1_000_000_000
@@ -63,7 +64,8 @@ def test_it_counts_once_in_the_next_frame_unless_it_is_old(moving_square, age, c
         session = Session(preset_parameters("default", 1), 0)
         session.request(boxes[0])
         session.process(Frame(images[0], START))
-        session.set_covered_shares({1: share, 7: 1.0}, START + round((1.0 - age) * SECOND))
+        hints = {1: Hint(share), 7: Hint(1.0)}
+        session.set_hints(hints, START + round((1.0 - age) * SECOND))
         outcome = session.process(Frame(images[1], START + SECOND))
         results.append(outcome.estimate.confidence)
         (track,) = session._manager._track_set.tracks

@@ -1,6 +1,7 @@
-"""Targets of a tracker over time: errors of its boxes that last, and doubt after a jump."""
+"""Targets of a tracker over time: errors of its boxes that last, doubt, and predictions."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,28 +55,51 @@ def test_a_height_that_is_none_is_refused():
             BoxErrors().add(0, (0.0, 0.0, 40.0, height), np.eye(4))
 
 
-def silences(offsets, interval=0.1):
-    """Why there is no pose of a confident target, by its places across the image in meters."""
-    tracks, found = WorldTracks(), []
+def silences(offsets, interval=0.1, confidence=1.0, coast=0.0):
+    """Why there is no pose of a target, by its places across the image in meters, None if hidden."""
+    tracks, found, parameters = WorldTracks(), [], LocalizerParameters(coast=coast)
     for index, right in enumerate(offsets):
         # Feet at 6 m, head of 1.75 m.
         lower, upper = 240.0 + 500.0 * 1.5 / 6.0, 240.0 - 500.0 * 0.25 / 6.0
-        box = 320.0 + 500.0 * right / 6.0 - 20.0, upper, 40.0, lower - upper
-        target = ReportedTarget(1, "", "tracking", 1.0, box, np.eye(4))
+        box = 320.0 + 500.0 * (right or 0.0) / 6.0 - 20.0, upper, 40.0, lower - upper
+        target = ReportedTarget(1, "", "tracking", confidence, box, np.eye(4))
         stamp = round((1.0 + index * interval) * NANOSECONDS)
         frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
-        found.append(tracks.advance(frame, SENSED, LocalizerParameters())[0].silence)
+        if right is None:
+            target = replace(target, state="occluded")
+        found.append(tracks.advance(frame, SENSED, parameters)[0].silence)
     return found
 
 
 def test_after_a_jump_a_confident_target_is_in_doubt():
-    # It is elsewhere for good: after a second, the filter starts anew there.
+    # It is elsewhere for good: after half a second, the filter starts anew there.
     found = silences([0.0] * 20 + [2.0] * 80)
     assert not any(found[:20])
-    assert all("jumped" in one for one in found[20:70])
-    assert not any(found[90:])
+    assert all("jumped" in one for one in found[20:25])
+    # Log odds of -4 by the place and 6.1 less 0.8 by the confidence: no doubt is left.
+    assert not any(found[26:])
+
+
+def test_after_a_jump_an_unconfident_target_is_in_doubt_for_longer():
+    found = silences([0.0] * 20 + [2.0] * 80, confidence=0.7)
+    assert all("may be something else" in one for one in found[26:54])
+    assert not any(found[58:])
 
 
 def test_one_box_elsewhere_leaves_no_doubt():
     found = silences([0.0] * 20 + [2.0] + [0.0] * 20)
     assert [index for index, one in enumerate(found) if one] == [20]
+
+
+@pytest.mark.parametrize("confidence", [0.7, 0.99])
+def test_who_comes_back_where_he_was_expected_is_the_same_at_once(confidence):
+    """Also the second time, and however low the confidence."""
+    places = [0.0] * 20 + [None] * 3 + [0.0] * 10 + [None] * 5 + [0.0] * 10
+    found = silences(places, confidence=confidence)
+    hidden = [index for index, place in enumerate(places) if place is None]
+    assert [index for index, one in enumerate(found) if one] == hidden
+
+
+def test_the_pose_of_a_hidden_target_is_predicted_for_a_while():
+    found = silences([0.0] * 20 + [None] * 10, coast=0.5)
+    assert [index for index, one in enumerate(found) if one] == list(range(25, 30))

@@ -21,7 +21,8 @@ from pf_tracker_ros.node import graph_monitor
 from pf_tracker_ros.node.localizer import inputs, localizer_node
 from pf_tracker_ros.node.localizer.tracker_status import read_status
 
-STILL = {"camera__height": 1.5}
+# Without predictions, a pose means a measurement.
+STILL = {"camera__height": 1.5, "coast": 0.0}
 # A foot is seen where a target begins; its center, which is told, is behind that.
 FOOT_TO_CENTER = 0.1
 
@@ -133,7 +134,7 @@ def test_it_is_silent_about_a_target_that_is_not_trusted(
 
 
 def test_a_hidden_target_is_predicted_for_a_while(scene, make_localizer, given):
-    localizer = make_localizer(**STILL, coast=0.1)
+    localizer = make_localizer(**STILL | {"coast": 0.1})
     scene.meet(localizer)
     scene.calibrate()
     scene.show_all(given, 10, walk)
@@ -229,7 +230,7 @@ def test_a_moving_robot_is_taken_at_the_stamp_of_the_image(
 def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer, given, kind):
     """The depth says 5.5 m while the box says 6 m: only what is of the image's time counts."""
     scene.add_sensor(Image, "depth")
-    localizer = make_localizer(**STILL, method="depth")
+    localizer = make_localizer(**STILL | {"coast": 0.5}, method="depth")
     scene.meet(localizer)
     scene.calibrate()
     depth = np.full((given.height, given.width), 9.0)
@@ -247,7 +248,7 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, make_localizer
     assert position(scene.poses[0]) == pytest.approx([5.5, 0.0], abs=0.2)
 
     far = scene.show(given.start + 2 * given.frame, [given.target(box=box)])
-    assert far.values["pose"] == "published", "the last position is recent"
+    assert far.values["pose"] == "predicted", "the last position is recent"
     assert far.targets[1]["reason"] == "the box of target 1 gives no range"
     assert "the nearest depth image is 0.060 s before the image" in far.message
     assert "depth_offset" not in far.values
