@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,9 @@ _APART = 0.65
 _CORRIDOR = 0.75
 # How near the followed person passes the robot where the room allows it, meters.
 _PASSES = 1.4
+# Seconds after which somebody gives up whom the robot still sees, how much faster they go to hide,
+# and how many places they try.
+_HIDES_WITHIN, _HURRY, _PLACES = 10.0, 1.6, 8
 # Durations of absences, seconds.
 _ABSENCES = (5.0, 15.0)
 # How far the robot may fall behind, meters, and for how long it may look elsewhere, seconds, until
@@ -234,7 +237,8 @@ class Cast:
             person.way = self._next_way(person, place)
             person.pause = self._generator.choice([0.0, 1.0], p=[0.4, 0.6])
             person.pause *= self._generator.uniform(2.0, 6.0)
-        person.advance(interval, self._layout, _away(person.position, place, 0.9), person.pace)
+        pace = person.pace * (_HURRY if self.doing == "hide" else 1.0)
+        person.advance(interval, self._layout, _away(person.position, place, 0.9), pace)
 
     def _is_followed(self, robot: Pose2D) -> bool:
         """Whether the robot looks at the person from nearby."""
@@ -417,7 +421,7 @@ class _Hiding:
         self._layout, self._kind, self._generator = layout, kind, generator
         self._next = generator.uniform(9.0, 13.0)
         self._count = int(generator.integers(2))
-        self._hidden_for = self._planned_at = self._lasts = 0.0
+        self._hidden_for = self._since = self._planned_at = self._lasts = 0.0
 
     def advance(
         self, person: Walker, time: float, interval: float, robot: Array, is_followed: bool
@@ -429,7 +433,7 @@ class _Hiding:
             if not self._go(person, robot, time):
                 self._next = time + 1.0
                 return False
-            self.is_hiding, self._hidden_for = True, 0.0
+            self.is_hiding, self._hidden_for, self._since = True, 0.0, time
             self._count += 1
             self._lasts = _ABSENCES[self._count % 2]
             if self._kind == "pillar":
@@ -438,7 +442,7 @@ class _Hiding:
             self._hidden_for += interval
         elif time - self._planned_at > 0.5 and (not person.way or self._kind == "pillar"):
             self._go(person, robot, time)
-        if self._hidden_for >= self._lasts:
+        if self._hidden_for >= self._lasts or time - self._since > self._lasts + _HIDES_WITHIN:
             self.is_hiding, person.way = False, []
             self._next = time + self._generator.uniform(12.0, 18.0)
         return self.is_hiding
@@ -458,10 +462,11 @@ class _Hiding:
             offset = (1.0 if robot[0] < x else -1.0) * (points[:, 0] - x)
             points = points[(offset > 0.5) & (offset < 2.0) & (np.abs(points[:, 1] - y) < 3.0)]
         self._planned_at = time
-        order = np.argsort(np.hypot(*(points - person.position).T))
-        for point in points[order][:40]:
-            way = self._is_hidden(robot, point) and layout.way(person.position, point, [robot])
-            if way and _nearest(person.position, way, robot) > 1.0:
+        order = np.argsort(np.hypot(*(points - person.position).T))[::3]
+        hidden = (point for point in points[order] if self._is_hidden(robot, point))
+        for point in islice(hidden, _PLACES):
+            way = layout.way(person.position, point, [robot])
+            if way and _nearest(person.position, way, robot) > 0.9:
                 person.way, person.pause = way, 0.0
                 return True
         return False
