@@ -1,7 +1,6 @@
 """Targets of a tracker over time: errors of its boxes that last, doubt, and predictions."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -56,17 +55,16 @@ def test_a_height_that_is_none_is_refused():
 
 
 def silences(offsets, interval=0.1, confidence=1.0, coast=0.0):
-    """Why there is no pose of a target, by its places across the image in meters, None if hidden."""
+    """Why there is no pose of a target, by its places across in meters; None where it is hidden."""
     tracks, found, parameters = WorldTracks(), [], LocalizerParameters(coast=coast)
     for index, right in enumerate(offsets):
         # Feet at 6 m, head of 1.75 m.
         lower, upper = 240.0 + 500.0 * 1.5 / 6.0, 240.0 - 500.0 * 0.25 / 6.0
         box = 320.0 + 500.0 * (right or 0.0) / 6.0 - 20.0, upper, 40.0, lower - upper
-        target = ReportedTarget(1, "", "tracking", confidence, box, np.eye(4))
+        state = "occluded" if right is None else "tracking"
+        target = ReportedTarget(1, "", state, confidence, box, np.eye(4))
         stamp = round((1.0 + index * interval) * NANOSECONDS)
         frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
-        if right is None:
-            target = replace(target, state="occluded")
         found.append(tracks.advance(frame, SENSED, parameters)[0].silence)
     return found
 
