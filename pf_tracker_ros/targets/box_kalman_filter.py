@@ -35,6 +35,8 @@ IMAGE_CENTER_STD = np.array([0.3, 0.2])
 """(2,) that of a center measured in the image."""
 # Those of the logarithms of its height and aspect ratio.
 _LOG_SIZE_STD = np.array([0.1, 0.2])
+# Standard deviation of the logarithm of a height measured in the image.
+_IMAGE_LOG_HEIGHT_STD = 0.15
 # Seconds within which errors of the height correlate: people bend, and detectors repeat errors.
 _CORRELATION_TIME = 0.1
 # Square root of the acceleration noise's intensity along x and y: change of velocity per second, in
@@ -192,8 +194,14 @@ class BoxKalmanFilter:
         )
 
     def with_size(self, size: NDArray[np.float64]) -> BoxKalmanFilter:
-        """The filter with another (2,) width and height, measured in the image."""
-        return replace(self, mean=np.concatenate([self.center, _log_size(size)]))
+        """The filter with another (2,) width and height, measured in the image.
+
+        The image sees how a size changes better than the size itself, which a detection corrects.
+        """
+        variance = self.variance.copy()
+        variance[2] = max(variance[2], _IMAGE_LOG_HEIGHT_STD**2)
+        mean = np.concatenate([self.center, _log_size(size)])
+        return replace(self, mean=mean, variance=variance)
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> BoxKalmanFilter:
         """The filter in the image of a camera that has moved; see `EgoMotion.update`.
