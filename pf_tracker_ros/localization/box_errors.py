@@ -19,7 +19,7 @@ from pf_tracker_ros.stamps import NANOSECONDS
 
 # Time constant of the mean of the logarithm of the height, seconds, and standard deviation of the
 # error of the size, of its difference from the mean.
-_MEMORY, _LAG = 2.0, 1.5
+_MEMORY, _LAG = 2.0, 0.5
 # Standard deviations that last: of the size, a share of it, and of the middle, box heights.
 _SIZE_SD, _MIDDLE_SD = 0.06, 0.03
 

@@ -152,6 +152,7 @@ class WorldTracks:
         problem = distrust(target, parameters.min_confidence)
         if problem:
             track.trust.lose_sight(is_hidden=target.state != "tracking")
+            track.filter.interrupt()
         if target.state == "lost":
             track.box_errors.reset()
         try:

@@ -146,6 +146,10 @@ class PositionFilter:
         self._stamp: int | None = None
         self._state: Gaussian | None = None
 
+    def interrupt(self) -> None:
+        """Nothing is measured for a while: rejections before and after that are not of one run."""
+        self.rejected_since = None
+
     def update(self, stamp: int, position: ArrayLike, covariance: ArrayLike) -> bool:
         """Take a measurement.
 

@@ -93,6 +93,16 @@ def test_a_measurement_outside_the_gate_is_rejected_until_it_stays():
     assert tracker.predict(later).position == pytest.approx((9.0, 0.0))
 
 
+def test_rejections_before_and_after_an_interruption_are_not_of_one_run():
+    tracker = PositionFilter(reset_after=0.5)
+    for index in range(20):
+        tracker.update(index * SECOND // 10, (0.0, 0.0), 0.01 * np.eye(2))
+    assert not tracker.update(2 * SECOND, (9.0, 0.0), 0.01 * np.eye(2))
+    tracker.interrupt()
+    assert not tracker.update(26 * SECOND // 10, (9.0, 0.0), 0.01 * np.eye(2))
+    assert tracker.rejected_since == 26 * SECOND // 10
+
+
 def test_the_density_of_a_measurement_given_its_prediction():
     """At first, that of two normal errors and an unknown speed after a moment."""
     tracker = PositionFilter(acceleration_density=0.0, correlation_times=(0.0,))

@@ -28,7 +28,7 @@ def test_a_box_that_grows_is_as_uncertain_as_what_it_has_grown():
     np.testing.assert_allclose(at_rest, told + extra)
     # After one time constant the mean of the logarithm has moved by 1 - 1/e of the growth.
     grown = errors.add(2 * NANOSECONDS, (0.0, 0.0, 80.0, 200.0), told)
-    sd = math.hypot(1.5 * math.log(2.0) / math.e, 0.06) * 200.0
+    sd = math.hypot(0.5 * math.log(2.0) / math.e, 0.06) * 200.0
     assert grown[3, 3] == pytest.approx(16.0 + sd**2)
     # It changes no more: after a long time as at rest.
     later = errors.add(100 * NANOSECONDS, (0.0, 0.0, 40.0, 100.0), told)
