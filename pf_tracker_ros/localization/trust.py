@@ -6,11 +6,11 @@ N(v; 0, S) of the innovation v; or the box is on somebody else, who may be anywh
 density r per square meter. With the confidence p of the tracker, and the least one p0 of a target
 that is not in doubt,
 
-    log odds = log N(v; 0, S) - log r + logit(p) - logit(p0)
+    log odds = log N(v; 0, S) - log min(r, N(0; 0, S)) + logit(p) - logit(p0)
 
 They rise with the time for which the box is tracked on, from their least value to 0 in the time
 `hold`. From 0 on, the target is the same. The longer it was out of sight, the wider is S, and the
-less its place says.
+less its place says; once the target may be anywhere, too, only its looks do.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Trust:
     def measure(
         self,
         stamp: int,
-        log_density: float | None,
+        by_place: float,
         confidence: float,
         *,
         min_confidence: float,
@@ -73,7 +73,7 @@ class Trust:
 
         Args:
             stamp: Of the frame, nanoseconds.
-            log_density: Of the measured position given its prediction, 1/m^2; None without one.
+            by_place: See `log_odds_by_place`.
             confidence: Of the target, `min_confidence` to 1.
             min_confidence: Least one of a target that is not in doubt.
             hold: Seconds from a place that contradicts until the target counts as the same.
@@ -81,20 +81,24 @@ class Trust:
         if not self._is_doubted:
             return
         if self._by_place is None:
-            self._by_place, self._measured_since = log_odds_by_place(log_density), stamp
+            self._by_place, self._measured_since = by_place, stamp
         log_odds = self._by_place + _logit(confidence) - _logit(min_confidence)
         needed = max(-log_odds, 0.0) * hold / -_LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
 
 
-def log_odds_by_place(log_density: float | None) -> float:
+def log_odds_by_place(log_density: float | None, squared: float | None) -> float:
     """Log odds that a measurement is of the target, by its place, -4 up.
 
     Args:
         log_density: Of the measurement given its prediction, 1/m^2; None without one.
+        squared: Its normalized innovation; None without a prediction.
     """
-    by_place = 0.0 if log_density is None else log_density - math.log(_OTHERS_DENSITY)
+    if log_density is None or squared is None:
+        return 0.0
+    largest = log_density + squared / 2.0
+    by_place = log_density - min(math.log(_OTHERS_DENSITY), largest)
     return max(by_place, _LEAST_LOG_ODDS)
 
 

@@ -312,9 +312,11 @@ class _Track:
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         stamp, parameters = scene.frame.stamp, scene.parameters
-        if not self.filter.update(stamp, measured.mean, measured.covariance):
-            innovation = self.filter.normalized_innovation
-            self.place_odds = log_odds_by_place(self.filter.log_density)
+        is_used = self.filter.update(stamp, measured.mean, measured.covariance)
+        innovation = self.filter.normalized_innovation
+        by_place = log_odds_by_place(self.filter.log_density, innovation)
+        if not is_used:
+            self.place_odds = by_place
             return (
                 f"the position of target {target.id} jumped (squared innovation "
                 f"{innovation or 0.0:.1f}), as if the box were on something else"
@@ -323,7 +325,7 @@ class _Track:
             self.trust.contradict(stamp)
         self.trust.measure(
             stamp,
-            self.filter.log_density,
+            by_place,
             target.confidence,
             min_confidence=parameters.min_confidence,
             hold=parameters.hold,

@@ -189,8 +189,9 @@ def _with_filter_of(track: Track, other: Track) -> Track:
     )
 
 
-# Largest appearance distance of the same target, in its mean appearance distances.
-_MAX_RELATIVE_DISTANCE = 1.5
+# Largest appearance distance of the same target, in its mean appearance distances; that of a held
+# one, which is looked for longer and comes back in other views.
+_MAX_RELATIVE_DISTANCE, _MAX_HELD_DISTANCE = 1.5, 2.0
 # Largest displacement while lost: box heights, and heights per second.
 _MAX_OFFSET, _MAX_SPEED = 1.0, 1.0
 # Existence log odds below which a held target is missing, if the image does not show it.
@@ -247,8 +248,11 @@ class ReIdentifier:
         distances = self._appearance.distance(
             before.descriptor, np.array([track.descriptor for track in candidates])
         )
+        relative = distances / before.mean_appearance_distance
+        if before.is_held:
+            relative *= _MAX_RELATIVE_DISTANCE / _MAX_HELD_DISTANCE
         allowed = [_can_be_same(before, track) for track in candidates]
-        return np.where(allowed, distances / before.mean_appearance_distance, math.inf)
+        return np.where(allowed, relative, math.inf)
 
 
 def _is_missing(track: Track) -> bool:

@@ -14,7 +14,7 @@ RULES = {"min_confidence": 0.5, "hold": 2.0}
 
 def test_a_new_target_is_trusted():
     trust = Trust()
-    trust.measure(0, None, 0.5, **RULES)
+    trust.measure(0, 0.0, 0.5, **RULES)
     assert trust.doubted_for == 0.0
 
 
@@ -27,24 +27,21 @@ def test_it_is_in_doubt_while_it_is_hidden_and_not_with_a_low_confidence_alone()
 
 
 @pytest.mark.parametrize(
-    ("log_density", "confidence", "seconds"),
+    ("by_place", "confidence", "seconds"),
     [
-        # The place agrees.
-        (EVEN + 0.1, 0.5, 0.0),
+        (0.1, 0.5, 0.0),
         # Log odds of -2 of at least -4: half of the time.
-        (EVEN - 2.0, 0.5, 1.0),
-        (EVEN - 50.0, 0.5, 2.0),
+        (-2.0, 0.5, 1.0),
+        (-4.0, 0.5, 2.0),
         # Odds of 3 to 1 by the confidence.
-        (EVEN - 2.0, 0.75, 0.5 * (2.0 - math.log(3.0))),
-        (EVEN - 2.0, 0.9, 0.0),
-        # Nothing was predicted.
-        (None, 0.5, 0.0),
+        (-2.0, 0.75, 0.5 * (2.0 - math.log(3.0))),
+        (-2.0, 0.9, 0.0),
     ],
 )
-def test_the_place_and_the_confidence_decide_how_long(log_density, confidence, seconds):
+def test_the_place_and_the_confidence_decide_how_long(by_place, confidence, seconds):
     trust = Trust()
     trust.lose_sight(is_hidden=True)
-    trust.measure(0, log_density, confidence, **RULES)
+    trust.measure(0, by_place, confidence, **RULES)
     assert trust.doubted_for == pytest.approx(seconds)
     if seconds:
         # Later places are predicted from the first one, and say nothing new.
@@ -65,6 +62,11 @@ def test_a_contradiction_takes_the_whole_time():
 
 
 def test_the_odds_by_a_place():
-    assert log_odds_by_place(None) == 0.0
-    assert log_odds_by_place(EVEN + 1.0) == pytest.approx(1.0)
-    assert log_odds_by_place(-1e9) == -4.0
+    assert log_odds_by_place(None, None) == 0.0
+    # A narrow prediction, by which others are less likely there.
+    assert log_odds_by_place(EVEN + 1.0, 0.5) == pytest.approx(1.0)
+    assert log_odds_by_place(EVEN - 3.0, 8.0) == pytest.approx(-3.0)
+    assert log_odds_by_place(-1e9, 2e9) == -4.0
+    # A wide one: whoever is where it is likeliest may be it as well.
+    assert log_odds_by_place(EVEN - 7.0, 0.0) == 0.0
+    assert log_odds_by_place(EVEN - 7.0, 5.0) == pytest.approx(-2.5)
