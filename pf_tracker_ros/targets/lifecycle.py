@@ -244,7 +244,7 @@ def is_same_object(track: Track, box: NDArray[np.float64]) -> bool:
     return bool(pairwise_iou(track.box[None], box[None])[0, 0] > _SAME_ABOVE)
 
 
-# Log odds of existence below which a track ends.
+# Existence log odds below which a track ends.
 _ENDS_BELOW = -1.0
 # A target whose center is this near to the image border, in its own sides, has left.
 _LEFT_WITHIN = 0.03
@@ -277,7 +277,7 @@ class Deleter:
         tracks = []
         for track in track_set.tracks:
             if self._stays(track) or not (
-                track.log_odds < _ENDS_BELOW or _has_left(track, image_size)
+                track.existence_log_odds < _ENDS_BELOW or _has_left(track, image_size)
             ):
                 tracks.append(track)
             elif track.is_confirmed:

@@ -37,10 +37,9 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
 _MIN_BLEND_RATE = 0.05
-# Log odds of existence above which a track is reported.
+# Existence log odds above which a track is reported. Boxes of a target that the detector has just
+# missed are wrong at least as often as right; one that a robot follows is held nevertheless.
 _REPORTED_ABOVE = 0.5
-# Most that a confident image adds to them: a detector that looks again and again is right.
-_MOST_BY_IMAGE = 2.0
 # Seconds times targets over which the variance of growth is learned.
 _GROWTH_LEARNED_OVER = 30.0
 # A track replaces another one above this intersection over union.
@@ -152,15 +151,6 @@ class Track:
         return self.is_manual or self.is_selected
 
     @property
-    def log_odds(self) -> float:
-        """Log odds that it exists, by detections and, once it is confirmed, by the image."""
-        if not self.is_confirmed:
-            return self.existence_log_odds
-        confidence = min(max(self.filter_state.confidence, 0.5), 0.99)
-        by_image = math.log(confidence / (1.0 - confidence))
-        return self.existence_log_odds + min(by_image, _MOST_BY_IMAGE)
-
-    @property
     def label(self) -> str:
         """The label with the most votes, or an empty text."""
         return max(self.votes, key=lambda label: self.votes[label], default="")
@@ -211,7 +201,9 @@ class Track:
     @property
     def is_reported(self) -> bool:
         """Whether it is part of the output: all that are held, and confirmed ones that are seen."""
-        is_seen = self.log_odds > _REPORTED_ABOVE and self.filter_state.estimate.state != "lost"
+        is_seen = (
+            self.existence_log_odds > _REPORTED_ABOVE and self.filter_state.estimate.state != "lost"
+        )
         is_seen = is_seen and not (self.is_duplicate or self.is_distractor)
         return self.is_held or (self.is_confirmed and is_seen)
 

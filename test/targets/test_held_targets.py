@@ -28,13 +28,16 @@ def show(session, drawn, number, found=None):
     return session.process(Frame(drawn.images[number], at(number)))
 
 
-def test_a_confident_image_keeps_a_target_through_missed_detections(walkers):
+@pytest.mark.parametrize("max_targets", [1, 8])
+def test_missed_detections_do_not_hide_a_selected_target_that_the_image_shows(walkers, max_targets):
     """Two in a row of a detector of two frames in a second, then one that finds it."""
-    session = make_session(8)
+    session = make_session(max_targets)
     for number in range(25):
         found = None if number % 5 else [0] if number in (0, 5, 20) else []
         outcome = show(session, walkers, number, found)
-        assert [one.id for one in outcome.targets] == [1]
+        if number == 0 and max_targets > 1:
+            session.select(1)
+        assert [(one.id, one.estimate.state) for one in outcome.targets] == [(1, "tracking")]
 
 
 def test_a_detector_that_does_not_see_a_target_ends_it_or_its_tracking(walkers):
