@@ -41,9 +41,9 @@ def test_without_a_target_or_a_position_the_line_has_the_reason():
 
 @pytest.fixture
 def lines_of(graph, client, images, box, capfd):
-    """A function that prints a real tracker at a rate; returns the lines of its target."""
+    """A function that prints a real tracker at a rate, at least so many lines of its target."""
 
-    def run(rate):
+    def run(rate, least):
         tracker = graph.tracker(client, preset="li2007", particles=20)
         watch = WatchNode(rate=rate, context=graph.context())
         graph.run(watch)
@@ -52,12 +52,12 @@ def lines_of(graph, client, images, box, capfd):
         client.show_all(images)
         found = ""
 
-        def has_first():
+        def has_all():
             nonlocal found
             found += capfd.readouterr().out
-            return " tracking " in found
+            return found.count("target 1") >= least
 
-        client.wait_for(has_first, "line")
+        client.wait_for(has_all, "lines")
         graph.close()
         found += capfd.readouterr().out
         return [line for line in found.splitlines() if "target 1" in line]
@@ -66,14 +66,14 @@ def lines_of(graph, client, images, box, capfd):
 
 
 def test_it_prints_each_frame_of_a_real_tracker(lines_of, client):
-    found = lines_of(0.0)
+    found = lines_of(0.0, 20)
     assert len(found) == 20
     first = f"{client.at(0) / 1e9:.3f}  target 1  tracking 1.00  box at 20.0, 30.0, 24.0 x 24.0 px"
     assert found[0] == first
 
 
 def test_it_prints_so_many_lines_a_second(lines_of):
-    assert len(lines_of(0.001)) == 1
+    assert len(lines_of(0.001, 1)) == 1
 
 
 def test_once_ends_with_the_first_target(graph, client, images, box):

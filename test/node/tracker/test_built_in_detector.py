@@ -155,4 +155,4 @@ def test_without_vision_msgs_the_log_names_the_alternatives(graph):
         if "targets on" in line:
             break
     (warning,) = [line for line in lines if "needs vision_msgs" in line]
-    assert "request targets on ~/target, or set 'built_in_detector'" in warning
+    assert "draw targets or set 'built_in_detector'" in warning

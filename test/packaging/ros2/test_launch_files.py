@@ -159,10 +159,11 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     from pf_tracker_ros.tracking.parameters import TrackerParameters
 
     of_node = declarations(NodeParameters)
+    of_tracker = of_node | declarations(TrackerParameters)
     of_localizer = declarations(LocalizerParameters)
     of_each = (
-        of_node | declarations(TrackerParameters),
-        of_node | of_localizer,
+        of_tracker,
+        of_tracker | of_localizer,
         declarations(ReplayParameters),
         of_node,
     )
