@@ -109,6 +109,9 @@ class Updater:
             assigned: Detection of each track, or None.
             time_since_detection: Seconds since the last frame with detections.
         """
+        has_no_detector = time_since_detection > _NO_DETECTOR_AFTER
+        if has_no_detector:
+            tracks = [_without_misses(track) for track in tracks]
         updated = list(tracks)
         grounds = fit_grounds(tracks) if len(tracks) > 1 else {}
         boxes = np.array([track.predicted_box for track in tracks]).reshape(-1, 4)
@@ -117,7 +120,6 @@ class Updater:
         undetected = np.array([one is None for one in assigned], dtype=np.bool_)
         unknown = np.array([_is_place_unknown(track) for track in tracks], dtype=np.bool_)
         is_silent = time_since_detection > _SILENT_AFTER
-        has_no_detector = time_since_detection > _NO_DETECTOR_AFTER
         alone = _are_alone(tracks, boxes) & has_no_detector
         is_challenged = has_no_detector and sum(not one.is_distractor for one in tracks) == 1
         predictions = self._predict(tracks, frame, interval, assigned, alone, is_silent=is_silent)
@@ -393,6 +395,13 @@ def _missed(track: Track, change: float) -> Track:
         factor = math.exp(min(max(log_odds, _LEAST_MISSED), 0.0))
         filter_state = replace(filter_state, missed_factor=factor)
     return replace(track, existence_log_odds=log_odds, filter_state=filter_state)
+
+
+def _without_misses(track: Track) -> Track:
+    """A track whose image no detector contradicts any more."""
+    if track.filter_state.missed_factor == 1.0:
+        return track
+    return replace(track, filter_state=replace(track.filter_state, missed_factor=1.0))
 
 
 def _is_place_unknown(track: Track) -> bool:

@@ -53,6 +53,22 @@ def test_a_detector_that_does_not_see_a_target_ends_it_or_its_tracking(walkers):
     assert states[-1] == {1: "occluded"}
 
 
+def test_the_misses_of_a_detector_that_has_stopped_are_forgotten(walkers):
+    """Ten seconds after its last answer, the image counts alone."""
+    session = make_session(8)
+    session.request(tuple(walkers.boxes[0][0]))
+    for number in range(24):
+        show(session, walkers, number, None if number % 2 else [0] if number < 6 else [])
+    factors = []
+    for number in range(24, 150):
+        session.process(Frame(walkers.images[23], at(number)))
+        factors.append(session._manager.get_track(1).filter_state.missed_factor)
+    assert factors[0] < 0.1
+    assert factors[-1] == 1.0
+    assert session.estimate is None
+    assert session.targets[0].estimate.state == "tracking"
+
+
 def test_a_detector_of_other_things_does_not_count_against_a_target_drawn_by_hand(walkers):
     session = make_session(8)
     session.request(tuple(walkers.boxes[0][0]))
