@@ -109,12 +109,12 @@ def test_lost_frames_are_reported_with_the_remedy(graph, client, images):
         nonlocal index, seen
         # The longer it stands still, the more is lost by that: only what must be happens there.
         process.send_signal(signal.SIGSTOP)
-        for index in range(index + 1, index + 40):
-            seconds, nanoseconds = divmod(client.at(index), 10**9)
+        for number in range(index + 1, index + 40):
+            seconds, nanoseconds = divmod(client.at(number), 10**9)
             message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
             client.images.publish(message)
         process.send_signal(signal.SIGCONT)
-        seen = len(client.health)
+        index, seen = index + 40, len(client.health)
 
     def reported():
         found = [h for h in client.health if "lost on the way" in h.message]
