@@ -220,19 +220,6 @@ def _probability(result: FrameResult) -> NDArray[np.float64] | None:
 
 def _tracker_frame(result: FrameResult, stamp: int) -> TrackerFrame:
     """The result as the tracker reports it on `~/status`."""
-    targets = []
-    for target in result.targets:
-        covariance = target.estimate.box_covariance
-        targets.append(
-            ReportedTarget(
-                id=target.id,
-                label=target.label,
-                state=target.estimate.state,
-                confidence=float(target.estimate.confidence),
-                box=target.estimate.box,
-                box_covariance=np.triu(covariance) + np.triu(covariance, 1).T,
-            )
-        )
     return TrackerFrame(
         stamp=stamp,
         frame_id="camera",
@@ -240,7 +227,7 @@ def _tracker_frame(result: FrameResult, stamp: int) -> TrackerFrame:
         state=result.state,
         selected=result.selected,
         image_size=(CAMERA.width, CAMERA.height),
-        targets=tuple(targets),
+        targets=tuple(map(ReportedTarget.of, result.targets)),
     )
 
 

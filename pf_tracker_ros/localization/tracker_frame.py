@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,14 @@ class ReportedTarget:
     confidence: float
     box: Box
     box_covariance: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, target: TrackedTarget) -> ReportedTarget:
+        """A target as it reads on `~/status`: the covariance is that of the upper triangle."""
+        estimate = target.estimate
+        covariance = np.triu(estimate.box_covariance) + np.triu(estimate.box_covariance, 1).T
+        confidence = float(estimate.confidence)
+        return cls(target.id, target.label, estimate.state, confidence, estimate.box, covariance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -355,23 +355,8 @@ def _reported(tracked: TrackedFrame) -> TrackerFrame:
         state=tracked.state,
         selected=tracked.selected,
         image_size=None if image is None else (image.shape[1], image.shape[0]),
-        targets=tuple(
-            ReportedTarget(
-                id=target.id,
-                label=target.label,
-                state=target.estimate.state,
-                confidence=float(target.estimate.confidence),
-                box=target.estimate.box,
-                box_covariance=_symmetric(target.estimate.box_covariance),
-            )
-            for target in tracked.targets
-        ),
+        targets=tuple(map(ReportedTarget.of, tracked.targets)),
     )
-
-
-def _symmetric(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The covariance of the upper triangle, as on `~/status`: the lower one is rounded apart."""
-    return np.triu(covariance) + np.triu(covariance, 1).T
 
 
 def _probability(tracked: TrackedFrame) -> NDArray[np.float64] | None:

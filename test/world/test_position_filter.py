@@ -116,13 +116,16 @@ def test_the_density_of_a_measurement_given_its_prediction():
 
 @pytest.mark.parametrize("sd", [0.1, 0.5, 1.0])
 def test_it_keeps_up_with_who_walks_off(sd):
-    """However uncertain the place, where errors last: its changes are seen."""
+    """However uncertain the place, where errors last: its changes are seen.
+
+    With the errors as estimated states it is 0.1 to 0.3 m behind in all these moments but the last.
+    """
     tracker = PositionFilter(correlation_times=(0.3, 5.0))
     for step in range(100):
-        time = 0.05 * step
-        tracker.update(round(time * SECOND), (max(time - 2.0, 0.0), 0.0), sd**2 * np.eye(2))
-    # At a meter per second, a meter behind is a second.
-    assert tracker.predict(round(time * SECOND)).position[0] > time - 2.0 - 0.2
+        time, place = 0.05 * step, max(0.05 * step - 2.0, 0.0)
+        tracker.update(round(time * SECOND), (place, 0.0), sd**2 * np.eye(2))
+        if step in (50, 60, 80):
+            assert tracker.predict(round(time * SECOND)).position[0] > place - 0.1
 
 
 def test_late_measurements_and_early_predictions():
