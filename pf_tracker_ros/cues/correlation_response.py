@@ -304,7 +304,7 @@ class CorrelationResponse(SearchableCue):
     ) -> CorrelationTemplate:
         """See `Cue.blend`; the filter is trained every few frames; every frame is counted.
 
-        Windows of the frame that are near the box serve, moved onto it.
+        After the first ones, a window of the frame that is near the box serves, moved onto it.
         """
         counted = replace(
             template,
@@ -317,7 +317,7 @@ class CorrelationResponse(SearchableCue):
             return counted
         region, box = observation
         patch = self._patch(region, box)
-        spectrum = self._moved_window(region, patch, template.colored)
+        spectrum = self._moved_window(region, patch, template) if settled == 1.0 else None
         if spectrum is None:
             (spectrum,) = self._spectra([patch], template.colored)
         memory = settled * self._memory / interval
@@ -325,14 +325,18 @@ class CorrelationResponse(SearchableCue):
         reference = _reference(trained, spectrum)
         return replace(counted, filter=trained, reference=reference, frames_since_training=0)
 
-    def _moved_window(self, region: Region, patch: Patch, colored: bool) -> Spectrum | None:
-        """Spectrum of a patch from the windows of the frame; None where they are too different."""
-        windows = self._windows(region, colored)
+    def _moved_window(
+        self, region: Region, patch: Patch, template: CorrelationTemplate
+    ) -> Spectrum | None:
+        """Spectrum of a patch from a window of the frame; None where they are too different."""
+        windows = self._windows(region, template.colored)
         side = math.sqrt(windows.sides[0] * windows.sides[-1])
         shift = (patch.center - windows.center) * (self._cells / side)
         if np.abs(shift).max() > _LARGEST_SHIFT or abs(patch.side / side - 1.0) > _LARGEST_GROWTH:
             return None
-        return shifted(windows.spectra, shift)
+        # In turns, so that the sizes of the windows cancel out.
+        number = template.frames // self._interval % len(windows.sides)
+        return shifted(windows.spectra[number], shift)
 
     def _spectra(self, patches: Sequence[Patch], colored: bool) -> Spectrum:
         """(K, channels, cells, cells // 2 + 1) spectra of the features of K patches."""

@@ -5,7 +5,15 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.cues import correlation_filter
-from pf_tracker_ros.cues.correlation_filter import response, response_at_center, spectra_of, train
+from pf_tracker_ros.cues.correlation_filter import (
+    invert,
+    response,
+    response_at_center,
+    shifted,
+    spectra_of,
+    train,
+    transform,
+)
 
 CELLS = 16
 TARGET = (5.0, 3.5)
@@ -226,3 +234,11 @@ def test_features_without_contrast_have_a_zero_spectrum_whatever_is_rounded():
     faint = flat.copy()
     faint[:, 0, :, CELLS // 2 :] *= 1.01
     assert (np.abs(spectra_of(faint)).max(axis=(1, 2, 3)) > 0.1).all()
+
+
+@pytest.mark.parametrize("shift", [(3, 0), (0, -2), (-1, 4)])
+def test_a_shifted_spectrum_is_that_of_the_moved_window(shift):
+    features = np.random.default_rng(4).standard_normal((2, 16, 16)).astype(np.float32)
+    moved = invert(shifted(transform(16).apply(features), np.array(shift, float)))
+    expected = np.roll(features, (-shift[1], -shift[0]), axis=(1, 2))
+    np.testing.assert_allclose(moved, expected, atol=1e-5)

@@ -233,6 +233,40 @@ def test_each_of_the_first_blends_trains_with_decreasing_effect(template):
     assert changes[0] > 1.5 * changes[-1]
 
 
+def test_a_window_of_the_frame_serves_for_training_near_it_and_no_other(template, monkeypatch):
+    """Within a cell and 2 % of the size; read anew elsewhere, and for the first 25 frames."""
+    reads = []
+    read = CorrelationResponse._spectra
+
+    def spectra(self, patches, colored):
+        reads.append(len(patches))
+        return read(self, patches, colored)
+
+    due = replace(template, frames=25, frames_since_training=2)
+    cell = CUE._side(BOX) / 40
+    region = region_of(frame())
+    CUE.response(region, BOX[None], template)
+    monkeypatch.setattr(CorrelationResponse, "_spectra", spectra)
+
+    def trained(shift, template=due, growth=1.0):
+        box = BOX + [shift, 0.0, 0.0, 0.0]
+        box[2:] *= growth
+        reads.clear()
+        return CUE.blend(template, CUE.observe(region, box)), list(reads)
+
+    near, is_read = trained(0.9 * cell)
+    assert (near.frames_since_training, is_read) == (0, [])
+    apart, is_read = trained(1.2 * cell)
+    assert is_read == [1]
+    assert trained(0.0, growth=1.03)[1] == [1]
+    assert trained(0.0, replace(due, frames=24))[1] == [1]
+    # Both filters are of nearly the same windows.
+    own = CUE.response(region, BOX[None] + [cell, 0.0, 0.0, 0.0], near)
+    assert own == pytest.approx(
+        CUE.response(region, BOX[None] + [cell, 0.0, 0.0, 0.0], apart), abs=0.05
+    )
+
+
 def test_then_only_every_third_blend_trains(template):
     """With the default interval of 3; the frames between have no effect."""
     template = replace(template, frames=25)

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.appearances.oriented_gradients import gradient_descriptors
+from pf_tracker_ros.cues.hog import Hog, HogParameters
+from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.tracking.exemplars import Exemplars, describe
 
 BOX = np.array([10.0, 10.0, 60.0, 60.0])
@@ -62,3 +64,16 @@ def test_different_views_stay_and_repeated_ones_make_room():
         coefficients = exemplars.descriptors @ describe(frame(degrees), BOX[None])[0]
         assert coefficients.max() == pytest.approx(1.0, abs=1e-5)
     assert exemplars.similarities(frame(90.0), BOX[None]) == pytest.approx(1.0)
+
+
+def test_gradients_of_a_patch_are_those_of_the_cue_and_of_each_box_alone():
+    noise = np.random.default_rng(0).integers(0, 256, (90, 120, 3), np.uint8)
+    image = Frame(np.repeat(np.repeat(noise, 3, axis=0), 3, axis=1))
+    # Of 36 px, so that no pixel is interpolated.
+    boxes = np.array([[40.0, 30.0, 36.0, 36.0], [101.0, 87.0, 36.0, 36.0]])
+    together = gradient_descriptors(image, boxes)
+    cue = Hog(HogParameters(), cells=(6, 6), bins=9)
+    for box, descriptor in zip(boxes, together, strict=True):
+        np.testing.assert_array_equal(gradient_descriptors(image, box[None])[0], descriptor)
+        expected = np.sqrt(cue.learn(Region(image, box[None]), box).ravel())
+        np.testing.assert_allclose(descriptor, expected, atol=1e-5)
