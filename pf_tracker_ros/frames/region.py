@@ -70,21 +70,23 @@ def read_window(
     Returns:
         (pixels, pixels, 3) or (pixels, pixels); outside the image, its border is repeated.
     """
-    reduction = max(int(sides.min() / pixels + 2.0 - _UNREDUCED), 1)
+    # As floats, which Python computes faster than arrays of two.
+    (x, y), (across, down) = center.tolist(), sides.tolist()
+    reduction = max(int(min(across, down) / pixels + 2.0 - _UNREDUCED), 1)
     # From here on, pixels are those of the reduced view.
-    center, sides = center / reduction, sides / reduction
-    (left, right), (top, bottom) = (
-        pixel_range(middle - side / 2, middle + side / 2, -(-length // reduction))
-        for middle, side, length in zip(center, sides, frame.size, strict=True)
-    )
+    x, y, across, down = x / reduction, y / reduction, across / reduction, down / reduction
+    width, height = frame.size
+    left, right = pixel_range(x - across / 2, x + across / 2, -(-width // reduction))
+    top, bottom = pixel_range(y - down / 2, y + down / 2, -(-height // reduction))
     crop = frame.view(PixelRect(top, bottom, left, right), reduction)
     if gray and crop.ndim == 3:
         crop = cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY)
-    step = sides / pixels
-    first = center - sides / 2 + step / 2 - (left, top) - 0.5
+    step_across, step_down = across / pixels, down / pixels
+    first_x = x - across / 2 + step_across / 2 - left - 0.5
+    first_y = y - down / 2 + step_down / 2 - top - 0.5
     return cv2.warpAffine(
         crop,
-        np.array([[step[0], 0.0, first[0]], [0.0, step[1], first[1]]]),
+        np.array([[step_across, 0.0, first_x], [0.0, step_down, first_y]]),
         (pixels, pixels),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
