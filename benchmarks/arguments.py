@@ -62,18 +62,6 @@ def add_preset(made: argparse.ArgumentParser) -> None:
     made.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [%(default)s]")
 
 
-def add_groups(made: argparse.ArgumentParser) -> None:
-    """Add `--group`, which may be repeated."""
-    made.add_argument(
-        "--group",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="sequences to leave out together: a regular expression for the beginning of their "
-        "names; may be repeated",
-    )
-
-
 def at_least(least: int) -> Callable[[str], int]:
     """Type of an option: a whole number of at least `least`."""
 
