@@ -1,10 +1,16 @@
-"""Command-line options shared by the benchmarks."""
+"""Command-line options shared by the benchmarks, which import it before NumPy.
+
+Linear algebra then has one thread: NumPy reads the environment when it is imported.
+"""
 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Collection
 from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 from pf_tracker_ros.tracking.presets import PRESETS
 

@@ -15,13 +15,9 @@ and its regions of 50, 90 and 99 % contain the truth in that share of the frames
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
 from typing import NamedTuple
-
-# One thread also for the linear algebra, which reads this when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
 import numpy as np

@@ -20,7 +20,6 @@ from __future__ import annotations
 import csv
 import math
 import multiprocessing
-import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -29,9 +28,6 @@ from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
-
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
 import cv2

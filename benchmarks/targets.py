@@ -23,16 +23,12 @@ import importlib
 import importlib.util
 import itertools
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
-
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
 import cv2

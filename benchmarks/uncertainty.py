@@ -13,16 +13,12 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
-
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
 import numpy as np

@@ -13,13 +13,9 @@ Inside: share of the frames whose truth is in the 90 % region.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
 import cv2
