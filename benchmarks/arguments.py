@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+from pf_tracker_ros.evaluation import EvaluationError
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.presets import PRESETS
 
 
@@ -66,6 +70,15 @@ def add_folder(made: argparse.ArgumentParser) -> None:
 def add_preset(made: argparse.ArgumentParser) -> None:
     """Add `--preset`."""
     made.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [%(default)s]")
+
+
+@contextmanager
+def told_errors(made: argparse.ArgumentParser) -> Iterator[None]:
+    """Ends the program with one line for footage, files and parameters that cannot be used."""
+    try:
+        yield
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
+        made.error(" ".join(str(error).split()))
 
 
 def at_least(least: int) -> Callable[[str], int]:

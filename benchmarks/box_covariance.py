@@ -28,8 +28,7 @@ from tables import Table
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import EvaluationError, has_target, overlap, read_sequences
-from pf_tracker_ros.footage import Footage, FootageError
-from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.box_covariance import (
@@ -147,7 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = options_of.sequence_parser(__doc__)
     options_of.add_preset(parser)
     options = parser.parse_args(arguments)
-    try:
+    with options_of.told_errors(parser):
         sequences = read_sequences(options.sequences)
         if len(sequences) < 2:
             raise EvaluationError("one sequence; allowed: at least two, to leave one out")
@@ -156,8 +155,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for footage in sequences:
                 measured.append(measure(footage, options.preset, options.seeds))
                 on_progress(footage.name, 1)
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
     fitted = [fit([*measured[:number], *measured[number + 1 :]]) for number in range(len(measured))]
     summary("All sequences, each fitted on the others", measured, fitted).show()
     summary("All sequences, the package's", measured, [COEFFICIENTS] * len(sequences)).show()

@@ -27,15 +27,13 @@ from tracker_families import FAMILIES
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
-    EvaluationError,
     SequenceResult,
     TrackerFactory,
     evaluate_sequence,
     read_sequences,
 )
 from pf_tracker_ros.evaluation.sequences import frame_count
-from pf_tracker_ros.footage import Footage, FootageError
-from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import OnProgress, progress_bar
 
 TRACKERS: Mapping[str, TrackerFactory] = {
@@ -138,7 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not options.sequences and not options.scenes:
         parser.error("nothing to do; give a SEQUENCE_DIR, or --scenes of at least 1")
-    try:
+    with options_of.told_errors(parser):
         ClutteredStreet(0, {"frames": options.frames})
         tables = [sequence_table(options.sequences, options.seeds)] if options.sequences else []
         if options.scenes:
@@ -146,8 +144,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for table in tables:
             table.show()
         save_tables(options.output / "families.md", tables)
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
 

@@ -39,9 +39,8 @@ from pf_tracker_ros.evaluation import (
 )
 from pf_tracker_ros.evaluation.plots import save_success_plot
 from pf_tracker_ros.evaluation.sequences import frame_count
-from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.networks.siamese import SiameseNetwork
-from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
@@ -302,7 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="run only this tracker; may be repeated",
     )
     options = parser.parse_args(arguments)
-    try:
+    with options_of.told_errors(parser):
         found, missing = contenders(options.nanotrack, options.model)
         trackers = chosen(found, missing, options.tracker)
         sequences = read_sequences(options.sequences)
@@ -322,8 +321,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         curves = {outcome.name: outcome.success_curve for outcome in outcomes}
         peers = curves.keys() - PRESETS.keys()
         save_success_plot(options.output / "peers.png", curves, dashed=peers)
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
 

@@ -35,8 +35,7 @@ from pf_tracker_ros.evaluation import (
     read_sequences,
 )
 from pf_tracker_ros.evaluation.sequences import frame_count
-from pf_tracker_ros.footage import Footage, FootageError
-from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 
@@ -304,7 +303,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="a regular expression for the beginning of names of sequences; may be repeated",
     )
     options = parser.parse_args(arguments)
-    try:
+    with options_of.told_errors(parser):
         Tracker.from_preset(options.preset)
         sequences = read_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)
@@ -329,8 +328,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with (options.output / "uncertainty.csv").open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([tables[1].headings, *tables[1].groups[0]])
         plot(options.output / "uncertainty.png", frames, f"{options.preset}: {runs}")
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
 
