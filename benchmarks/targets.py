@@ -404,16 +404,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--tracker", action="append", default=[], metavar="NAME", help="run only this tracker"
     )
     parser.add_argument("--seed", type=int, default=0, help="of MultiTracker and Tracker [0]")
-    parser.add_argument(
-        "--moving-camera",
-        action="store_true",
-        help="crop the images as a camera on a walking robot would see them",
-    )
-    parser.add_argument(
-        "--poor-detector",
-        action="store_true",
-        help="thin, move and resize the detections, and add false ones",
-    )
+    for name, what in (
+        ("--moving-camera", "crop the images as a camera on a walking robot would see them"),
+        ("--poor-detector", "thin, move and resize the detections, and add false ones"),
+    ):
+        parser.add_argument(name, action="store_true", help=what)
     options_of.add_folder(parser)
     options = parser.parse_args(arguments)
     missing = {name: what for name, one in TRACKERS.items() if (what := one.missing())}
