@@ -67,8 +67,8 @@ class ColorStripes(Appearance):
 
     def extract(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
         """See `Appearance.extract`."""
-        lab = np.empty((len(boxes), _ROWS, _COLUMNS, 3), dtype=np.uint8)
-        for number, box in enumerate(boxes):
+        resized = []
+        for box in boxes:
             (left, right), (top, bottom) = (
                 _inner(start, side, inset, length)
                 for start, side, inset, length in zip(
@@ -80,9 +80,11 @@ class ColorStripes(Appearance):
                 )
             )
             crop = frame.view(PixelRect(top, bottom, left, right))
-            lab[number] = _lab(cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA))
+            resized.append(cv2.resize(crop, (_COLUMNS, _ROWS), interpolation=cv2.INTER_AREA))
+        if not resized:
+            return np.empty((0, _STRIPES * _BINS), dtype=np.float32)
         # Each pixel is shared by the two nearest bins of each axis: (2, pixels) for each.
-        channels = lab.reshape(-1, 3).T
+        channels = _lab(np.concatenate(resized)).reshape(-1, 3).T
         first, second, third = (
             steps.take(channel, axis=1)
             for steps, channel in zip(_STEPS_TO_BIN, channels, strict=True)
@@ -92,8 +94,8 @@ class ColorStripes(Appearance):
         )
         first_bins = np.arange(len(boxes))[:, None] * (_STRIPES * _BINS) + _STRIPE
         bins = first[:, None, None] + second[:, None] + (third + first_bins.ravel())
-        weights = np.tile(_WEIGHTS, len(boxes))
-        shares = one[:, None, None] * two[:, None] * three * weights
+        shares = one[:, None, None] * two[:, None] * three
+        shares = shares.reshape(2, 2, 2, len(boxes), -1) * _WEIGHTS
         size = len(boxes) * _STRIPES * _BINS
         counts = np.bincount(bins.ravel(), shares.ravel(), minlength=size)
         counts = counts.reshape(len(boxes), _STRIPES * _BINS)

@@ -118,7 +118,7 @@ class DeferredObservation(NamedTuple):
 
 
 class Patch(NamedTuple):
-    """A square part of a frame; arguments of `read_window`.
+    """A square part of a frame.
 
     Attributes:
         frame: The frame.
@@ -327,7 +327,12 @@ class CorrelationResponse(SearchableCue):
 
     def _pixels(self, patches: Sequence[Patch], *, gray: bool) -> NDArray[np.uint8]:
         pixels = self._features.cell_size * self._cells
-        return np.stack([read_window(*patch, pixels, gray) for patch in patches])
+        return np.concatenate(
+            [
+                read_window(frame, center, np.array([side, side]), pixels, gray)[None]
+                for frame, center, side in patches
+            ]
+        )
 
     def _patch(self, region: Region, box: NDArray[np.float64], factor: float = 1.0) -> Patch:
         """The window around a (4,) box, for `factor` times its size."""

@@ -78,7 +78,7 @@ class Hog(Cue):
         self._columns = np.arange(across + 1)[:, None] / across
         self._rows = np.arange(down + 1)[:, None] / down
         # Computed in advance: it takes the time of several frames.
-        _direction_table(bins)
+        direction_table(bins)
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`; source: Zhang et al. 2015, section 2."""
@@ -139,7 +139,7 @@ class Hog(Cue):
 
         def integrate() -> NDArray[np.int32]:
             differences = region.differences(self._smoothed)
-            channels = _direction_table(self._bins).take(differences, axis=0)
+            channels = direction_table(self._bins).take(differences, axis=0)
             return cv2.integral(channels, sdepth=cv2.CV_32S)
 
         integral = region.cached(("oriented gradients", self._bins, self._smoothed), integrate)
@@ -221,7 +221,7 @@ def _missing(descriptor: NDArray[np.float64]) -> float:
 
 
 @cache
-def _direction_table(bins: int) -> NDArray[np.uint8]:
+def direction_table(bins: int) -> NDArray[np.uint8]:
     """(511 * 511, bins) gradient magnitude in each direction bin, by `paired_differences` index.
 
     Bin k is centered on k * 180 / bins degrees. A gradient at t bins from the nearest center,

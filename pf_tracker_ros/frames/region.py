@@ -50,37 +50,41 @@ _UNREDUCED = 1.75
 
 
 def read_window(
-    frame: Frame, center: NDArray[np.float64], side: float, pixels: int, gray: bool = False
+    frame: Frame,
+    center: NDArray[np.float64],
+    sides: NDArray[np.float64],
+    pixels: int,
+    gray: bool = False,
 ) -> NDArray[np.uint8]:
-    """A square part of a frame, resized to a fixed number of pixels.
+    """A part of a frame, resized to a square of a fixed number of pixels.
 
     When the window is shrunk, image pixels are averaged, not skipped.
 
     Args:
         frame: The frame.
         center: (2,) center of the window, image pixels; may be outside the image.
-        side: Side of the window, image pixels.
+        sides: (2,) width and height of the window, image pixels.
         pixels: Pixels along each side of the result.
         gray: Return brightness only.
 
     Returns:
         (pixels, pixels, 3) or (pixels, pixels); outside the image, its border is repeated.
     """
-    reduction = max(int(side / pixels + 2.0 - _UNREDUCED), 1)
+    reduction = max(int(sides.min() / pixels + 2.0 - _UNREDUCED), 1)
     # From here on, pixels are those of the reduced view.
-    center, side = center / reduction, side / reduction
+    center, sides = center / reduction, sides / reduction
     (left, right), (top, bottom) = (
         pixel_range(middle - side / 2, middle + side / 2, -(-length // reduction))
-        for middle, length in zip(center, frame.size, strict=True)
+        for middle, side, length in zip(center, sides, frame.size, strict=True)
     )
     crop = frame.view(PixelRect(top, bottom, left, right), reduction)
     if gray and crop.ndim == 3:
         crop = cv2.cvtColor(crop, cv2.COLOR_BGR2GRAY)
-    step = side / pixels
-    first = center - side / 2 + step / 2 - (left, top) - 0.5
+    step = sides / pixels
+    first = center - sides / 2 + step / 2 - (left, top) - 0.5
     return cv2.warpAffine(
         crop,
-        np.array([[step, 0.0, first[0]], [0.0, step, first[1]]]),
+        np.array([[step[0], 0.0, first[0]], [0.0, step[1], first[1]]]),
         (pixels, pixels),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,

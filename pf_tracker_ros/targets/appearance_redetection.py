@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.tracks import Track, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
+from pf_tracker_ros.values import replace
 
 # Frames between two searches for a target, and the boxes that each compares.
 _EVERY, _PLACES = 5, 6

@@ -22,7 +22,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -33,6 +32,7 @@ from pf_tracker_ros.boxes import pairwise_coverage
 from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackSet
+from pf_tracker_ros.values import replace
 
 
 def require_scipy() -> None:

@@ -24,7 +24,7 @@ Navigation", 6.2.2 and 8.2.3; Aharon, Orfaig and Bobrovsky 2022, "BoT-SORT".
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +58,7 @@ _MAX_PAUSE = 10.0
 _MAX_DEVIATIONS = 3.0
 
 
-@dataclass(frozen=True, eq=False)
-class BoxKalmanFilter:
+class BoxKalmanFilter(NamedTuple):
     """State of the filter; a value.
 
     Axes: center x and y, pixels; logarithms of the height in pixels and of width over height.
@@ -125,7 +124,7 @@ class BoxKalmanFilter:
         """
         if interval > _MAX_STEP:
             variance = self.velocity_variance + np.square(self.velocity)
-            at_rest = replace(self, velocity=np.zeros(4), velocity_variance=variance)
+            at_rest = self._replace(velocity=np.zeros(4), velocity_variance=variance)
             return at_rest._step(min(interval, _MAX_PAUSE), height, growth_variance)
         return self._step(interval, height, growth_variance)
 
@@ -139,10 +138,12 @@ class BoxKalmanFilter:
                 1.0 - decay**2,
             ]
         )
-        noise = np.square(_ACCELERATION * height) * interval
-        motion = np.outer([interval**2 / 3.0, interval / 2.0, 1.0], noise)
-        aspect = np.array([_ASPECT_NOISE**2 * interval, 0.0, 0.0])
-        noises = np.column_stack([motion, growth, aspect])
+        # Rows: of the position, its covariance with the velocity, the velocity.
+        noises = np.zeros((3, 4))
+        noises[:, :2] = np.square(_ACCELERATION * height) * interval
+        noises[:2, :2] *= np.array([[interval**2 / 3.0], [interval / 2.0]])
+        noises[:, 2] = growth
+        noises[0, 3] = _ASPECT_NOISE**2 * interval
         step = np.array([interval, interval, rest, 0.0])
         factor = np.array([1.0, 1.0, decay, 0.0])
         return BoxKalmanFilter(
@@ -201,7 +202,7 @@ class BoxKalmanFilter:
         variance = self.variance.copy()
         variance[2] = max(variance[2], _IMAGE_LOG_HEIGHT_STD**2)
         mean = np.concatenate([self.center, _log_size(size)])
-        return replace(self, mean=mean, variance=variance)
+        return self._replace(mean=mean, variance=variance)
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> BoxKalmanFilter:
         """The filter in the image of a camera that has moved; see `EgoMotion.update`.
@@ -213,7 +214,7 @@ class BoxKalmanFilter:
         mean, velocity = self.mean.copy(), self.velocity.copy()
         mean[:2] = linear @ self.center + shift
         velocity[:2] = linear @ self.velocity[:2]
-        return replace(self, mean=mean, velocity=velocity)
+        return self._replace(mean=mean, velocity=velocity)
 
     def scale(self, factors: NDArray[np.float64]) -> BoxKalmanFilter:
         """The filter in an image of another size, by (2,) factors of its width and height."""

@@ -7,10 +7,7 @@ A target that crosses a similar object could be lost to it. So the object gets a
    It explains its own pixels, and its detections are not assigned to the target.
 3. Update: the track moves with its Kalman filter, corrected by the candidates near it, without a
    particle filter.
-4. Check: a target that may have switched to its distractor is not believed (`_check_switch`).
-5. Exchange: where the boxes of target and distractor explain both better the other way round
-   (`are_exchanged`), they change places.
-6. Promote or end: a detection turns it into a target (`Initiator.promote_distractors`). Otherwise
+4. Promote or end: a detection turns it into a target (`Initiator.promote_distractors`). Otherwise
    it ends far from the target, on another target, or unseen.
 
 Compare Zhu et al. 2018, "Distractor-aware Siamese Networks for Visual Object Tracking", which keeps
@@ -20,24 +17,21 @@ similar objects as negative templates.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import (
-    are_same_place,
     as_box,
     is_truncated,
     pairwise_iou,
     relative_center_distances,
 )
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
+from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.lifecycle import Initiator
 from pf_tracker_ros.targets.tracks import DistractorCandidate, Track, TrackKey, TrackSet
-from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.state_operations import StateOperations
+from pf_tracker_ros.values import replace
 
 # Seconds for which a candidate is seen before it becomes a track, and its largest distance from its
 # prediction, in its sides.
@@ -53,16 +47,8 @@ _FAR = 2.0
 # Seconds unseen after which it ends. They count six times where it should be visible: its target is
 # not occluded, and farther away than 0.7 of its sides.
 _UNSEEN_FOR, _BESIDE, _VISIBLE_RATE = 2.0, 0.7, 6.0
-# A target with an intersection over union with its distractor above this may have switched. It is
-# itself again within this squared Mahalanobis distance of its predicted center, or after this many
-# seconds.
-_SWITCHED_ABOVE, _SWITCH_GATE, _SWITCHED_FOR = 0.3, 6.0, 2.0
 # Distractors at a time.
 _MAX_DISTRACTORS = 2
-# Slope of log odds over similarities to the exemplars, see `Confidence`; minimum of these odds for
-# an exchange, and for a target told apart from its distractors (equal objects differ by up to 1.3);
-# largest squared distance from a prediction along an axis, standard deviations.
-_SIMILARITY_SLOPE, _EXCHANGED_ABOVE, _TOLD_APART_ABOVE, _MAX_SQUARED = 20.0, 1.0, 1.5, 9.0
 # Numbers of their keys begin above those of detections.
 _FIRST_NUMBER = 1_000_000
 
@@ -91,6 +77,8 @@ class DistractorManager:
             has_detections: Whether a detector saw the frame; then no distractor begins, since the
                 detections show what there is.
         """
+        if not any(_may_have_candidate(track) for track in track_set.tracks):
+            return track_set
         tracks = [_with_candidate(track, interval) for track in track_set.tracks]
         if has_detections:
             return replace(track_set, tracks=tuple(tracks))
@@ -156,6 +144,10 @@ class DistractorManager:
         return replace(distractor, filter_state=filter_state)
 
 
+def _may_have_candidate(track: Track) -> bool:
+    return not (track.filter_state.distractor_box is None and track.distractor_candidate is None)
+
+
 def _with_candidate(track: Track, interval: float) -> Track:
     """A track with its distractor candidate updated by this frame."""
     box, before = track.filter_state.distractor_box, track.distractor_candidate
@@ -191,168 +183,3 @@ def _continues(distractor: Track, target: Track, others: Sequence[Track]) -> boo
         return False
     boxes = np.array([one.box for one in others]).reshape(-1, 4)
     return bool(pairwise_iou(distractor.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
-
-
-def check_identity(
-    track: Track,
-    before: Track,
-    tracks: Sequence[Track],
-    frame: Frame,
-    interval: float,
-    *,
-    operations: StateOperations,
-) -> Track:
-    """An undetected track after its update, which may have switched to one of its distractors.
-
-    Args:
-        track: In this frame.
-        before: After the last one, with its center predicted into this frame.
-        tracks: All, predicted likewise.
-        frame: This one.
-        interval: Seconds since the last frame.
-        operations: Moves filter states.
-    """
-    distractors = [one for one in tracks if one.distracted_key == track.key]
-    targets = [one for one in tracks if not (one.is_distractor or one.key == track.key)]
-    track = _check_switch(track, before, distractors, frame, interval)
-    return _exchange(track, before, distractors, targets, frame, operations=operations)
-
-
-def _check_switch(
-    track: Track,
-    before: Track,
-    distractors: Sequence[Track],
-    frame: Frame,
-    interval: float,
-) -> Track:
-    """Mark a track as occluded, and keep its Kalman filter, where it may be on a distractor.
-
-    It may have switched once it jumps, while tracked, to the second peak of the last frame,
-    unless the filter knows that as a distractor, or once it overlaps a distractor. The doubt ends
-    near the predicted center, where it looks more like itself than like its distractors, and
-    after some time: the confidence then decides, or redetection once the target is lost.
-    """
-    filter_state, box, last = track.filter_state, track.box, before.filter_state
-    itself = replace(track, switched_for=None)
-    if last.status.state == "lost":
-        return itself
-    boxes = np.array([one.predicted_box for one in distractors]).reshape(-1, 4)
-    overlaps = pairwise_iou(box[None], boxes)
-    switched_for: float | None = None
-    if overlaps.max(initial=0.0) > _SWITCHED_ABOVE or (
-        filter_state.known_distractor is None and _has_jumped(last, box)
-    ):
-        switched_for = 0.0
-    elif before.switched_for is not None and before.switched_for < _SWITCHED_FOR:
-        variance = before.box_filter.center_variance + np.square(IMAGE_CENTER_STD * box[2:])
-        offset = box[:2] + box[2:] / 2 - before.box_filter.center
-        if (np.square(offset) / variance).sum() > _SWITCH_GATE:
-            switched_for = before.switched_for + interval
-    if switched_for is None or is_told_apart(before, distractors, box, frame):
-        return itself
-    if filter_state.estimate.state == "tracking":
-        estimate = replace(filter_state.estimate, state="occluded", reacquired_for=None)
-        filter_state = replace(filter_state, estimate=estimate)
-    return replace(
-        track,
-        filter_state=filter_state,
-        box_filter=before.box_filter,
-        switched_for=switched_for,
-    )
-
-
-def _has_jumped(last: FilterState, box: NDArray[np.float64]) -> bool:
-    """Whether a tracked target's (4,) box is at the last second peak, away from the last box."""
-    return (
-        last.status.state == "tracking"
-        and last.second_peak is not None
-        and bool(are_same_place(box, last.second_peak))
-        and bool(relative_center_distances(box, last.estimate.box) >= 1.0)
-    )
-
-
-def _exchange(
-    track: Track,
-    before: Track,
-    distractors: Sequence[Track],
-    targets: Sequence[Track],
-    frame: Frame,
-    *,
-    operations: StateOperations,
-) -> Track:
-    """A track whose box and that of a distractor are exchanged if that explains both better.
-
-    The box of another target is not exchanged. What was learned from the distractor's box is
-    forgotten, and the target counts as occluded in this frame.
-    """
-    other = track.filter_state.distractor_box
-    if other is None or track.is_occluded_by_other:
-        return track
-    places = np.array([one.predicted_box for one in targets]).reshape(-1, 4)
-    if pairwise_iou(other[None], places).max(initial=0.0) > _SWITCHED_ABOVE:
-        return track
-    boxes = np.stack([track.box, other])
-    if not any(are_exchanged(before, one, boxes, frame) for one in distractors):
-        return track
-    center, size = other[:2] + other[2:] / 2, track.box[2:]
-    filter_state = operations.move_to(track.filter_state, as_box([*(center - size / 2), *size]))
-    filter_state = replace(
-        filter_state,
-        templates=before.filter_state.templates,
-        exemplars=before.filter_state.exemplars,
-        distractor_box=track.box,
-        estimate=replace(filter_state.estimate, state="occluded", reacquired_for=None),
-    )
-    return replace(
-        track,
-        filter_state=filter_state,
-        box_filter=before.box_filter.correct_center(center, IMAGE_CENTER_STD * size),
-        switched_for=None,
-    )
-
-
-def are_exchanged(
-    target: Track, distractor: Track, boxes: NDArray[np.float64], frame: Frame
-) -> bool:
-    """Whether the target's box is on its distractor, and the other one on the target.
-
-    Both boxes are assigned at once, by their distances from both predicted centers and by their
-    similarities to the exemplars of both. The exemplars must prefer the exchange by themselves:
-    predictions are poor after an occlusion.
-
-    Args:
-        target: With its center predicted into the frame.
-        distractor: Likewise.
-        boxes: (2, 4) of target and distractor in the frame, pixels.
-        frame: The frame.
-    """
-    centers, noise = boxes[:, :2] + boxes[:, 2:] / 2, np.square(IMAGE_CENTER_STD * boxes[0, 2:])
-    motion, looks = 0.0, 0.0
-    for track, sign in ((target, 1.0), (distractor, -1.0)):
-        squared = np.square(centers - track.box_filter.center)
-        squared = squared / (track.box_filter.center_variance + noise)
-        own, other = -0.5 * np.minimum(squared, _MAX_SQUARED).sum(axis=1)
-        motion += sign * float(other - own)
-        own, other = track.filter_state.exemplars.similarities(frame, boxes)
-        looks += sign * _SIMILARITY_SLOPE * float(other - own)
-    return looks > 0.0 and motion + looks > _EXCHANGED_ABOVE
-
-
-def is_told_apart(
-    target: Track, distractors: Sequence[Track], box: NDArray[np.float64], frame: Frame
-) -> bool:
-    """Whether a box looks like a target and like none of its distractors, by all exemplars.
-
-    Args:
-        target: The target.
-        distractors: Those of the target; without any, nothing is told.
-        box: (4,) in the frame, pixels.
-        frame: The frame.
-    """
-    if not distractors:
-        return False
-    own, *others = (
-        float(track.filter_state.exemplars.similarities(frame, box[None])[0])
-        for track in (target, *distractors)
-    )
-    return _SIMILARITY_SLOPE * (own - max(others)) > _TOLD_APART_ABOVE

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from typing import Any
 
@@ -20,6 +20,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
+from pf_tracker_ros.values import replace
 
 # Time span of thinned frames: a user draws a target within 2 s, and the rest is for transport.
 _THINNED_SPAN = NANOSECONDS * 11 // 5

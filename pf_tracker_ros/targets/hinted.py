@@ -6,7 +6,6 @@ A target out of sight is looked for where it is expected. While it is tracked, t
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +15,7 @@ from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.state_operations import StateOperations
+from pf_tracker_ros.values import replace
 
 # A box is where it is expected within this distance, in its own sides, or two standard deviations,
 # and with sides that differ by up to this factor.

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,7 @@ from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
+from pf_tracker_ros.values import replace
 
 # A detection with an intersection over union above this is of the same object as a track.
 _SAME_ABOVE = 0.45

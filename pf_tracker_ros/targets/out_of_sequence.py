@@ -15,7 +15,6 @@ exact solution", whose update of a Kalman filter needs no reprocessing.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +26,7 @@ from pf_tracker_ros.targets.detections import DUPLICATE_ABOVE, Detection, Detect
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry
 from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.tracks import Track, TrackSet
+from pf_tracker_ros.values import replace
 
 # Maximum age of late detections, nanoseconds.
 _MAX_AGE = 2 * NANOSECONDS

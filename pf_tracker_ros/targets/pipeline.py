@@ -15,7 +15,6 @@ and Paulus 2017) and of Stone Soup.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from pf_tracker_ros.appearances import build_appearance
 from pf_tracker_ros.frames import Frame
@@ -30,6 +29,7 @@ from pf_tracker_ros.targets.updater import Updater
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.target_filter import TargetFilter
+from pf_tracker_ros.values import replace
 
 
 class TrackingPipeline:

@@ -6,8 +6,8 @@ motion model, each target is relearned in the frame and at the box where it was 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from pf_tracker_ros.targets.tracks import LastSeen, Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import clamp_box, scaled_box, scaled_to
 from pf_tracker_ros.tracking.target_filter import TargetFilter
+from pf_tracker_ros.values import replace
 
 
 def needs_relearning(
@@ -92,7 +93,7 @@ def relearned(
         state = target_filter.initialize(
             seen.frame, box, before.generator_state, before.estimate.state
         )
-        status = replace(state.status, hidden_for=before.status.hidden_for)
+        status = state.status._replace(hidden_for=before.status.hidden_for)
         state = replace(state, status=status, exemplars=before.exemplars)
         new = replace(track, filter_state=state, time_since_template_update=0.0)
         tracks.append(new.reset_descriptor(seen.frame, box, appearance) if appearance else new)
@@ -134,7 +135,7 @@ def resized(
     for track in track_set.ended_tracks:
         state = track.filter_state
         box = scaled_box(state.estimate.box, before, after)
-        state = replace(state, estimate=replace(state.estimate, box=box))
+        state = replace(state, estimate=dataclasses.replace(state.estimate, box=box))
         ended.append(replace(_scaled(track, factors), filter_state=state))
     return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(ended)), scaled
 

@@ -9,7 +9,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,6 +55,7 @@ from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.scaling import scaled_box, scaled_to
 from pf_tracker_ros.tracking.target_filter import TargetFilter, default_numpy_errors
+from pf_tracker_ros.values import replace
 
 # The frame of a manual target may have been lost; one at most this much later replaces it.
 _SUBSTITUTE_WITHIN = NANOSECONDS
@@ -110,11 +110,17 @@ class TrackManager:
         self.frames = FrameBuffer()
         self._track_ids = TrackIds()
         self._last_seen: dict[TrackKey, LastSeen] = {}
+        # A track set and the targets that are reported of it.
+        self._reported: tuple[TrackSet | None, tuple[TrackedTarget, ...]] = None, ()
         self.rejected_detections: tuple[str, ...] = ()
 
     def __getstate__(self) -> dict[str, Any]:
         # Images would only make a copy large.
-        return self.__dict__ | {"frames": self.frames.empty_copy(), "_last_seen": {}}
+        return self.__dict__ | {
+            "frames": self.frames.empty_copy(),
+            "_last_seen": {},
+            "_reported": (None, ()),
+        }
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -144,17 +150,21 @@ class TrackManager:
     @property
     def targets(self) -> tuple[TrackedTarget, ...]:
         """The reported targets after the last frame, sorted by id."""
-        reported = [
-            TrackedTarget(
-                self._track_ids[track.key],
-                track.label,
-                track.filter_state.estimate,
-                track.age,
-                track.unconfirmed_for,
+        track_set, targets = self._reported
+        if track_set is not self._track_set:
+            tracks = self._track_ids.reported(self._track_set.tracks)
+            targets = tuple(
+                TrackedTarget(
+                    id,
+                    track.label,
+                    track.filter_state.estimate,
+                    track.age,
+                    track.unconfirmed_for,
+                )
+                for id, track in sorted(tracks.items())
             )
-            for track in self._track_ids.reported(self._track_set.tracks).values()
-        ]
-        return tuple(sorted(reported, key=lambda target: target.id))
+            self._reported = self._track_set, targets
+        return targets
 
     def map_likelihood(self, id: int) -> LikelihoodMap | None:
         """The likelihood around a target's box in the last frame; tracking is unaffected.

@@ -174,7 +174,7 @@ class Tracker:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
         interval, share = None if dt is None else check_interval(dt), check_share(covered_share)
-        hints = {target.id: Hint(share) for target in self._manager.targets if share}
+        hints = {target.id: Hint(share) for target in self._manager.targets} if share else None
         self._manager.update(Frame(image.copy()), interval, hints=hints)
         return self._manager.targets[0].estimate
 

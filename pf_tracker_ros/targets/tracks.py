@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from pf_tracker_ros.boxes import Box, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import GROWTH_VARIANCE, BoxKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.values import replace
 
 # Prior of the mean appearance distance, and the number of detections that it counts as.
 _PRIOR_APPEARANCE_DISTANCE, _PRIOR_SAMPLES = 0.12, 10
@@ -94,7 +95,6 @@ class Track:
         is_selected: Whether a robot acts on it; then it stays while it may come back.
         is_occluded_by_other: Whether another target is in front of it.
         is_duplicate: Whether, meanwhile, its box is on the same object as that of the other one.
-        switched_for: Seconds since it may have jumped to a distractor; None where it has not.
         distracted_key: Key of the target that this distractor is told apart from; None for targets.
         unseen_for: Seconds for which a distractor was not seen; they count more where it should
             have been visible.
@@ -120,7 +120,6 @@ class Track:
     is_selected: bool = False
     is_occluded_by_other: bool = False
     is_duplicate: bool = False
-    switched_for: float | None = None
     distracted_key: TrackKey | None = None
     unseen_for: float = 0.0
     distractor_candidate: DistractorCandidate | None = None
@@ -186,6 +185,22 @@ class Track:
             box_filter=self.box_filter.compensate_camera_motion(camera_motion),
             distractor_candidate=candidate,
             ground_box=None,
+        )
+
+    def older(self, interval: float, **fields: Any) -> Track:
+        """The track of the next frame, hidden by no other one unless the fields say so.
+
+        Args:
+            interval: Seconds since the last frame.
+            fields: Name of a field to its new value.
+        """
+        visible = {"is_occluded_by_other": False, "is_duplicate": False}
+        return replace(
+            self,
+            age=self.age + interval,
+            unconfirmed_for=self.unconfirmed_for + interval,
+            time_since_template_update=self.time_since_template_update + interval,
+            **(visible | fields),
         )
 
     def predict(self, interval: float, growth_variance: float) -> Track:

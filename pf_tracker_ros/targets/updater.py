@@ -15,9 +15,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from pf_tracker_ros.boxes import Box, as_box, is_truncated, pairwise_coverage, p
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.distractors import check_identity
 from pf_tracker_ros.targets.external_likelihoods import (
     Ground,
     external_likelihood,
@@ -37,6 +36,7 @@ from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
+from pf_tracker_ros.values import replace
 
 # Covered share of a target above which it is occluded.
 _OCCLUDED_ABOVE = 0.5
@@ -71,6 +71,24 @@ _PAUSED_AFTER = 1.0
 _LEAST_MISSED = -6.0
 # Minimum of the visible share, which scales the effect of a miss.
 _MIN_VISIBLE = 0.4
+
+
+class _Scene(NamedTuple):
+    """What all tracks of a frame share.
+
+    Attributes:
+        frame: The frame.
+        interval: Seconds since the last one.
+        grounds: Label to its ground.
+        is_silent: Whether there were no detections for so long that the image tells the sizes.
+        is_challenged: See `TrackAssessor.assess`.
+    """
+
+    frame: Frame
+    interval: float
+    grounds: Mapping[str, Ground]
+    is_silent: bool
+    is_challenged: bool
 
 
 class Updater:
@@ -112,17 +130,23 @@ class Updater:
         has_no_detector = time_since_detection > _NO_DETECTOR_AFTER
         if has_no_detector:
             tracks = [_without_misses(track) for track in tracks]
+            if len(tracks) == 1 and assigned[0] is None and not tracks[0].is_distractor:
+                return (self._update_alone(tracks[0], frame, interval),)
         updated = list(tracks)
-        grounds = fit_grounds(tracks) if len(tracks) > 1 else {}
         boxes = np.array([track.predicted_box for track in tracks]).reshape(-1, 4)
         front: list[Track] = []
         lower_edges = boxes[:, 1] + boxes[:, 3]
         undetected = np.array([one is None for one in assigned], dtype=np.bool_)
         unknown = np.array([_is_place_unknown(track) for track in tracks], dtype=np.bool_)
-        is_silent = time_since_detection > _SILENT_AFTER
         alone = _are_alone(tracks, boxes) & has_no_detector
-        is_challenged = has_no_detector and sum(not one.is_distractor for one in tracks) == 1
-        predictions = self._predict(tracks, frame, interval, assigned, alone, is_silent=is_silent)
+        scene = _Scene(
+            frame,
+            interval,
+            fit_grounds(tracks) if len(tracks) > 1 else {},
+            is_silent=time_since_detection > _SILENT_AFTER,
+            is_challenged=has_no_detector and sum(not one.is_distractor for one in tracks) == 1,
+        )
+        predictions = self._predict(tracks, scene, assigned, alone)
         for index in np.lexsort((-lower_edges, undetected & unknown, undetected)).tolist():
             track = tracks[index]
             if track.is_distractor:
@@ -131,54 +155,47 @@ class Updater:
                 track = self._update_track(
                     track,
                     boxes[index],
-                    frame,
-                    interval,
+                    scene,
                     detection=assigned[index],
                     frame_prediction=predictions.get(index),
                     front=front,
-                    ground=grounds.get(track.label),
                     is_alone=bool(alone[index]),
-                    is_silent=is_silent,
-                    is_challenged=is_challenged,
                 )
-                if assigned[index] is None and track.is_undetected:
-                    track = check_identity(
-                        track,
-                        tracks[index],
-                        tracks,
-                        frame,
-                        interval,
-                        operations=self._target_filter.operations,
-                    )
             updated[index] = track
             if not _is_place_unknown(track):
                 front.append(track)
         return tuple(updated)
 
+    def _update_alone(self, track: Track, frame: Frame, interval: float) -> Track:
+        """The only track, without a detector: the image alone says where it is."""
+        target_filter = self._target_filter
+        (prediction,) = target_filter.predict([(track.filter_state, True)], frame, interval)
+        stepped = target_filter.step(prediction)
+        filter_state, box_filter = self._correct_by_image(track, stepped, is_sized=True)
+        return track.older(interval, filter_state=filter_state, box_filter=box_filter)
+
     def _predict(
         self,
         tracks: Sequence[Track],
-        frame: Frame,
-        interval: float,
+        scene: _Scene,
         assigned: Sequence[Detection | None],
         alone: NDArray[np.bool_],
-        *,
-        is_silent: bool,
     ) -> dict[int, FramePrediction]:
         """Index to prediction, of the tracks whose filters will probably be updated.
 
         Tracks that were occluded in the last frame are left out: most still are.
         """
-        is_paused = interval > _PAUSED_AFTER
+        is_paused = scene.interval > _PAUSED_AFTER
         indices, states = [], []
         for index, (track, detection) in enumerate(zip(tracks, assigned, strict=True)):
             is_left_out = is_paused if detection else track.is_occluded_by_other
             if track.is_distractor or is_left_out:
                 continue
             indices.append(index)
-            estimates_size = bool(alone[index]) or _is_size_due(track, detection, is_silent)
+            estimates_size = bool(alone[index]) or _is_size_due(track, detection, scene.is_silent)
             states.append((track.filter_state, estimates_size))
-        return dict(zip(indices, self._target_filter.predict(states, frame, interval), strict=True))
+        predictions = self._target_filter.predict(states, scene.frame, scene.interval)
+        return dict(zip(indices, predictions, strict=True))
 
     def count_misses(
         self,
@@ -213,31 +230,22 @@ class Updater:
         filter_state = self._target_filter.operations.move_to(
             track.filter_state, as_box(track.predicted_box)
         )
-        track = replace(
-            track,
-            filter_state=filter_state,
-            age=track.age + interval,
-            unconfirmed_for=track.unconfirmed_for + interval,
-            time_since_template_update=track.time_since_template_update + interval,
-        )
+        track = track.older(interval, filter_state=filter_state)
         return self._correct(track, frame, detection) if detection else track
 
     def _update_track(
         self,
         track: Track,
         predicted_box: NDArray[np.float64],
-        frame: Frame,
-        interval: float,
+        scene: _Scene,
         *,
         detection: Detection | None,
         frame_prediction: FramePrediction | None,
         front: Sequence[Track],
-        ground: Ground | None,
         is_alone: bool,
-        is_silent: bool,
-        is_challenged: bool,
     ) -> Track:
         """One track, behind the tracks in front."""
+        frame, interval = scene.frame, scene.interval
         if detection and interval > _PAUSED_AFTER:
             return self._reinitialize(track, frame, interval, detection)
         front, boxes = _near_in_front(track, predicted_box, front)
@@ -247,11 +255,11 @@ class Updater:
         is_occluded_by_other = (
             detection is None and not is_clear and _is_covered(track, front, covered)
         )
-        is_sized = _needs_size(track, detection, is_silent)
+        is_sized = _needs_size(track, detection, scene.is_silent)
         filter_state, box_filter = track.filter_state, track.box_filter
         if not is_occluded_by_other:
             if frame_prediction is None:
-                estimates_size = is_alone or _is_size_due(track, detection, is_silent)
+                estimates_size = is_alone or _is_size_due(track, detection, scene.is_silent)
                 (frame_prediction,) = self._target_filter.predict(
                     [(filter_state, estimates_size)], frame, interval
                 )
@@ -262,14 +270,14 @@ class Updater:
                     detection,
                     boxes,
                     covered,
-                    ground=ground if is_sized and not is_alone else None,
+                    ground=scene.grounds.get(track.label) if is_sized and not is_alone else None,
                     is_alone=is_alone,
                 )
             stepped = self._target_filter.step(
                 frame_prediction,
                 likelihood,
                 searches_everywhere=is_alone,
-                is_challenged=is_challenged,
+                is_challenged=scene.is_challenged,
             )
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)
@@ -291,13 +299,10 @@ class Updater:
         if is_duplicate:
             are_targets = [not one.is_distractor for one in front]
             is_duplicate = _is_on_any(np.array(filter_state.estimate.box), boxes[are_targets])
-        track = replace(
-            track,
+        track = track.older(
+            interval,
             filter_state=filter_state,
             box_filter=box_filter,
-            age=track.age + interval,
-            unconfirmed_for=track.unconfirmed_for + interval,
-            time_since_template_update=track.time_since_template_update + interval,
             is_occluded_by_other=is_occluded_by_other,
             is_duplicate=is_duplicate,
         )
@@ -310,15 +315,7 @@ class Updater:
         filter_state = self._target_filter.initialize(
             frame, as_box(detection.box), track.filter_state.generator_state
         )
-        track = replace(
-            track,
-            filter_state=filter_state,
-            age=track.age + interval,
-            time_since_template_update=track.time_since_template_update + interval,
-            is_occluded_by_other=False,
-            is_duplicate=False,
-        )
-        return self._correct(track, frame, detection)
+        return self._correct(track.older(interval, filter_state=filter_state), frame, detection)
 
     def _correct_by_image(
         self, track: Track, filter_state: FilterState, is_sized: bool

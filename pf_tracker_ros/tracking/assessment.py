@@ -101,8 +101,7 @@ class ConfidenceCalibration:
         return calibrated
 
 
-@dataclass(frozen=True, eq=False)
-class Assessment:
+class Assessment(NamedTuple):
     """Box, confidence and status of the target in a frame.
 
     Attributes:
@@ -132,6 +131,8 @@ class Assessment:
     @property
     def recognized_confidence(self) -> float:
         """Probability that it is the target with recognition, before its calibration."""
+        if self.recognition_odds == 0.0:
+            return self.confidence
         return float(ConfidenceCalibration(offset=self.recognition_odds).apply(self.confidence))
 
     def to_estimate(
@@ -246,7 +247,7 @@ class Confidence:
             return odds
         std = max(assessed.particle_std(), _LEAST_STD)
         boxes = [assessed.box] if assessed.rival is None else [assessed.box, assessed.rival]
-        similarity, *rivals = state.exemplars.similarities(assessed.frame, np.stack(boxes)).tolist()
+        similarity, *rivals = state.exemplars.similarities(assessed.frame, np.array(boxes)).tolist()
         share = 1.0 / (1.0 + sum(math.exp(_RIVAL_SLOPE * (one - similarity)) for one in rivals))
         return odds | {
             "spread": -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD),

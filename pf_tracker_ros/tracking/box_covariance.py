@@ -81,8 +81,12 @@ def particle_covariance(particles: ParticleSet, boxes: NDArray[np.float64]) -> N
         particles: N.
         boxes: (N, 4) of the particles, pixels.
     """
-    centers_and_sizes = np.hstack([boxes[:, :2] + boxes[:, 2:] / 2, boxes[:, 2:]])
-    return particles.move(centers_and_sizes).covariance + _ROUNDING_VARIANCE * np.eye(4)
+    centers_and_sizes = boxes.copy()
+    centers_and_sizes[:, :2] += boxes[:, 2:] / 2
+    weights = particles.weights
+    offsets = centers_and_sizes - weights @ centers_and_sizes
+    covariance: NDArray[np.float64] = (offsets * weights[:, None]).T @ offsets
+    return covariance + _ROUNDING_VARIANCE * np.eye(4)
 
 
 def box_covariance(

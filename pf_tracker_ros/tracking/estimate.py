@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -226,8 +226,7 @@ class TrackThresholds:
         return self.wrong_box_cost / (1.0 + self.wrong_box_cost)
 
 
-@dataclass(frozen=True)
-class TrackStatus:
+class TrackStatus(NamedTuple):
     """Track state and its timers.
 
     Attributes:

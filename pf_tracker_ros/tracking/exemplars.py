@@ -4,8 +4,8 @@ A cue's template adapts in every frame, also to an occluder or a similar object.
 rarely and never change, so a single occlusion cannot overwrite them. Only a detection that is
 learned starts them anew (`StateOperations.relearn`):
 
-1. Describe the box by its histograms of oriented gradients, in 6 x 6 cells (`cues.hog`), and by its
-   color stripes (`appearances.color_stripes`).
+1. Describe the box by its oriented gradients (`appearances.oriented_gradients`) and by its color
+   stripes (`appearances.color_stripes`).
 2. Similarity to the target: the mean Bhattacharyya coefficient of the three most similar exemplars.
    The gradients have 0.7 of the weight, by logistic regression.
 3. Add an exemplar every 0.5 s while the target is surely seen. The first one stays. Beyond eight,
@@ -15,20 +15,18 @@ learned starts them anew (`StateOperations.relearn`):
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
-from pf_tracker_ros.cues.hog import Hog, HogParameters
-from pf_tracker_ros.frames import Frame, Region
+from pf_tracker_ros.appearances.oriented_gradients import gradient_descriptors
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.values import replace
 
 _COLORS = ColorStripes()
 _GRADIENT_WEIGHT = 0.7
-# Larger boxes are reduced to about this size, pixels: ten for each cell.
-_SIZE = 60.0
 _MAX_COUNT = 8
 # Exemplars in the mean similarity.
 _COMPARED = 3
@@ -83,22 +81,11 @@ class Exemplars:
         return Exemplars(descriptors)
 
 
-@cache
-def gradient_cue() -> Hog:
-    """What describes the gradients; made once, which takes the time of several frames."""
-    return Hog(HogParameters(), cells=(6, 6), bins=9)
-
-
 def describe(frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
     """(K, D) descriptors, of unit length, of (K, 4) boxes with their centers in the image, pixels.
 
     Without any gradient they are shorter.
     """
+    gradients = math.sqrt(_GRADIENT_WEIGHT) * gradient_descriptors(frame, boxes)
     colors = math.sqrt(1.0 - _GRADIENT_WEIGHT) * _COLORS.extract(frame, boxes)
-    gradients = [_gradients(frame, box) for box in boxes]
-    return np.hstack([math.sqrt(_GRADIENT_WEIGHT) * np.stack(gradients), colors])
-
-
-def _gradients(frame: Frame, box: NDArray[np.float64]) -> NDArray[np.float32]:
-    region = Region(frame, box[None], math.ceil(math.sqrt(box[2] * box[3]) / _SIZE))
-    return np.sqrt(gradient_cue().learn(region, box).ravel(), dtype=np.float32)
+    return np.concatenate([gradients, colors], axis=1)

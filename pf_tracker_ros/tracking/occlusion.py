@@ -6,8 +6,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,7 +76,7 @@ class Coast(OcclusionPolicy):
         predicted = measurement.transition_particles or measurement.predicted
         box = state.motion.boxes(predicted.mean[None])[0]
         boxes = state.motion.boxes(predicted.states)
-        return replace(assessment, box=box, particles=predicted, boxes=boxes, learns=False)
+        return assessment._replace(box=box, particles=predicted, boxes=boxes, learns=False)
 
     def next_particles(
         self,

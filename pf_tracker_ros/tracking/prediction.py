@@ -13,7 +13,7 @@ Proposals that read the image are drawn later, by `SearchingMeasurer`.
 
 from __future__ import annotations
 
-from dataclasses import replace
+import dataclasses
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -27,6 +27,7 @@ from pf_tracker_ros.filter import (
     ProposalParameters,
 )
 from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.values import replace
 
 
 class Prediction(NamedTuple):
@@ -112,4 +113,4 @@ def _reinitialized(state: FilterState) -> KalmanFilter:
     initial = cast(KalmanFilteredMotion, state.motion).kalman_filter()
     mean = initial.belief.mean.copy()
     mean[: len(state.particles.mean)] = state.particles.mean
-    return replace(initial, belief=replace(initial.belief, mean=mean))
+    return replace(initial, belief=dataclasses.replace(initial.belief, mean=mean))

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -38,7 +37,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence, ConfidenceCalibration
 from pf_tracker_ros.tracking.box_covariance import particle_covariance
 from pf_tracker_ros.tracking.estimate import TrackState, TrackStatus
-from pf_tracker_ros.tracking.exemplars import Exemplars, gradient_cue
+from pf_tracker_ros.tracking.exemplars import Exemplars
 from pf_tracker_ros.tracking.filter_state import FilterState, SavedTemplates
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap, map_likelihood
 from pf_tracker_ros.tracking.measurement import (
@@ -54,6 +53,7 @@ from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Pred
 from pf_tracker_ros.tracking.redetection import Candidate, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer, StateOperations
 from pf_tracker_ros.tracking.track_assessor import TrackAssessor
+from pf_tracker_ros.values import replace
 
 # Seconds after which a jump of the illumination is permanent and no flash.
 _LONGEST_FLASH = 2.0
@@ -134,8 +134,6 @@ class TargetFilter:
             self._calibration,
         )
         self._resampler = build_resampler(parameters.resampling)
-        # In advance, not in the first frame.
-        gradient_cue()
 
     @property
     def needs_foreground(self) -> bool:
@@ -324,9 +322,8 @@ class TargetFilter:
             measurement.frame, measurement.cue_weights, covariance, self._calibration
         )
         second_peak = measurement.second_peak
-        return FilterState(
-            first_box=state.first_box,
-            motion=state.motion,
+        return replace(
+            state,
             kalman_filter=kalman_filter,
             particles=particles,
             templates=learned.templates,
@@ -346,8 +343,7 @@ class TargetFilter:
             distractor_box=measurement.distractor_box,
             occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
             challenger=assessment.challenger,
-            standing=state.standing,
-            missed_factor=state.missed_factor,
+            place_factor=1.0,
         )
 
     def search_around(

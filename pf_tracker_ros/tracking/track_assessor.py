@@ -12,7 +12,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -98,20 +97,20 @@ class TrackAssessor:
             recognition_odds=recognition_odds(measurement.recognition, rival),
         )
         status = self._status(state, assessment.recognized_confidence, similarity, interval)
-        assessment = replace(assessment, status=status)
+        assessment = assessment._replace(status=status)
         if status.is_settled:
             return assessment
         is_seen, box = status.state == "tracking", None
         disappears = state.status.state == "tracking" and not is_seen
         if self._redetector and known_distractor is None and disappears:
             known_distractor = self._redetector.known_distractor(state, measurement)
-        assessment = replace(assessment, known_distractor=known_distractor)
+        assessment = assessment._replace(known_distractor=known_distractor)
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
             box = self._occlusion_policy.redraw_box(state, assessment)
         if status.state != "occluded" or status.probation:
             # The box may be another object, and a similar object elsewhere may be the target.
-            assessment = replace(assessment, learns=False)
+            assessment = assessment._replace(learns=False)
         if not is_seen and frame_confidence > self._thresholds.tracked_above:
             # The target has reappeared in the box; the smoothed confidence follows.
             return assessment
@@ -138,13 +137,13 @@ class TrackAssessor:
                 )
                 if challenger and challenger.wins:
                     box, challenger = np.array(challenger.box), None
-                assessment = replace(assessment, challenger=challenger)
+                assessment = assessment._replace(challenger=challenger)
         if box is None:
             return assessment
         particles, boxes = self._initializer.redraw_particles(
             state, box, measurement.frame.size, generator
         )
-        return replace(assessment, box=box, particles=particles, boxes=boxes, learns=False)
+        return assessment._replace(box=box, particles=particles, boxes=boxes, learns=False)
 
     def _evidence(
         self, state: FilterState, measurement: Measurement, odds: Mapping[str, float]
@@ -170,14 +169,14 @@ class TrackAssessor:
         if self._redetector is None:
             status = state.status.advance(confidence, similarity, interval, self._thresholds)
             # No other candidate is searched for.
-            return replace(status, probation=0.0) if status.probation else status
+            return status._replace(probation=0.0) if status.probation else status
         if self._redetector.asks and state.status.state == "lost":
             # Only somebody's confirmation starts it again.
             confidence = similarity = 0.0
         status = state.status.advance(confidence, similarity, interval, self._thresholds)
         if state.occlusion_evidence.is_counted:
             # Hidden by other evidence than the image's, it was looked for nowhere else.
-            status = replace(status, hidden_for=state.status.hidden_for)
+            status = status._replace(hidden_for=state.status.hidden_for)
         return status
 
     def _redetected(self, candidate: Candidate, assessment: Assessment) -> Assessment:
@@ -188,10 +187,9 @@ class TrackAssessor:
         """
         status = assessment.status
         if status.state == "tracking":
-            return replace(assessment, confidence=0.0, status=status.as_lost(self._thresholds))
+            return assessment._replace(confidence=0.0, status=status.as_lost(self._thresholds))
         if status.state == "occluded" and not status.probation:
-            return replace(
-                assessment,
+            return assessment._replace(
                 confidence=candidate.confidence,
                 status=status.as_found(),
                 recognition_odds=0.0,

@@ -16,7 +16,7 @@ def image():
 
 
 def window(image, center, side, pixels, gray=False):
-    return read_window(Frame(image), np.array(center, float), float(side), pixels, gray)
+    return read_window(Frame(image), np.array(center, float), np.full(2, side), pixels, gray)
 
 
 def block_means(image, reduction):
@@ -186,22 +186,22 @@ def test_outside_the_image_its_border_is_repeated(image, corner):
 def test_a_window_does_not_depend_on_earlier_reads(image, side, pixels):
     center = np.array([30.0, 24.0])
     frame = Frame(image)
-    alone = read_window(frame, center, float(side), pixels)
+    alone = read_window(frame, center, np.full(2, side), pixels)
     busy = Frame(image)
     for offset in (-20.0, 3.0, 11.5):
-        read_window(busy, center + offset, float(side), pixels)
-    np.testing.assert_array_equal(read_window(busy, center, float(side), pixels), alone)
+        read_window(busy, center + offset, np.full(2, side), pixels)
+    np.testing.assert_array_equal(read_window(busy, center, np.full(2, side), pixels), alone)
 
 
 def test_a_window_of_a_16_bit_frame_is_read_from_its_8_bit_view():
     image = np.random.default_rng(3).integers(7000, 8000, (48, 64), dtype=np.uint16)
     frame = Frame(image, span=(7000.0, 8000.0))
     converted = np.floor((image - 7000.0) * (255.0 / 1000.0)).astype(np.uint8)
-    read = read_window(frame, np.array([28.0, 22.0]), 16.0, 16)
+    read = read_window(frame, np.array([28.0, 22.0]), np.full(2, 16.0), 16)
     np.testing.assert_allclose(read.astype(int), converted[14:30, 20:36], atol=1)
     whole = Frame(frame.pixels)
     for side in (16.0, 40.0):
         np.testing.assert_array_equal(
-            read_window(frame, np.array([28.3, 22.1]), side, 16),
-            read_window(whole, np.array([28.3, 22.1]), side, 16),
+            read_window(frame, np.array([28.3, 22.1]), np.full(2, side), 16),
+            read_window(whole, np.array([28.3, 22.1]), np.full(2, side), 16),
         )

@@ -7,10 +7,6 @@ import pytest
 
 from pf_tracker_ros import Detections, Tracker
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets import distractors as module
-from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
-from pf_tracker_ros.targets.distractors import are_exchanged, is_told_apart
-from pf_tracker_ros.tracking.exemplars import Exemplars
 
 INTERVAL = 0.1
 NOTHING = Detections(np.empty((0, 4)))
@@ -104,102 +100,6 @@ def test_a_distractor_ends_once_the_detector_does_not_find_it(passing, make_trac
     targets = tracker.update(passing.images[number], INTERVAL, NOTHING)
     assert [target.id for target in targets] == [1]
     assert not distractors(tracker)
-
-
-@pytest.fixture
-def waves():
-    """Waves across two directions, beside each other, and a box on each."""
-    y, x = np.mgrid[:80, :80]
-    frame = Frame(np.uint8(np.rint(127 + 100 * np.sin(np.hstack([x, x + y]) / 3.0))))
-    return frame, np.array([[10.0, 10.0, 60.0, 60.0], [90.0, 10.0, 60.0, 60.0]])
-
-
-def with_looks(track, frame, box, place=None):
-    """A track that looks as a box of a frame does, and is at a place."""
-    place = box if place is None else place
-    estimate = replace(track.filter_state.estimate, box=tuple(place))
-    exemplars = Exemplars.of(frame, box)
-    filter_state = replace(track.filter_state, exemplars=exemplars, estimate=estimate)
-    box_filter = BoxKalmanFilter.initiate(place)
-    return replace(track, filter_state=filter_state, box_filter=box_filter)
-
-
-def test_two_boxes_are_exchanged_where_both_looks_say_so_and_motion_does_not_object(
-    passing, make_tracker, waves
-):
-    tracker = make_tracker()
-    begin_distractor(tracker, passing)
-    frame, boxes = waves
-    first, second = boxes
-
-    def track(looks, place):
-        return with_looks(distractors(tracker)[0], frame, looks, place)
-
-    def decide(target, distractor):
-        return are_exchanged(target, distractor, boxes, frame)
-
-    assert not decide(track(first, first), track(second, second))
-    assert decide(track(second, second), track(first, first))
-    # After an occlusion the predictions say nothing; twins keep their order whatever they say.
-    assert decide(track(second, first), track(first, first))
-    assert not decide(track(first, second), track(first, first))
-    # Looks count against motion: each is 1.33 side deviations of 0.3 sides away, which are bounded.
-    assert not decide(track(second, first), track(second, second))
-
-
-def test_a_target_on_its_distractor_is_told_apart_by_looks_or_waited_for(
-    passing, make_tracker, waves
-):
-    """For 2 s, the first box may be the distractor, unless it looks like the target alone."""
-    tracker = make_tracker()
-    begin_distractor(tracker, passing)
-    frame, (first, second) = waves
-    target, twin, other = (
-        with_looks(distractors(tracker)[0], frame, box) for box in (first, first, second)
-    )
-    assert is_told_apart(target, [other], first, frame)
-    assert not is_told_apart(target, [other], second, frame)
-    assert not is_told_apart(target, [other, twin], first, frame)
-    assert not is_told_apart(target, [], first, frame)
-
-    def check(before, others):
-        after = module._check_switch(target, before, others, frame, INTERVAL)
-        return after.switched_for, after.filter_state.estimate.state
-
-    assert check(target, [with_looks(other, frame, second, first)]) == (None, "tracking")
-    assert check(target, [twin]) == (0.0, "occluded")
-    # Without the distractor it stays so, far from where it was expected.
-    away = replace(target, box_filter=BoxKalmanFilter.initiate(second))
-    assert check(replace(away, switched_for=0.0), []) == (INTERVAL, "occluded")
-    assert check(replace(away, switched_for=1.95), []) == (1.95 + INTERVAL, "occluded")
-    assert check(replace(away, switched_for=2.0), []) == (None, "tracking")
-    assert check(replace(target, switched_for=0.0), []) == (None, "tracking")
-
-
-def test_an_exchange_forgets_what_was_learned_and_takes_no_other_target(
-    passing, make_tracker, monkeypatch
-):
-    monkeypatch.setattr("pf_tracker_ros.targets.distractors.are_exchanged", lambda *_: True)
-    tracker = make_tracker()
-    number = begin_distractor(tracker, passing)
-    frame, boxes = Frame(passing.images[number]), passing.boxes[number]
-    (distractor,) = distractors(tracker)
-    (before,) = (one for one in tracker._manager._track_set.tracks if not one.is_distractor)
-    learned = {name: object() for name in before.filter_state.templates}
-    filter_state = replace(before.filter_state, distractor_box=boxes[1], templates=learned)
-    track = replace(before, filter_state=filter_state)
-    operations = tracker._manager._target_filter.operations
-    after = module._exchange(track, before, [distractor], [], frame, operations=operations)
-    assert np.allclose(after.box[:2] + after.box[2:] / 2, boxes[1][:2] + boxes[1][2:] / 2)
-    assert np.array_equal(after.filter_state.distractor_box, track.box)
-    assert after.filter_state.templates is before.filter_state.templates
-    assert after.filter_state.estimate.state == "occluded"
-    # There is another target.
-    assert (
-        module._exchange(track, before, [distractor], [distractor], frame, operations=operations)
-        is track
-    )
-    assert module._exchange(track, before, [], [], frame, operations=operations) is track
 
 
 def test_distractors_do_not_count_as_targets(passing, make_tracker):

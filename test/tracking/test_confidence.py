@@ -122,12 +122,12 @@ def test_a_rival_counts_by_its_similarity_to_the_target(target_filter, state, co
 )
 def test_looks_count_against_the_target(target_filter, state, hidden_for, last_seen, looks):
     """One look at first and one more each half second; three times as many after leaving."""
-    status = replace(state.status, hidden_for=hidden_for)
+    status = state.status._replace(hidden_for=hidden_for)
     hidden = replace(state, status=status, last_seen_box=last_seen)
     frame, box = Frame(np.full((120, 160), 90, np.uint8)), np.array([60.0, 50.0, 30.0, 30.0])
     _, region = target_filter._measurer.search_window(frame, box)
     assessed = AssessedBox(frame, box, target_filter._fusion.observe(region, box), Match(0.0, 1.0))
-    two_looks = replace(state, status=replace(state.status, hidden_for=0.5))
+    two_looks = replace(state, status=state.status._replace(hidden_for=0.5))
     at_first, per_look, found = (
         target_filter._confidence.log_odds(one, assessed)["looks"]
         for one in (state, two_looks, hidden)

@@ -111,7 +111,7 @@ def challenge(make_target_filter, couple, monkeypatch):
         found = Candidate(box + [offset, 0, 0, 0], confidence)
         monkeypatch.setattr(redetector, "search_around", lambda *_: found)
         measurement = SimpleNamespace(frame=None, cue_weights={}, second_peak=found.box)
-        status = replace(state.status, hidden_for=hidden_for)
+        status = state.status._replace(hidden_for=hidden_for)
         assessment = SimpleNamespace(box=box, known_distractor=None, status=status)
         return redetector.challenger(
             replace(state, challenger=before),
