@@ -266,6 +266,23 @@ def spectra_of(features: NDArray[np.float32]) -> Spectrum:
     return spectra
 
 
+def shifted(spectra: Spectrum, shift: NDArray[np.float64]) -> Spectrum:
+    """The spectrum of a window beside those of one or two sizes, between these sizes.
+
+    Args:
+        spectra: (windows, channels, cells, cells // 2 + 1) spectra from `spectra_of`.
+        shift: (2,) displacement to the right and down, cells.
+    """
+    cells = spectra.shape[-2]
+    down = np.exp(2j * np.pi * shift[1] * np.fft.fftfreq(cells)).astype(np.complex64)
+    across = np.exp(2j * np.pi * shift[0] * np.fft.rfftfreq(cells)).astype(np.complex64)
+    spectrum = mean_of(spectra) * (down[:, None] * across)
+    if len(spectra) > 1 and (energy := _half_energy(spectrum)):
+        # The mean is weaker than both.
+        spectrum *= np.float32(_FEATURE_SCALE * cells * cells / math.sqrt(energy))
+    return spectrum
+
+
 def train(
     spectrum: Spectrum, target_cells: tuple[float, float], before: Spectrum | None, memory: float
 ) -> Spectrum:

@@ -32,6 +32,7 @@ from pf_tracker_ros.cues.correlation_filter import (
     peak_to_sidelobe,
     response,
     response_at_center,
+    shifted,
     spectra_of,
     train,
 )
@@ -52,6 +53,8 @@ _REFINEMENT = 2
 _MIN_COLOR_DIFFERENCE = 2.0
 # How fast the log likelihood falls with a falling response.
 _SHARPNESS = 100.0
+# Largest shift, cells, and relative growth of a window that serves for training at another box.
+_LARGEST_SHIFT, _LARGEST_GROWTH = 1.0, 0.02
 # Side of the window of the coarse response, box sizes.
 _COARSE_WINDOW = 2.5
 
@@ -299,7 +302,10 @@ class CorrelationResponse(SearchableCue):
     def blend(
         self, template: CorrelationTemplate, observation: DeferredObservation
     ) -> CorrelationTemplate:
-        """See `Cue.blend`; the filter is trained every few frames; every frame is counted."""
+        """See `Cue.blend`; the filter is trained every few frames; every frame is counted.
+
+        Windows of the frame that are near the box serve, moved onto it.
+        """
         counted = replace(
             template,
             frames=template.frames + 1,
@@ -309,12 +315,24 @@ class CorrelationResponse(SearchableCue):
         interval = self._interval if settled == 1.0 else 1
         if counted.frames_since_training < interval:
             return counted
-        patch = self._patch(observation.region, observation.box)
-        (spectrum,) = self._spectra([patch], template.colored)
+        region, box = observation
+        patch = self._patch(region, box)
+        spectrum = self._moved_window(region, patch, template.colored)
+        if spectrum is None:
+            (spectrum,) = self._spectra([patch], template.colored)
         memory = settled * self._memory / interval
         trained = train(spectrum, template.target_cells, template.filter, memory)
         reference = _reference(trained, spectrum)
         return replace(counted, filter=trained, reference=reference, frames_since_training=0)
+
+    def _moved_window(self, region: Region, patch: Patch, colored: bool) -> Spectrum | None:
+        """Spectrum of a patch from the windows of the frame; None where they are too different."""
+        windows = self._windows(region, colored)
+        side = math.sqrt(windows.sides[0] * windows.sides[-1])
+        shift = (patch.center - windows.center) * (self._cells / side)
+        if np.abs(shift).max() > _LARGEST_SHIFT or abs(patch.side / side - 1.0) > _LARGEST_GROWTH:
+            return None
+        return shifted(windows.spectra, shift)
 
     def _spectra(self, patches: Sequence[Patch], colored: bool) -> Spectrum:
         """(K, channels, cells, cells // 2 + 1) spectra of the features of K patches."""

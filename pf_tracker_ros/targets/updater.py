@@ -52,7 +52,7 @@ _DUPLICATE_AFTER = 0.2
 # Confidence from which on the estimate of an undetected target counts fully for its Kalman filter;
 # the least that it counts.
 _FULL_CONFIDENCE, _MIN_COUNT = 0.85, 0.05
-# Frames between two size estimates of an undetected target: sizes change slowly.
+# Frames from one size estimate in the image to the next: sizes change slowly.
 _SIZE_EVERY = 2
 # Seconds between two template updates by detections.
 _LEARN_EVERY = 0.4

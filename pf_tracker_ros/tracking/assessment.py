@@ -171,7 +171,7 @@ class Assessment(NamedTuple):
 # slope of the log odds over its logarithm.
 _NEUTRAL_STD, _LEAST_STD, _STD_ODDS_SLOPE = 0.023, 0.005, 0.68
 # Similarity to the exemplars that adds no log odds, and their slope over it.
-_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.568, 6.6
+_NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.553, 6.6
 # The a of a rival, and the slope of the log odds over the logarithm of the share beside it.
 _RIVAL_SLOPE, _SHARE_ODDS_SLOPE = 20.0, 1.3
 # Slope of the log odds over the logarithm of the number of looks.

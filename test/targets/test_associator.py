@@ -66,7 +66,7 @@ def test_the_mean_appearance_distance_is_learned_from_detections(tracks):
 def test_detections_of_two_close_targets_are_assigned_by_appearance(tracks):
     red, blue, _ = tracks
     shift = 0.2 * red.box[2]
-    box_filter = replace(red.box_filter, mean=red.box_filter.mean + [shift, 0.0, 0.0, 0.0])
+    box_filter = red.box_filter._replace(mean=red.box_filter.mean + [shift, 0.0, 0.0, 0.0])
     blue = replace(blue, filter_state=red.filter_state, box_filter=box_filter)
     both = [detect(red, 0.0, blue.descriptor), detect(red, 0.2)]
     assert Associator(STRIPES).assign([red, blue], both) == {0: 1, 1: 0}

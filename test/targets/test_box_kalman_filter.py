@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -168,8 +166,8 @@ def test_scaling_the_filter_is_scaling_its_measurements():
 
 def test_camera_motion_maps_center_and_velocity_and_keeps_the_size():
     kalman = filtered([(30, 50)])
-    before = replace(
-        kalman, mean=np.array([30.0, 50.0, 4.0, -1.0]), velocity=np.array([4.0, 1.0, 0.1, 0.0])
+    before = kalman._replace(
+        mean=np.array([30.0, 50.0, 4.0, -1.0]), velocity=np.array([4.0, 1.0, 0.1, 0.0])
     )
     after = before.compensate_camera_motion(
         np.array([[0.0, -1.0, 7.0], [1.0, 0.0, -9.0], [0.0, 0.0, 1.0]])

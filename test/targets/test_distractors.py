@@ -31,19 +31,6 @@ def passing(lookalikes):
     return lookalikes["stands"]
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("other", ["stands", "approaches"])
-def test_a_target_that_passes_behind_its_twin_is_kept(lookalikes, make_tracker, iou, other, seed):
-    drawn, tracker = lookalikes[other], make_tracker(seed)
-    id = tracker.start(drawn.images[0], drawn.boxes[0][0])
-    for number, image in enumerate(drawn.images[1:], 1):
-        targets = tracker.update(image, INTERVAL)
-        # The distractor is not reported.
-        assert [target.id for target in targets] == [id]
-        if number > 34:
-            assert iou(targets[0].estimate.box, drawn.boxes[number][0]) > 0.6, number
-
-
 def test_a_distractor_is_on_the_twin_and_ends_once_it_is_far(passing, make_tracker, iou):
     tracker = make_tracker()
     first = begin_distractor(tracker, passing)
@@ -163,26 +150,6 @@ def test_a_single_target_passes_its_twin_and_is_not_reported_on_it(lookalikes, i
         assert estimate.state != "tracking" or iou(estimate.box, own) >= iou(estimate.box, twin)
     assert (estimates[-1].state, len(tracker._manager.targets)) == ("tracking", 1)
     assert iou(estimates[-1].box, drawn.boxes[-1][0]) > 0.6
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_single_target_on_its_twin_is_occluded(draw, iou, seed):
-    """It vanishes where the two cross, and its twin goes on."""
-    steps = np.arange(50)
-    own = np.stack([60.0 + 3 * steps, 90.0 + 0 * steps], 1)
-    own[steps > 28] = np.nan
-    other = np.stack([230 - 3 * steps, 92 + 0 * steps], 1)
-    drawn = draw([own, other], colors=[(20, 20, 230)] * 2, textures=(10, 10))
-    tracker, on_other = Tracker.from_preset("default", seed), 0
-    tracker.start(drawn.images[0], drawn.boxes[0][0])
-    for number, image in enumerate(drawn.images[1:], 1):
-        estimate = tracker.update(image, INTERVAL)
-        if number <= 20:
-            assert estimate.state == "tracking"
-        elif number > 28:
-            assert estimate.state == "occluded"
-            on_other += iou(estimate.box, drawn.boxes[number][1]) > 0.5
-    assert on_other > 10
 
 
 def test_without_a_search_there_are_no_distractors(passing):

@@ -235,7 +235,7 @@ def test_the_covariance_of_a_search_is_that_of_the_box_and_grows_while_hidden(st
         box_covariance(box, box_features(box, 0.75)),
     )
     # The random walk of the preset's position noise, .6 box sizes in a second, for 4 s.
-    hidden = replace(seen, status=TrackStatus("lost", 9.0))
+    hidden = seen._replace(status=TrackStatus("lost", 9.0))
     np.testing.assert_allclose(
         searching.covariance(state, measurement, hidden, 4.0),
         box_covariance(box, box_features(box, 0.0), 1.2),
