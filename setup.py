@@ -67,8 +67,6 @@ EXTRAS = {
     "ray": ["ray>=2.40,<3", *ARCHIVES],
     # The command `tune`.
     "tune": ["optuna>=5,<6", "rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *TARGETS],
-    # Peers of the benchmarks, in an environment of their own: `particles` needs NumPy 1.
-    "benchmark": ["particles>=0.4,<0.5", "rich>=13", "matplotlib>=3.6"],
     # colcon finds pytest in the extra of this name, and runs the tests with it.
     "test": [
         "pytest>=7.4,<9",

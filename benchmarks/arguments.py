@@ -1,11 +1,21 @@
-"""Command-line options shared by the benchmarks."""
+"""Command-line options shared by the benchmarks, which import it before NumPy.
+
+Linear algebra then has one thread: NumPy reads the environment when it is imported.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection
+import os
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+from pf_tracker_ros.evaluation import EvaluationError
+from pf_tracker_ros.footage import FootageError
+from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.presets import PRESETS
 
 
@@ -62,16 +72,13 @@ def add_preset(made: argparse.ArgumentParser) -> None:
     made.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [%(default)s]")
 
 
-def add_groups(made: argparse.ArgumentParser) -> None:
-    """Add `--group`, which may be repeated."""
-    made.add_argument(
-        "--group",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="sequences to leave out together: a regular expression for the beginning of their "
-        "names; may be repeated",
-    )
+@contextmanager
+def told_errors(made: argparse.ArgumentParser) -> Iterator[None]:
+    """Ends the program with one line for footage, files and parameters that cannot be used."""
+    try:
+        yield
+    except (EvaluationError, FootageError, ParameterError, OSError) as error:
+        made.error(" ".join(str(error).split()))
 
 
 def at_least(least: int) -> Callable[[str], int]:

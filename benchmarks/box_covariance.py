@@ -1,12 +1,12 @@
 r"""Fit the covariance of a box and measure it on footage that it was not fitted on.
 
-    python benchmarks/box_covariance.py SEQUENCE_DIR... --seeds 3 --group otb_ --group 'pets_|tud_'
+    python benchmarks/box_covariance.py SEQUENCE_DIR... --seeds 3
 
 Frames count in which the state is tracking and the box overlaps the true one by at least 0.1.
 
 1. Track each sequence and keep the features of these frames and the errors of their boxes.
-2. Leave out one group of sequences in turn (`--group`; else each sequence by itself), fit the
-   coefficients on the others, and compare its errors with the fitted covariance.
+2. Leave out one sequence in turn, fit the coefficients on the others, and compare its errors with
+   the fitted covariance.
 3. Fit the coefficients on all: `COEFFICIENTS` of `pf_tracker_ros/tracking/box_covariance.py`.
 
 A consistent covariance has a normalized error squared (NEES), over its degrees of freedom, of 1,
@@ -15,18 +15,12 @@ and its regions of 50, 90 and 99 % contain the truth in that share of the frames
 
 from __future__ import annotations
 
-import os
-import re
 import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
-# One thread also for the linear algebra, which reads this when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 import arguments as options_of
 import numpy as np
-from cross_validation import grouped
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import chi2
@@ -34,8 +28,7 @@ from tables import Table
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import EvaluationError, has_target, overlap, read_sequences
-from pf_tracker_ros.footage import Footage, FootageError
-from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.box_covariance import (
@@ -152,33 +145,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and the coefficients."""
     parser = options_of.sequence_parser(__doc__)
     options_of.add_preset(parser)
-    options_of.add_groups(parser)
     options = parser.parse_args(arguments)
-    try:
+    with options_of.told_errors(parser):
         sequences = read_sequences(options.sequences)
-        names = [footage.name for footage in sequences]
-        patterns = options.group or [f"{re.escape(name)}$" for name in names]
-        groups = grouped(names, patterns)
+        if len(sequences) < 2:
+            raise EvaluationError("one sequence; allowed: at least two, to leave one out")
         measured = []
         with progress_bar(len(sequences), "sequences") as on_progress:
             for footage in sequences:
                 measured.append(measure(footage, options.preset, options.seeds))
                 on_progress(footage.name, 1)
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
-    fitted: list[NDArray[np.float64]] = [COEFFICIENTS] * len(sequences)
-    for members in groups.values():
-        others = [one for number, one in enumerate(measured) if number not in members]
-        for number in members:
-            fitted[number] = fit(others)
-    summary("All sequences, each fitted on the other groups", measured, fitted).show()
-    if options.group:
-        for pattern, members in groups.items():
-            summary(
-                f"{pattern}, fitted on the other groups",
-                [measured[number] for number in members],
-                [fitted[number] for number in members],
-            ).show()
+    fitted = [fit([*measured[:number], *measured[number + 1 :]]) for number in range(len(measured))]
+    summary("All sequences, each fitted on the others", measured, fitted).show()
     summary("All sequences, the package's", measured, [COEFFICIENTS] * len(sequences)).show()
     print("\nfitted on all:")
     print(np.array2string(fit(measured), precision=3, suppress_small=True, separator=", "))

@@ -6,66 +6,71 @@
 
     python benchmarks/families.py SEQUENCE_DIR... --output benchmarks/results --seeds 3
 
-It writes families.md and clutter.md.
+It writes families.md.
 """
 
 from __future__ import annotations
 
 import functools
-import os
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 import arguments as options_of
-import families_report as report
 import numpy as np
 from scene_footage import SceneFootage
 from scenes import ClutteredStreet
 from scenes.clutter import FRAME_INTERVAL
+from tables import Table, bold, save_tables
 from tracker_families import FAMILIES
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
-    EvaluationError,
     SequenceResult,
     TrackerFactory,
     evaluate_sequence,
     read_sequences,
 )
 from pf_tracker_ros.evaluation.sequences import frame_count
-from pf_tracker_ros.footage import Footage, FootageError
-from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import OnProgress, progress_bar
-
-PRESET = "zhang_bo"
-
 
 TRACKERS: Mapping[str, TrackerFactory] = {
     **FAMILIES,
-    PRESET: functools.partial(Tracker.from_preset, PRESET),
+    "zhang_bo": functools.partial(Tracker.from_preset, "zhang_bo"),
 }
 """The compared trackers: name to factory from a seed."""
+HEADINGS = ("sequence", "tracker", "center RMSE px", "success AUC", "CPU ms")
 
 
-def outcome(tracker: str, result: SequenceResult) -> report.Outcome:
+@dataclass(frozen=True)
+class Outcome:
+    """One tracker on one sequence.
+
+    Attributes:
+        sequence: Name of the sequence.
+        tracker: Name of the tracker.
+        center_rmse: Root mean square of the center error over the frames, px, mean of the seeds.
+        success_auc: As `pf_tracker_ros.evaluation` has it.
+        milliseconds: Median CPU time of a frame.
+    """
+
+    sequence: str
+    tracker: str
+    center_rmse: float
+    success_auc: float
+    milliseconds: float
+
+
+def outcome(tracker: str, result: SequenceResult) -> Outcome:
     """The figures of a tracker on a sequence, averaged over the seeds."""
-    squares = np.nanmean(result.center_errors**2, axis=1)
-    return report.Outcome(
-        sequence=result.name,
-        tracker=tracker,
-        center_rmse=float(np.sqrt(squares).mean()),
-        success_auc=result.scores.success_auc,
-        milliseconds=result.scores.cpu_ms_median,
-    )
+    rmse = float(np.sqrt(np.nanmean(result.center_errors**2, axis=1)).mean())
+    scores = result.scores
+    return Outcome(result.name, tracker, rmse, scores.success_auc, scores.cpu_ms_median)
 
 
-def compare(
-    footage: Footage, seeds: Sequence[int], on_progress: OnProgress
-) -> list[report.Outcome]:
+def compare(footage: Footage, seeds: Sequence[int], on_progress: OnProgress) -> list[Outcome]:
     """Run all trackers on a sequence, one after the other."""
     return [
         outcome(name, evaluate_sequence(footage, make_tracker, seeds, on_progress))
@@ -73,34 +78,53 @@ def compare(
     ]
 
 
-def run_sequences(folders: Sequence[Path], seeds: int) -> list[report.Outcome]:
-    """The first experiment: recorded sequences."""
+def sequence_table(folders: Sequence[Path], seeds: int) -> Table:
+    """The first experiment: figures on each recorded sequence and means, the best in bold."""
     sequences = read_sequences(folders)
     with progress_bar(frame_count(sequences) * len(TRACKERS)) as on_progress:
-        return [one for each in sequences for one in compare(each, range(seeds), on_progress)]
+        outcomes = [compare(each, range(seeds), on_progress) for each in sequences]
+    figures = np.array(
+        [[(o.center_rmse, o.success_auc, o.milliseconds) for o in each] for each in outcomes]
+    )
+    names = [each[0].sequence for each in outcomes]
+    groups = []
+    for name, group in zip([*names, "mean"], [*figures, figures.mean(axis=0)], strict=True):
+        best = (group[:, 0].min(), group[:, 1].max(), group[:, 2].min())
+        rows = []
+        for tracker, row in zip(TRACKERS, group, strict=True):
+            cells = [f"{row[0]:.1f}", f"{row[1]:.3f}", f"{row[2]:.2f}"]
+            are_best = row == best
+            marked = [bold(cell, is_best) for cell, is_best in zip(cells, are_best, strict=True)]
+            rows.append([name, tracker, *marked])
+        groups.append(rows)
+    return Table(f"zhang_bo and the seven families, seeds: {seeds}", HEADINGS, groups, names=2)
 
 
-def run_clutter(scenes: int, levels: int, frames: int) -> list[report.ClutterOutcome]:
+def clutter_table(scenes: int, levels: int, frames: int) -> Table:
     """The second experiment: generated streets, each at evenly spaced levels of clutter, 0 to 1.
 
-    A scene's seed is the trackers' seed too.
+    A scene's seed is the trackers' seed too. Errors are means over the scenes.
     """
-    outcomes = []
+    shares = np.linspace(0.0, 1.0, levels).tolist()
+    errors = np.empty((scenes, levels, len(TRACKERS)))
     with progress_bar(scenes * levels * frames * len(TRACKERS)) as on_progress:
         for scene in range(scenes):
-            for level in np.linspace(0.0, 1.0, levels).tolist():
+            for number, level in enumerate(shares):
                 street = ClutteredStreet(scene, {"clutter": level, "frames": frames})
                 name = f"street {scene}, clutter {level:.2f}"
                 footage = SceneFootage(name, street, FRAME_INTERVAL)
-                outcomes += [
-                    report.ClutterOutcome(scene, level, one)
-                    for one in compare(footage, (scene,), on_progress)
-                ]
-    return outcomes
+                found = compare(footage, (scene,), on_progress)
+                errors[scene, number] = [one.center_rmse for one in found]
+    rows = [
+        [tracker, *(f"{one:.1f}" for one in means)]
+        for tracker, means in zip(TRACKERS, errors.mean(axis=0).T, strict=True)
+    ]
+    headings = ("tracker", *(f"{level:g}" for level in shares))
+    return Table(f"Center RMSE over the clutter, px, streets: {scenes}", headings, [rows])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the experiments, print the tables and write the files."""
+    """Run the experiments, print the tables and write the file."""
     parser = options_of.parser(__doc__)
     parser.add_argument("sequences", nargs="*", type=Path, metavar="SEQUENCE_DIR")
     options_of.add_folder(parser)
@@ -112,20 +136,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if not options.sequences and not options.scenes:
         parser.error("nothing to do; give a SEQUENCE_DIR, or --scenes of at least 1")
-    try:
+    with options_of.told_errors(parser):
         ClutteredStreet(0, {"frames": options.frames})
-        read_sequences(options.sequences)
-        options.output.mkdir(parents=True, exist_ok=True)
-        if options.sequences:
-            outcomes = run_sequences(options.sequences, options.seeds)
-            report.print_table(outcomes)
-            report.write_table(options.output / "families.md", outcomes, options.seeds)
+        tables = [sequence_table(options.sequences, options.seeds)] if options.sequences else []
         if options.scenes:
-            cluttered = run_clutter(options.scenes, options.levels, options.frames)
-            report.print_clutter(cluttered)
-            report.write_clutter_table(options.output / "clutter.md", cluttered)
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
+            tables.append(clutter_table(options.scenes, options.levels, options.frames))
+        for table in tables:
+            table.show()
+        save_tables(options.output / "families.md", tables)
     print(f"files in {options.output}")
     return 0
 

@@ -124,12 +124,14 @@ PARTS: Mapping[str, Part] = {
     "honesty": _on_sequences("honesty.py", seeds=1),
     "targets": _several_targets(),
     "targets, moving camera": _several_targets("--moving-camera"),
-    "keyframes": _on_sequences("keyframes.py"),
     "positions": _positions,
+    "following a person": _always("follow.py", "--seeds", "100", "2"),
     "frame cost": _always("frame_cost.py"),
     "cost of several targets": _always("multi_target_cost.py"),
     "node": _always("node.py"),
     "umbrellas": _always("umbrellas.py"),
+    "infrared": _always("infrared.py"),
+    "families": _always("families.py"),
     "growth model": _always("growth_model.py"),
 }
 

@@ -20,7 +20,6 @@ from __future__ import annotations
 import csv
 import math
 import multiprocessing
-import os
 import sys
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -29,9 +28,6 @@ from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
-
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
 import cv2
@@ -61,8 +57,6 @@ from pf_tracker_ros.evaluation import (
     overlap,
     read_sequences,
 )
-from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.parameters import ParameterError
 
 LIGHTS: dict[str, GainOverTime] = {
     "as it is": step(1.0),
@@ -388,7 +382,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"{', '.join(PARTS)} or the name of a situation in the table; may be repeated [all]",
     )
     options = parser.parse_args(arguments)
-    try:
+    with options_of.told_errors(parser):
         Tracker.from_preset(options.preset)
         folders = find_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)
@@ -406,8 +400,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             writer.writerows(
                 [run.kind, run.name, run.seed, run.figure, run.seconds, run.share] for run in runs
             )
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
 

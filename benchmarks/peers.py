@@ -12,36 +12,35 @@ It writes peers.csv, peers.md and peers.png.
 
 from __future__ import annotations
 
+import csv
 import functools
 import importlib.metadata
-import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 import arguments as options_of
 import cv2
 import numpy as np
-from outcomes import Outcome, figure, write_csv
+from numpy.typing import NDArray
 from peer_trackers import PEERS, ChannelSpatialReliability, NanoTrack, NetworkAlone
 from tables import Table, bold
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
     EvaluationError,
+    Scores,
+    SequenceResult,
     TrackerFactory,
     evaluate_sequence,
+    mean_scores,
     read_sequences,
 )
 from pf_tracker_ros.evaluation.plots import save_success_plot
 from pf_tracker_ros.evaluation.sequences import frame_count
-from pf_tracker_ros.footage import Footage, FootageError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.networks.siamese import SiameseNetwork
-from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
@@ -50,6 +49,7 @@ YARDSTICK = ChannelSpatialReliability.name
 """The tracker whose time is the reference."""
 
 HEADINGS = ("tracker", "AUC", "± seeds", "precision 20 px", "CPU ms", f"CPU / {YARDSTICK}")
+_SCORES = ("frames", "seeds", "success_auc", "success_auc_std", "precision_20px")
 NOTE = (
     "AUC, precision and median CPU time of a frame are means over the sequences; ± is the standard "
     "deviation of a sequence's AUC over the seeds, mean over the sequences."
@@ -69,6 +69,42 @@ class Contender:
     name: str
     make_tracker: TrackerFactory
     is_random: bool
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Results of a contender on all sequences.
+
+    Attributes:
+        name: Name of the tracker or setting.
+        results: A result for each sequence, at least one.
+    """
+
+    name: str
+    results: Sequence[SequenceResult]
+
+    @property
+    def scores(self) -> Scores:
+        """Means over the sequences."""
+        return mean_scores(self.results)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of the success AUC over the seeds, mean over the sequences.
+
+        NaN for a single seed.
+        """
+        return float(np.mean([result.success_auc_std for result in self.results]))
+
+    @property
+    def success_aucs(self) -> NDArray[np.float64]:
+        """(sequences,) success AUC, each the mean over the seeds."""
+        return np.array([result.scores.success_auc for result in self.results])
+
+    @property
+    def success_curve(self) -> NDArray[np.float64]:
+        """(21,) success curve, mean over the sequences."""
+        return np.mean([result.success_curve for result in self.results], axis=0)
 
 
 def contenders(
@@ -210,6 +246,37 @@ def write_markdown(
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
+    """Write a line for each contender and sequence; without CSRT the ratio to it is empty."""
+    known = {outcome.name: outcome for outcome in outcomes}
+    times = np.full(len(outcomes[0].results), np.nan)
+    if YARDSTICK in known:
+        times = np.array([one.scores.cpu_ms_median for one in known[YARDSTICK].results])
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(
+            ["tracker", "sequence", *_SCORES, "cpu_ms_median", f"cpu_ratio_to_{YARDSTICK}"]
+        )
+        for outcome in outcomes:
+            for result, time in zip(outcome.results, times, strict=True):
+                scores = result.scores
+                figures = (
+                    scores.success_auc,
+                    result.success_auc_std,
+                    scores.precision_20px,
+                    scores.cpu_ms_median,
+                    scores.cpu_ms_median / time,
+                )
+                counts = [scores.frames, len(result.seeds)]
+                texts = [figure(value, ".4f", unknown="") for value in figures]
+                writer.writerow([outcome.name, result.name, *counts, *texts])
+
+
+def figure(value: float, form: str, unknown: str = "-") -> str:
+    """A number as text; NaN as `unknown`."""
+    return unknown if np.isnan(value) else format(value, form)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the comparison, print the table and write the files."""
     parser = options_of.sequence_parser(__doc__)
@@ -234,34 +301,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="run only this tracker; may be repeated",
     )
     options = parser.parse_args(arguments)
-    try:
+    with options_of.told_errors(parser):
         found, missing = contenders(options.nanotrack, options.model)
         trackers = chosen(found, missing, options.tracker)
         sequences = read_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)
-        left_out = [] if options.tracker else missing_sentences(missing)
+        left_out = [f"{name} is left out: {what}." for name, what in missing.items()]
+        left_out = [] if options.tracker else left_out
         for sentence in left_out:
             print(sentence)
         outcomes = compare(sequences, trackers, options.seeds)
         seeds = counted(options.seeds, "seed")
         table = summary(outcomes, f"Presets and peers, {seeds}")
         table.show()
-        write_csv(options.output / "peers.csv", "tracker", outcomes, YARDSTICK)
+        write_csv(options.output / "peers.csv", outcomes)
         write_markdown(
             options.output / "peers.md", [table, by_sequence(outcomes)], outcomes, left_out
         )
         curves = {outcome.name: outcome.success_curve for outcome in outcomes}
         peers = curves.keys() - PRESETS.keys()
         save_success_plot(options.output / "peers.png", curves, dashed=peers)
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
-
-
-def missing_sentences(missing: dict[str, str]) -> list[str]:
-    """A sentence for each omitted tracker."""
-    return [f"{name} is left out: {what}." for name, what in missing.items()]
 
 
 if __name__ == "__main__":

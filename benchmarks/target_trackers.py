@@ -245,6 +245,10 @@ class _Roboflow(DetectionOnlyTracker):
         self._tracker.update(detections)
 
 
+_AREA = {"state_estimator_class": "XCYCSRStateEstimator"}
+_AREA_AND_DISTANCE = {**_AREA, "iou": "DIoU"}
+
+
 class Sort(_Roboflow):
     """SORT."""
 
@@ -252,10 +256,8 @@ class Sort(_Roboflow):
     scored = "track_activation_threshold"
     SETTINGS: ClassVar = {
         1: Settings(10, 1, 0.2, 0.95),
-        5: Settings(6, 0, 0.01, 0.7, {"state_estimator_class": "XCYCSRStateEstimator"}),
-        12: Settings(
-            1, 0, -0.4, 0.95, {"state_estimator_class": "XCYCSRStateEstimator", "iou": "DIoU"}
-        ),
+        5: Settings(6, 0, 0.01, 0.7, _AREA),
+        12: Settings(1, 0, -0.4, 0.95, _AREA_AND_DISTANCE),
     }
 
 
@@ -265,23 +267,9 @@ class ByteTrack(_Roboflow):
     kind = "ByteTrackTracker"
     scored = "track_activation_threshold"
     SETTINGS: ClassVar = {
-        1: Settings(
-            10,
-            1,
-            0.2,
-            0.3,
-            {"state_estimator_class": "XCYCSRStateEstimator", "high_conf_det_threshold": 0.9},
-        ),
-        5: Settings(
-            3,
-            0,
-            0.01,
-            0.7,
-            {"state_estimator_class": "XCYCSRStateEstimator", "high_conf_det_threshold": 0.3},
-        ),
-        12: Settings(
-            1, 0, -0.4, 0.95, {"state_estimator_class": "XCYCSRStateEstimator", "iou": "DIoU"}
-        ),
+        1: Settings(10, 1, 0.2, 0.3, {**_AREA, "high_conf_det_threshold": 0.9}),
+        5: Settings(3, 0, 0.01, 0.7, {**_AREA, "high_conf_det_threshold": 0.3}),
+        12: Settings(1, 0, -0.4, 0.95, _AREA_AND_DISTANCE),
     }
 
 
@@ -293,9 +281,7 @@ class OcSort(_Roboflow):
     SETTINGS: ClassVar = {
         1: Settings(10, 2, 0.1, 0.85),
         5: Settings(2, 0, 0.05, 0.5, {"state_estimator_class": "XYXYStateEstimator"}),
-        12: Settings(
-            1, 0, -0.4, 0.7, {"state_estimator_class": "XCYCSRStateEstimator", "iou": "DIoU"}
-        ),
+        12: Settings(1, 0, -0.4, 0.7, _AREA_AND_DISTANCE),
     }
 
 
@@ -306,7 +292,7 @@ class BotSort(_Roboflow):
     scored = "track_activation_threshold"
     overlapping = "minimum_iou_threshold_first_assoc"
     SETTINGS: ClassVar = {
-        1: Settings(10, 1, 0.2, 0.95, {"state_estimator_class": "XCYCSRStateEstimator"}),
+        1: Settings(10, 1, 0.2, 0.95, _AREA),
         5: Settings(3, 0, 0.01, 0.7),
         12: Settings(1, 0, 0.2, 0.95, {"iou": "DIoU", "high_conf_det_threshold": 0.3}),
     }

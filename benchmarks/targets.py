@@ -23,16 +23,12 @@ import importlib
 import importlib.util
 import itertools
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
-
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import arguments as options_of
 import cv2
@@ -408,16 +404,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--tracker", action="append", default=[], metavar="NAME", help="run only this tracker"
     )
     parser.add_argument("--seed", type=int, default=0, help="of MultiTracker and Tracker [0]")
-    parser.add_argument(
-        "--moving-camera",
-        action="store_true",
-        help="crop the images as a camera on a walking robot would see them",
-    )
-    parser.add_argument(
-        "--poor-detector",
-        action="store_true",
-        help="thin, move and resize the detections, and add false ones",
-    )
+    for name, what in (
+        ("--moving-camera", "crop the images as a camera on a walking robot would see them"),
+        ("--poor-detector", "thin, move and resize the detections, and add false ones"),
+    ):
+        parser.add_argument(name, action="store_true", help=what)
     options_of.add_folder(parser)
     options = parser.parse_args(arguments)
     missing = {name: what for name, one in TRACKERS.items() if (what := one.missing())}

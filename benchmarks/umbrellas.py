@@ -13,38 +13,89 @@ particles, as in the paper's Fig. 3).
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
-from functools import partial
-from typing import Any
-
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
 import arguments as options_of
 import cv2
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scenes import UmbrellaScene
 from scenes.umbrellas import FRAME_INTERVAL
-from umbrella_runs import PAPER_FRAMES, SETTINGS, Run, Setting
-from umbrellas_report import print_table, write_frames, write_table
+from tables import Table, save_tables
 
+from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
-from pf_tracker_ros.evaluation.parallel import WorkerEnded, run_parallel
 from pf_tracker_ros.progress import progress_bar
 
+PAPER_FRAMES = (20, 96, 122, 159)
+"""The frames of the paper's Fig. 3, counted from 1."""
 SECOND = 25
 """Frames in one second."""
 
+Boxes = NDArray[np.float64]
 
-def outcome(
-    boxes: NDArray[np.float64], target: NDArray[np.float64], other: NDArray[np.float64]
-) -> str:
+
+@dataclass(frozen=True)
+class Setting:
+    """One of the paper's experiments.
+
+    Attributes:
+        name: Name in the tables.
+        alpha: Weight of the color cue; that of the texture cue is 1 - alpha.
+        particles: Number of particles.
+    """
+
+    name: str
+    alpha: float
+    particles: int
+
+    def tracker(self, seed: int) -> Tracker:
+        """The preset's tracker in this setting."""
+        parameters = {
+            "particles": self.particles,
+            "color_histogram.weight": self.alpha,
+            "gradient_orientation.weight": 1.0 - self.alpha,
+        }
+        return Tracker.from_preset("li2007", seed=seed, parameters=parameters)
+
+
+SETTINGS = (
+    Setting("color alone, N = 60", 1.0, 60),
+    Setting("color + texture, N = 30", 0.6, 30),
+    Setting("color + texture, N = 60", 0.6, 60),
+)
+
+
+@dataclass(frozen=True)
+class Run:
+    """Run of a setting on a scene.
+
+    Attributes:
+        setting: Name of the setting.
+        seed: Seed of the scene and of the tracker.
+        outcome: As in `outcome`.
+        errors: (frames,) distance of the estimate's center from the target's, px.
+        jitter: As in `jitter`, px.
+        milliseconds: Median CPU time of one update.
+        snapshots: Per frame of `PAPER_FRAMES`: estimated box (4,), particles' boxes (N, 4) and
+            weights (N,).
+    """
+
+    setting: str
+    seed: int
+    outcome: str
+    errors: NDArray[np.float64]
+    jitter: float
+    milliseconds: float
+    snapshots: tuple[tuple[NDArray[np.float64], ...], ...]
+
+
+def outcome(boxes: Boxes, target: Boxes, other: Boxes) -> str:
     """Outcome of a run after the umbrellas have passed each other.
 
     "switched": for at least half a second without a break the estimate overlapped the other
@@ -58,21 +109,18 @@ def outcome(
         other: (frames, 4) the other umbrella's true boxes.
     """
     apart = center_errors(target, other) > target[:, 2]
-    meeting = int(np.argmin(center_errors(target, other)))
     wrong = (center_errors(boxes, other) < center_errors(boxes, target)) & apart
     wrong &= overlap(boxes, other) > 0.0
-    wrong[:meeting] = False
-    if _longest_stretch(wrong) >= SECOND // 2:
+    wrong[: int(np.argmin(center_errors(target, other)))] = False
+    ends = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
+    if int(np.max(ends[1::2] - ends[::2], initial=0)) >= SECOND // 2:
         return "switched"
     held = np.median(center_errors(boxes, target)[-SECOND:]) <= target[0, 2] / 2
     return "held" if held else "lost"
 
 
-def jitter(boxes: NDArray[np.float64], target: NDArray[np.float64]) -> float:
-    """Jitter of the estimate around the target, in px.
-
-    The root mean square, over the frames, of the length of the change from one frame to the next
-    of the vector from the target's true center to the estimate's.
+def jitter(boxes: Boxes, target: Boxes) -> float:
+    """Root mean square of the change of the error vector from frame to frame, px.
 
     Args:
         boxes: (frames, 4) estimates.
@@ -82,21 +130,10 @@ def jitter(boxes: NDArray[np.float64], target: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(np.sum(np.diff(offsets, axis=0) ** 2, axis=1))))
 
 
-def run_scene(
-    seed: int,
-    overrides: Mapping[str, Any] | None = None,
-    settings: Sequence[Setting] = SETTINGS,
-) -> list[Run]:
-    """Run the settings in parallel on the scene of a seed.
-
-    Args:
-        seed: Seed of the scene and of the trackers.
-        overrides: Parameters that override those of preset and setting.
-        settings: Settings to run.
-    """
-    cv2.setNumThreads(1)
+def run_scene(seed: int, settings: Sequence[Setting] = SETTINGS) -> list[Run]:
+    """Run settings on the scene of a seed, which is that of the trackers, too."""
     scene = UmbrellaScene(seed)
-    trackers = [setting.tracker(seed, overrides or {}) for setting in settings]
+    trackers = [setting.tracker(seed) for setting in settings]
     boxes = np.empty((len(settings), len(scene), 4))
     seconds = np.empty((len(settings), len(scene) - 1))
     snapshots: list[list[tuple[NDArray[np.float64], ...]]] = [[] for _ in settings]
@@ -112,103 +149,99 @@ def run_scene(
             if index + 1 in PAPER_FRAMES:
                 shown = (boxes[run, index].copy(), estimate.particle_boxes, estimate.weights)
                 snapshots[run].append(shown)
-    errors = center_errors(boxes, scene.target_boxes)
-    touch = int(np.argmax(overlap(scene.target_boxes, scene.other_boxes) > 0.0))
     return [
         Run(
-            setting=setting.name,
-            seed=seed,
-            outcome=outcome(boxes[run], scene.target_boxes, scene.other_boxes),
-            errors=errors[run],
-            error_before=float(np.median(errors[run, touch - SECOND : touch])),
-            jitter=jitter(boxes[run], scene.target_boxes),
-            milliseconds=1000.0 * float(np.median(seconds[run])),
-            snapshots=tuple(snapshots[run]),
+            setting.name,
+            seed,
+            outcome(boxes[run], scene.target_boxes, scene.other_boxes),
+            center_errors(boxes[run], scene.target_boxes),
+            jitter(boxes[run], scene.target_boxes),
+            1000.0 * float(np.median(seconds[run])),
+            tuple(snapshots[run]),
         )
         for run, setting in enumerate(settings)
     ]
 
 
-def run_all(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> list[Run]:
-    """Run all settings on the scenes of all seeds, with a progress bar.
+def table(runs: Sequence[Run]) -> Table:
+    """A row for each setting; the errors are means over the frames and the scenes."""
+    rows = []
+    for setting in SETTINGS:
+        mine = [run for run in runs if run.setting == setting.name]
+        held = [run for run in mine if run.outcome == "held"]
+        counts = [sum(run.outcome == kind for run in mine) for kind in ("switched", "lost", "held")]
+        figures = [
+            np.mean([run.errors.mean() for run in mine]),
+            np.mean([run.errors.mean() for run in held]) if held else np.nan,
+            np.mean([run.jitter for run in held]) if held else np.nan,
+            np.median([run.milliseconds for run in mine]),
+        ]
+        rows.append([setting.name, *map(str, counts), *(f"{one:.2f}" for one in figures)])
+    headings = ("setting", "switched", "lost", "held", "center error px", "of held ones")
+    headings += ("jitter of held ones px", "CPU ms")
+    scenes = len({run.seed for run in runs})
+    return Table(f"Umbrellas, number of scenes: {scenes}", headings, [rows])
 
-    Args:
-        seeds: Seeds of the scenes and trackers.
-        overrides: Parameters that override those of preset and setting.
-        jobs: Number of processes.
 
-    Returns:
-        The runs in the order of the seeds, then of the settings.
+def write_frames(path: Path, runs: Sequence[Run]) -> None:
+    """Draw estimates and particles into the paper's frames of a scene, a row for each setting.
+
+    The scene is the first in which color alone switched and the other settings held; without one,
+    the first of all.
     """
-    runs: list[Run] = []
-    with progress_bar(len(seeds), "scenes") as on_progress:
-        for scene_runs in _scenes(seeds, overrides, jobs):
-            runs += scene_runs
-            on_progress("", 1)
-    names = [setting.name for setting in SETTINGS]
-    return sorted(runs, key=lambda run: (run.seed, names.index(run.setting)))
+    scenes = [runs[start : start + len(SETTINGS)] for start in range(0, len(runs), len(SETTINGS))]
+    as_in_paper = [
+        one for one in scenes if [run.outcome for run in one] == ["switched", "held", "held"]
+    ]
+    chosen = (as_in_paper or scenes)[0]
+    scene = UmbrellaScene(chosen[0].seed)
+    figure = Figure(figsize=(15.0, 5.8), layout="constrained")
+    figure.suptitle(f"Scene {chosen[0].seed}: estimate (large) and particles (size by weight)")
+    axes = figure.subplots(len(chosen), len(PAPER_FRAMES), squeeze=False)
+    for row, run in zip(axes, chosen, strict=True):
+        for cell, number, snapshot in zip(row, PAPER_FRAMES, run.snapshots, strict=True):
+            image = _with_boxes(scene.render(number - 1), *snapshot)
+            cell.imshow(image[210:430, 110:660, ::-1])
+            cell.set(xticks=[], yticks=[], title=f"{run.setting}, frame {number}")
+            cell.title.set_fontsize(9)
+    figure.savefig(path, dpi=120)
 
 
-def _scenes(seeds: Sequence[int], overrides: Mapping[str, Any], jobs: int) -> Iterator[list[Run]]:
-    if jobs == 1:
-        yield from (run_scene(seed, overrides) for seed in seeds)
-        return
-    with closing(run_parallel(partial(run_scene, overrides=overrides), seeds, jobs)) as results:
-        for number, result in results:
-            if isinstance(result, WorkerEnded):
-                sys.exit(f"umbrellas.py: error: scene {seeds[number]}: {result.reason}")
-            yield result
-
-
-def _longest_stretch(flags: NDArray[np.bool_]) -> int:
-    """Length of the longest run of true values."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return int(np.max(ends[1::2] - ends[::2], initial=0))
-
-
-def _parameter(text: str) -> tuple[str, Any]:
-    name, separator, value = text.partition("=")
-    if not separator:
-        raise argparse.ArgumentTypeError(f"'{text}'; allowed: NAME=VALUE")
-    for convert in (int, float):
-        try:
-            return name, convert(value)
-        except ValueError:
-            continue
-    return name, value
+def _with_boxes(
+    image: NDArray[np.uint8], box: Boxes, particle_boxes: Boxes, weights: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    centers = particle_boxes[:, :2] + particle_boxes[:, 2:] / 2
+    halves = 1.0 + 4.0 * np.sqrt(weights / weights.max())
+    corners = np.stack([centers - halves[:, None], centers + halves[:, None]], axis=1)
+    for low, high in np.round(corners).astype(int).tolist():
+        cv2.rectangle(image, low, high, (255, 255, 255), 1)
+    low, high = np.round([box[:2], box[:2] + box[2:]]).astype(int).tolist()
+    cv2.rectangle(image, low, high, (255, 255, 255), 2)
+    return image
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment, print the table and write the files."""
     parser = options_of.parser(__doc__)
     options_of.add_seeds(parser, 30, "number of scenes")
-    at_least = options_of.at_least
-    parser.add_argument("--first-seed", type=at_least(0), default=0, help="of the first scene [0]")
-    parser.add_argument("--jobs", type=at_least(1), default=1, help="number of processes [1]")
+    first = options_of.at_least(0)
+    parser.add_argument("--first-seed", type=first, default=0, help="of the first scene [0]")
     options_of.add_folder(parser)
-    parser.add_argument(
-        "--parameter",
-        type=_parameter,
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="override a parameter of preset and setting; may be repeated",
-    )
     options = parser.parse_args(arguments)
-    overrides = dict(options.parameter)
+    cv2.setNumThreads(1)
+    runs: list[Run] = []
+    with progress_bar(options.seeds, "scenes") as on_progress:
+        for seed in range(options.first_seed, options.first_seed + options.seeds):
+            runs += run_scene(seed)
+            on_progress("", 1)
+    made = table(runs)
+    made.show()
     try:
-        for setting in SETTINGS:
-            setting.tracker(0, overrides)
-        options.output.mkdir(parents=True, exist_ok=True)
-    except (ValueError, OSError) as error:
+        save_tables(options.output / "umbrellas.md", [made])
+        write_frames(options.output / "umbrellas_frames.png", runs)
+    except OSError as error:
         parser.error(str(error))
-    started = time.monotonic()
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    runs = run_all(seeds, overrides, options.jobs)
-    print_table(runs)
-    write_table(options.output / "umbrellas.md", runs, overrides)
-    write_frames(options.output / "umbrellas_frames.png", runs)
-    print(f"{time.monotonic() - started:.0f} s; files in {options.output}")
+    print(f"files in {options.output}")
     return 0
 
 

@@ -4,8 +4,7 @@ A frame is right if its overlap is above one half.
 
     python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
 
-With two or more `--group`s, such as kinds of footage, it also reports all figures of each group,
-and the area under the ROC curve of a confidence fitted to the other groups.
+With `--group`, such as for kinds of footage, it also reports all figures of each group.
 
 It writes uncertainty.md, uncertainty.csv (a line for each range of confidence) and uncertainty.png.
 """
@@ -14,20 +13,14 @@ from __future__ import annotations
 
 import csv
 import math
-import os
+import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 import arguments as options_of
-import confidence_cross_validation
-import cross_validation
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -42,12 +35,10 @@ from pf_tracker_ros.evaluation import (
     read_sequences,
 )
 from pf_tracker_ros.evaluation.sequences import frame_count
-from pf_tracker_ros.footage import Footage, FootageError
-from pf_tracker_ros.parameters import ParameterError
+from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
 
-AnyTracker = Tracker | confidence_cross_validation.RecordingTracker
 RIGHT_ABOVE = 0.5
 # The target is truly lost if the overlap has been below this for so many seconds.
 GONE_BELOW, GONE_FOR = 0.1, 3.0
@@ -101,7 +92,7 @@ class _Recorder:
         tracker: Any tracker.
     """
 
-    def __init__(self, tracker: AnyTracker) -> None:
+    def __init__(self, tracker: Tracker) -> None:
         self._tracker = tracker
         self.estimates: list[Estimate] = []
 
@@ -186,122 +177,41 @@ def inside(frames: Frames, share: float) -> float:
     return _mean(on_target(frames) <= -2.0 * math.log1p(-share))
 
 
-def measured(
-    sequences: Sequence[Footage], trackers: Callable[[int, int], AnyTracker], seeds: int
-) -> list[list[Frames]]:
-    """Output for all frames but the first, for each sequence and seed.
-
-    Args:
-        sequences: Sequences with true boxes.
-        trackers: Makes a tracker for the index of a sequence and a seed.
-        seeds: Number of runs.
-    """
+def measured(sequences: Sequence[Footage], preset: str, seeds: int) -> list[Frames]:
+    """Output of a preset for all frames but the first, for each sequence, all seeds."""
     parts = []
     with progress_bar(frame_count(sequences)) as on_progress:
-        for number, footage in enumerate(sequences):
-            recorders = [_Recorder(trackers(number, seed)) for seed in range(seeds)]
+        for footage in sequences:
+            recorders = [_Recorder(Tracker.from_preset(preset, seed)) for seed in range(seeds)]
             result = evaluate_sequence(footage, recorders.__getitem__, range(seeds), on_progress)
             true_boxes, interval = result.true_boxes[1:], footage.nominal_interval
-            parts.append([compared(one.estimates, true_boxes, interval) for one in recorders])
+            runs = [compared(one.estimates, true_boxes, interval) for one in recorders]
+            parts.append(together(runs))
     return parts
 
 
-@dataclass(frozen=True)
-class CarriedOver:
-    """A cross-validated confidence.
+def grouped(names: Sequence[str], patterns: Sequence[str]) -> dict[str, list[int]]:
+    """Pattern to the indices of the names that it matches from their start.
 
-    Attributes:
-        frames: Name of a group to its frames.
-        weights: Name of a group to the weights fitted on the others, "none" to those of all.
+    Raises:
+        EvaluationError: A pattern is no regular expression, or matches no name.
     """
-
-    frames: Mapping[str, Frames]
-    weights: Mapping[str, confidence_cross_validation.Weights]
-
-
-def carried_over(
-    sequences: Sequence[Footage],
-    preset: str,
-    groups: Mapping[str, Sequence[int]],
-    outputs: Sequence[Sequence[Frames]],
-    recorded: Mapping[tuple[int, int], confidence_cross_validation.RecordedConfidence],
-) -> CarriedOver | None:
-    """Track each group with a confidence fitted on the other groups.
-
-    Args:
-        sequences: Sequences with true boxes.
-        preset: Preset of the tracker.
-        groups: Name to the indices of its sequences.
-        outputs: Output for each sequence and seed, with the preset's confidence.
-        recorded: Recorded confidence by index of sequence and seed.
-
-    Returns:
-        None where the confidence asks no questions.
-    """
-
-    def answers(numbers: Sequence[int]) -> list[confidence_cross_validation.LabeledOdds]:
-        runs = [(number, seed) for number in numbers for seed in range(len(outputs[number]))]
-        return [
-            confidence_cross_validation.LabeledOdds(
-                [recorded[number, seed].odds[one] for one in outputs[number][seed].number],
-                outputs[number][seed].is_right,
-            )
-            for number, seed in runs
-        ]
-
-    labeled = {name: answers(numbers) for name, numbers in groups.items()}
-    if not any(odds for runs in labeled.values() for of in runs for odds in of.odds):
-        return None
-    carried, fitted = {}, {}
-    for left, numbers in groups.items():
-        others = [of for name, runs in labeled.items() if name != left for of in runs]
-        fitted[left] = confidence_cross_validation.fit(others)
-        make_tracker = partial(confidence_cross_validation.fitted_tracker, preset, fitted[left])
-        members = [sequences[number] for number in numbers]
-        runs = measured(members, lambda _, seed, make=make_tracker: make(seed), len(outputs[0]))
-        carried[left] = together([frames for of in runs for frames in of])
-    fitted["none"] = confidence_cross_validation.fit(
-        [of for runs in labeled.values() for of in runs]
-    )
-    return CarriedOver(carried, fitted)
+    groups = {}
+    for pattern in patterns:
+        try:
+            groups[pattern] = [
+                number for number, name in enumerate(names) if re.match(pattern, name)
+            ]
+        except re.error as error:
+            raise EvaluationError(f"--group '{pattern}': {error}") from error
+        if not groups[pattern]:
+            raise EvaluationError(f"--group '{pattern}' matches no sequence")
+    return groups
 
 
-def weights_table(weights: Mapping[str, confidence_cross_validation.Weights]) -> Table:
-    """The fitted weights by the group left out."""
-    questions = sorted({name for of in weights.values() for name in of.factors})
-    rows = [
-        [name, *(f"{of.factors.get(name, math.nan):.2f}" for of in weights.values())]
-        for name in questions
-    ]
-    rows.append(["constant", *(f"{of.constant:+.2f}" for of in weights.values())])
-    return Table(
-        "Factors of what each question says, by what is left out", ("question", *weights), [rows]
-    )
-
-
-def summary(
-    frames: Frames,
-    title: str,
-    groups: Mapping[str, Frames] | None = None,
-    carried: Mapping[str, Frames] | None = None,
-) -> Table:
-    """The figures as a table.
-
-    Args:
-        frames: All frames.
-        title: Title of the table.
-        groups: Name of a group of sequences to its frames.
-        carried: The same, with the confidence fitted on the other groups.
-    """
-    area, *others = figures(frames)
-    rows = [list(area)]
-    rows += [[f"the same in {name}", _area(one)] for name, one in (groups or {}).items()]
-    if carried:
-        rows.append(
-            ["the area, each group's fitted on the others", _area(together([*carried.values()]))]
-        )
-        rows += [[f"the same in {name}", _area(one)] for name, one in carried.items()]
-    return Table(title, ("figure", "value"), [[*rows, *map(list, others)]])
+def summary(frames: Frames, title: str) -> Table:
+    """The figures as a table."""
+    return Table(title, ("figure", "value"), [[*map(list, figures(frames))]])
 
 
 def group_table(groups: Mapping[str, Frames]) -> Table:
@@ -316,7 +226,10 @@ def figures(frames: Frames) -> list[tuple[str, str]]:
     right, tracking = frames.is_right, frames.is_tracking
     gone = frames.astray > GONE_FOR
     return [
-        ("area under the ROC curve of the confidence", _area(frames)),
+        (
+            "area under the ROC curve of the confidence",
+            _text(roc_area(frames.confidence, right)),
+        ),
         ("expected calibration error", _text(calibration_error(frames))),
         *(
             (f"true center inside the {share:.0%} ellipse", _text(inside(frames, share)))
@@ -374,10 +287,6 @@ def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if len(values) else math.nan
 
 
-def _area(frames: Frames) -> str:
-    return _text(roc_area(frames.confidence, frames.is_right))
-
-
 def _text(figure: float) -> str:
     return "-" if math.isnan(figure) else f"{figure:.3f}"
 
@@ -386,38 +295,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print the tables and write the files."""
     parser = options_of.sequence_parser(__doc__)
     options_of.add_preset(parser)
-    options_of.add_groups(parser)
+    parser.add_argument(
+        "--group",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="a regular expression for the beginning of names of sequences; may be repeated",
+    )
     options = parser.parse_args(arguments)
-    try:
+    with options_of.told_errors(parser):
         Tracker.from_preset(options.preset)
         sequences = read_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)
-        names = [footage.name for footage in sequences]
-        members = cross_validation.grouped(names, options.group) if options.group else {}
-        recorded: dict[tuple[int, int], confidence_cross_validation.RecordedConfidence] = {}
-
-        def tracker(number: int, seed: int) -> AnyTracker:
-            made = confidence_cross_validation.RecordingTracker(options.preset, seed)
-            recorded[number, seed] = made.recorded
-            return made
-
-        outputs = measured(sequences, tracker, options.seeds)
-        parts = [together(runs) for runs in outputs]
+        members = grouped([footage.name for footage in sequences], options.group)
+        parts = measured(sequences, options.preset, options.seeds)
         frames = together(parts)
         groups = {
             name: together([parts[number] for number in numbers])
             for name, numbers in members.items()
         }
-        runs = f"{counted(len(sequences), 'sequence')}, "
-        runs += counted(options.seeds, "seed")
+        runs = f"{counted(len(sequences), 'sequence')}, {counted(options.seeds, 'seed')}"
         title = f"Uncertainty of preset {options.preset}: {runs}"
-        carried = carried_over(sequences, options.preset, members, outputs, recorded)
-        tables = [summary(frames, title, groups, carried.frames if carried else None)]
-        tables.append(reliability(frames))
+        tables = [summary(frames, title), reliability(frames)]
         if groups:
             tables.append(group_table(groups))
-        if carried:
-            tables.append(weights_table(carried.weights))
         for table in tables:
             table.show()
         lines = [f"# {tables[0].title}", "", *tables[0].markdown(), "", NOTE, ""]
@@ -427,8 +328,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with (options.output / "uncertainty.csv").open("w", newline="", encoding="utf-8") as file:
             csv.writer(file).writerows([tables[1].headings, *tables[1].groups[0]])
         plot(options.output / "uncertainty.png", frames, f"{options.preset}: {runs}")
-    except (EvaluationError, FootageError, ParameterError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
     print(f"files in {options.output}")
     return 0
 

@@ -3,9 +3,8 @@ r"""Accuracy of positions in meters: errors, and whether the covariances are tru
     python benchmarks/world.py --kitti FOLDER --pets FOLDER --calibration View_001.xml \
         --depth FOLDER --output world.md
 
-Each folder adds a table; the files of `world_parts/` say what it contains. Four parts need no
-data: rendered depth images with exact positions, rendered walkers by the tracker's boxes, a robot
-that turns, and the CPU time of a position.
+Each folder adds a table; the files of `world_parts/` say what it contains. The CPU time of a
+position needs no data. `follow.py` measures positions by the tracker's boxes.
 
 NEES: normalized estimation error squared over its degrees of freedom, 1 for a true covariance.
 Inside: share of the frames whose truth is in the 90 % region.
@@ -14,29 +13,22 @@ Inside: share of the frames whose truth is in the 90 % region.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-# One thread for linear algebra; read when NumPy is imported.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 import arguments as options_of
 import cv2
-from tables import Table
+from tables import Table, save_tables
 from world_parts.cost import cost_table
 from world_parts.depth_camera import depth_table
 from world_parts.ground_from_people import plane_table
 from world_parts.kitti import kitti_table, read_kitti
 from world_parts.pets import RATE, pets_table, read_ground_tracks, read_tsai
-from world_parts.rendered import rendered_table
-from world_parts.turning import turning_table
-from world_parts.walkers import walkers_table
 
 from pf_tracker_ros.progress import OnProgress, progress_bar
 
-PARTS = ("kitti", "pets", "plane", "depth", "rendered", "walkers", "turning", "cost")
+PARTS = ("kitti", "pets", "plane", "depth", "cost")
 
 
 def measured(options: argparse.Namespace, on_progress: OnProgress) -> Iterable[Table]:
@@ -58,12 +50,6 @@ def measured(options: argparse.Namespace, on_progress: OnProgress) -> Iterable[T
             yield plane_table(camera, tracks, on_progress)
     if options.depth and "depth" in parts:
         yield depth_table(options.depth, on_progress)
-    if "rendered" in parts:
-        yield rendered_table(on_progress)
-    if "walkers" in parts:
-        yield walkers_table(on_progress)
-    if "turning" in parts:
-        yield turning_table(on_progress)
     if "cost" in parts:
         yield cost_table(on_progress)
 
@@ -83,15 +69,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     cv2.setNumThreads(1)
     parser = arguments()
     options = parser.parse_args(argv)
-    lines = ["# Positions in meters", ""]
     try:
         with progress_bar(None, "boxes") as on_progress:
             tables = list(measured(options, on_progress))
         for table in tables:
             table.show()
-            lines += [f"## {table.title}", "", *table.markdown(), ""]
-        if options.output:
-            options.output.write_text("\n".join(lines), encoding="utf-8")
+        save_tables(options.output, tables)
     except (OSError, ValueError) as error:
         parser.error(" ".join(str(error).split()))
     return 0

@@ -34,7 +34,6 @@ from world_room import (
     Base,
     Room,
     RoomFrame,
-    driving,
 )
 
 from pf_tracker_ros.footage import FootageError
@@ -231,28 +230,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--rate", type=float, default=10.0, metavar="HZ", help="of frames (default: %(default)s)"
     )
-    parser.add_argument("--seed", type=int, default=0, help="(default: %(default)s)")
-    parser.add_argument(
-        "--turn",
-        type=float,
-        default=7.0,
-        metavar="DEGREES",
-        help="angular velocity of the robot in degrees per second (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--latency",
-        type=float,
-        default=0.0,
-        metavar="SECONDS",
-        help="by which images and depth arrive late (default: %(default)s)",
-    )
     options = parser.parse_args(argv)
-    if options.frames < 1 or options.latency < 0.0 or not options.rate > 0.0:
-        parser.error("--frames is at least 1, --latency at least 0, --rate above 0")
-    base = driving(0.15, 0.2, float(np.radians(options.turn)))
-    room = Room((*WALKERS, PILLAR), base, rate=options.rate, seed=options.seed)
+    if options.frames < 1 or not options.rate > 0.0:
+        parser.error("--frames is at least 1, --rate above 0")
+    room = Room((*WALKERS, PILLAR), rate=options.rate)
     try:
-        frames = write_room(room, options.bag, options.frames, options.latency)
+        frames = write_room(room, options.bag, options.frames)
         targets = first_targets(frames[0], len(WALKERS))
         text = file_text(targets, options.bag, "as they were rendered")
         target_file(options.bag).write_text(text, encoding="utf-8")

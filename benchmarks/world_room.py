@@ -2,7 +2,10 @@
 
 The room is a cylinder around the origin of the fixed frame (x forward at the start, y left, z up).
 The camera is a pin-hole camera with distortion, above the robot's base. Each frame has a color
-image, depth with holes and noise, and where everybody is and is seen.
+image, depth with holes and noise, and where everybody is and is seen. A person is an elliptic
+cylinder; noise of the depth grows with its square, and holes are squares.
+
+Source of the noise: Khoshelham and Elberink 2012, "Accuracy and Resolution of Kinect Depth Data".
 """
 
 from __future__ import annotations
@@ -14,10 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scenes.textures import fractal_noise
-from world_scenes import Array, Person, Renderer, box_around, corrupted
 
 from pf_tracker_ros.world import CameraModel, GroundPlane
 
+Array = NDArray[np.float64]
 Path = Callable[[float], tuple[float, float]]
 
 CAMERA = CameraModel(
@@ -31,6 +34,10 @@ _NOISE = 3.0
 # Shares of a person's height where shirt and head begin.
 _WAIST, _NECK = 0.48, 0.84
 _SKIN = (130, 160, 205)
+# Half the width and half the thickness of a body, meters.
+_HALF_WIDTH, _HALF_THICKNESS = 0.22, 0.12
+# Standard deviation of the depth at 1 m, meters, and side of a hole, pixels.
+_DEPTH_NOISE, _HOLE = 0.0015, 8
 
 
 @dataclass(frozen=True)
@@ -143,7 +150,9 @@ class Room:
     """
 
     walkers: Sequence[Walker] = (*WALKERS, PILLAR)
-    base: Callable[[float], Base] = field(default_factory=lambda: driving(0.15, 0.2, 0.12))
+    base: Callable[[float], Base] = field(
+        default_factory=lambda: driving(0.15, 0.2, np.radians(7.0))
+    )
     rate: float = 15.0
     holes: float = 0.15
     seed: int = 0
@@ -152,18 +161,15 @@ class Room:
     def frames(self, count: int) -> Iterator[RoomFrame]:
         """The first frames."""
         generator = np.random.default_rng(self.seed)
-        plane = GroundPlane.from_angles(CAMERA_HEIGHT, CAMERA_PITCH)
-        renderer = Renderer(self.camera, plane, _RADIUS)
-        rays, _ = renderer.background()
+        rays = horizontal_rays(self.camera)
         textures = [fractal_noise(generator, (_TEXTURE, _TEXTURE), 96.0) for _ in ("floor", "wall")]
         for index in range(count):
             time = index / self.rate
-            yield self._frame(time, renderer, rays, textures, generator)
+            yield self._frame(time, rays, textures, generator)
 
     def _frame(
         self,
         time: float,
-        renderer: Renderer,
         rays: Array,
         textures: Sequence[NDArray[np.float32]],
         generator: np.random.Generator,
@@ -174,9 +180,8 @@ class Room:
         owner = np.full(depth.shape, -1)
         boxes, sizes = [], []
         for number, walker in enumerate(self.walkers):
-            person = _seen_from(base, positions[number], walker, time)
-            alone = np.full(depth.shape, np.inf)
-            mask = renderer.add(rays, alone, person)
+            alone = cylinder(rays, *_seen_from(base, positions[number], walker, time))
+            mask = np.isfinite(alone)
             boxes.append(box_around(mask) if mask.any() else None)
             sizes.append(int(mask.sum()))
             shown = alone < depth
@@ -200,14 +205,69 @@ class Room:
         )
 
 
-def _seen_from(base: Base, position: Array, walker: Walker, time: float) -> Person:
-    """A walker relative to the camera: distance, bearing to the right, and turn."""
+def horizontal_rays(camera: CameraModel) -> Array:
+    """(H, W, 3) rays of the pixels: horizontally forward, right, and down; 1 along the axis."""
+    down = GroundPlane.from_angles(CAMERA_HEIGHT, CAMERA_PITCH).down
+    forward = np.array([0.0, 0.0, 1.0]) - down[2] * down
+    forward /= np.linalg.norm(forward)
+    axes = np.column_stack([forward, np.cross(down, forward), down])
+    columns, rows = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    rays = camera.rays(np.column_stack([columns.ravel(), rows.ravel()]))
+    return ((rays / rays[:, 2:]) @ axes).reshape(camera.height, camera.width, 3)
+
+
+def cylinder(rays: Array, distance: float, bearing: float, height: float, turn: float) -> Array:
+    """(H, W) depth of a person, infinite beside them.
+
+    Args:
+        rays: Of the camera.
+        distance: Horizontal distance of the middle, meters.
+        bearing: To the right, radians.
+        height: Meters.
+        turn: Angle between the body's wide side and the image plane, radians.
+    """
+    # Axes of the ellipse: thickness along the line of sight, turned.
+    cosine, sine = np.cos(bearing + turn), np.sin(bearing + turn)
+    thick, wide = np.array([cosine, sine]) / _HALF_THICKNESS, np.array([-sine, cosine])
+    to_ellipse = np.array([thick, wide / _HALF_WIDTH])
+    direction = rays[..., :2] @ to_ellipse.T
+    center = to_ellipse @ (distance * np.array([np.cos(bearing), np.sin(bearing)]))
+    # |t direction - center|^2 = 1.
+    square = np.square(direction).sum(axis=-1)
+    half = direction @ center
+    discriminant = half**2 - square * (center @ center - 1.0)
+    depth = (half - np.sqrt(np.maximum(discriminant, 0.0))) / square
+    below = depth * rays[..., 2]
+    is_hit = (discriminant > 0.0) & (below < CAMERA_HEIGHT) & (below > CAMERA_HEIGHT - height)
+    return np.where(is_hit, depth, np.inf)
+
+
+def corrupted(depth: Array, holes: float, generator: np.random.Generator) -> NDArray[np.float32]:
+    """A depth image with noise, and with a share of holes."""
+    noisy = depth + generator.normal(0.0, 1.0, depth.shape) * _DEPTH_NOISE * depth**2
+    rows, columns = (side // _HOLE + 1 for side in depth.shape)
+    coarse = (generator.random((rows, columns)) < holes).astype(np.uint8)
+    large = cv2.resize(coarse, (columns * _HOLE, rows * _HOLE), interpolation=cv2.INTER_NEAREST)
+    noisy[large[: depth.shape[0], : depth.shape[1]] > 0] = np.nan
+    return noisy.astype(np.float32)
+
+
+def box_around(mask: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+    """The smallest box around a mask with pixels."""
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return float(x), float(y), float(width), float(height)
+
+
+def _seen_from(
+    base: Base, position: Array, walker: Walker, time: float
+) -> tuple[float, float, float, float]:
+    """Distance, bearing to the right, height and turn of a walker before the camera."""
     x, y = position - (base.x, base.y)
     bearing = base.yaw - np.arctan2(y, x)
     # People look where they go.
     ahead = np.subtract(walker.path(time + 0.1), position)
     heading = base.yaw - np.arctan2(ahead[1], ahead[0]) if ahead.any() else bearing
-    return Person(float(np.hypot(x, y)), float(bearing), walker.height, float(heading - bearing))
+    return float(np.hypot(x, y)), float(bearing), walker.height, float(heading - bearing)
 
 
 def _background(

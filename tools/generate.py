@@ -71,18 +71,16 @@ def _parameter_tables() -> str:
         f"Written by `{_COMMAND}` from the declarations in the code.",
         "Parameters change at run time by `ros2 param set`, unless they are named as fixed.",
         "## The node `pf_tracker`",
-        "With an invalid value at start-up the node runs, but does not track: the log and "
-        "`~/status` have the reason, and tracking starts once every such parameter, even a fixed "
-        "one, has a valid value. An unknown parameter is reported and has no effect.",
+        "With an invalid value at start-up the node runs, but does not track until every such "
+        "parameter, even a fixed one, has a valid value. An unknown parameter has no effect.",
         *_node_section(_NODE),
         "## The tracker",
-        "The names are the same in the node and in the library (`Tracker.from_preset`). The "
-        "preset is `default` unless set; other presets are listed where they differ from it. All "
-        "can change at run time in the node, and in the library by `set_parameters`. A change of "
-        f"{_listed(_read_only(_TRACKER))} makes the tracker learn every target again where it was "
-        "last seen.",
-        f"{_listed(selectors)} select parts of the tracker. The parameters of every part always "
-        "exist; each is used only if its part is selected, as its description says.",
+        "The same in the node and in the library (`Tracker.from_preset`, `set_parameters`). The "
+        "preset is `default` unless set; other presets are listed where they differ from it. "
+        f"A change of {_listed(_read_only(_TRACKER))} makes the tracker learn every target again "
+        "where it was last seen.",
+        f"{_listed(selectors)} select parts of the tracker. Parameters of a part are used only if "
+        "it is selected.",
         "With `max_targets` above 1 the presets have the same values except for "
         f"{_multi_target_differences()}.",
         _table(_TRACKER, presets),

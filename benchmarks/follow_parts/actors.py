@@ -112,6 +112,14 @@ class Walker:
             self.stands_for += interval
 
 
+def _between(begin: Array, end: Array) -> tuple[float, Array, Array]:
+    """Distance of two points, and (2,) directions to the second one and to the left of that."""
+    ahead = end - begin
+    distance = float(np.hypot(*ahead))
+    ahead = ahead / max(distance, 1e-6)
+    return distance, ahead, np.array([-ahead[1], ahead[0]])
+
+
 def _components(velocity: Array) -> tuple[Array, Array]:
     return np.array([velocity[0], 0.0]), np.array([0.0, velocity[1]])
 
@@ -284,13 +292,11 @@ class Cast:
         if self._passage or not self._crossings or time < self._crossings[0].time:
             return
         person = self.walkers[0].position
-        ahead = person - robot
-        distance = float(np.hypot(*ahead))
+        distance, _, across = _between(robot, person)
         if not 1.3 < distance < 4.5 or not self._layout.sees(robot, person):
             return
         crossing = self._crossings[0]
         middle = self._crossed_at(crossing, robot)
-        across = np.array([-ahead[1], ahead[0]]) / distance
         best: tuple[float, int, float] | None = None
         for side in (1.0, -1.0):
             if not self._layout.is_open(middle + side * across, middle - side * across, 0.35):
@@ -318,8 +324,7 @@ class Cast:
 
     def _cross(self, passage: Passage, time: float, interval: float, robot: Array) -> None:
         walker, layout = self.walkers[passage.walker], self._layout
-        ahead = self.walkers[0].position - robot
-        across = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-6)
+        _, _, across = _between(robot, self.walkers[0].position)
         middle = self._crossed_at(passage.crossing, robot)
         lasted = time - passage.since
         lateral = passage.side * float((walker.position - middle) @ across)
@@ -383,13 +388,10 @@ class Cast:
 
     def _leave_corridor(self, point: Array, robot: Array) -> Array:
         """(2,) velocity out of the corridor between robot and person; 0 outside of it."""
-        ahead = self.walkers[0].position - robot
-        distance = float(np.hypot(*ahead))
+        distance, ahead, across = _between(robot, self.walkers[0].position)
         if distance < 1e-3:
             return np.zeros(2)
-        ahead = ahead / distance
         along = float((point - robot) @ ahead)
-        across = np.array([-ahead[1], ahead[0]])
         lateral = float((point - robot) @ across)
         if not -0.3 < along < distance + 0.4 or abs(lateral) > _CORRIDOR:
             return np.zeros(2)
@@ -472,8 +474,7 @@ class _Hiding:
         return False
 
     def _is_hidden(self, robot: Array, point: Array) -> bool:
-        ahead = point - robot
-        across = np.array([-ahead[1], ahead[0]]) / max(float(np.hypot(*ahead)), 1e-6)
+        _, _, across = _between(robot, point)
         return not any(
             self._layout.sees(robot, point + lateral * across) for lateral in (-0.3, 0.0, 0.3)
         )

@@ -135,14 +135,7 @@ class Layout:
             (N,) distances in lengths of the directions, infinite without a wall, and (N,) the
             numbers of the walls.
         """
-        begins = self.walls[:, 0] - np.asarray(origin)
-        along = self.walls[:, 1] - self.walls[:, 0]
-        crossed = directions[:, None, 0] * along[:, 1] - directions[:, None, 1] * along[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            range_ = (begins[:, 0] * along[:, 1] - begins[:, 1] * along[:, 0]) / crossed
-            share = (
-                begins[:, 0] * directions[:, None, 1] - begins[:, 1] * directions[:, None, 0]
-            ) / crossed
+        range_, share = crossings(self.walls, np.asarray(origin), directions)
         range_[~((share >= 0.0) & (share <= 1.0) & (range_ > 1e-6))] = np.inf
         first = range_.argmin(axis=1)
         return range_[np.arange(len(first)), first], first
@@ -240,6 +233,25 @@ def _cheapest(cost: Array, start: tuple[int, int], goal: tuple[int, int]) -> lis
     return []
 
 
+def crossings(walls: Array, origin: Array, directions: Array) -> tuple[Array, Array]:
+    """Where the lines of N rays meet those of W walls.
+
+    Args:
+        walls: (W, 2, 2).
+        origin: (2,) of all rays.
+        directions: (N, 2), of any length.
+
+    Returns:
+        (N, W) distances in lengths of the directions, and (N, W) shares of the walls.
+    """
+    begins, along = walls[:, 0] - origin, walls[:, 1] - walls[:, 0]
+    x, y = directions[:, None, 0], directions[:, None, 1]
+    crossed = x * along[:, 1] - y * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ranges = (begins[:, 0] * along[:, 1] - begins[:, 1] * along[:, 0]) / crossed
+        return ranges, (begins[:, 0] * y - begins[:, 1] * x) / crossed
+
+
 def _to_segment(point: ArrayLike, begin: Array, end: Array) -> float:
     """Distance of a point to a segment."""
     return distance_to_walls(np.array([[begin, end]]), point)
@@ -288,11 +300,8 @@ def _pillars(
         center = (generator.uniform(2.0, size[0] - 1.5), generator.uniform(2.0, size[1] - 1.5))
         pillar = Pillar(center, generator.uniform(0.3, 0.4))
         apart = [np.hypot(*np.subtract(center, one.center)) > 2.5 for one in pillars]
-        if (
-            len(pillars) < 2
-            and all(apart)
-            and distance_to_walls(walls, center) > pillar.radius + 1.2
-        ):
+        is_free = distance_to_walls(walls, center) > pillar.radius + 1.2
+        if len(pillars) < 2 and all(apart) and is_free:
             pillars.append(pillar)
     return pillars
 

@@ -267,19 +267,10 @@ class _Figure:
         # Toes point forward; to the camera, the nearer foot is lower in the image.
         toe = place(0.055 * side * body.girth, ankle_forward + 0.06, max(ankle_up - 0.025, 0.008))
         toe = toe[0], toe[1] + 0.012 * size * np.cos(self.turn)
-        _limb(
-            self.pixels, (ankle, toe), (0.022 * size, 0.018 * size), _shaded(clothes.shoes, shade)
-        )
-        color = _shaded(clothes.trousers, shade)
-        _limb(
-            self.pixels, (hip, knee), (0.052 * size * body.girth, 0.04 * size * body.girth), color
-        )
-        _limb(
-            self.pixels,
-            (knee, ankle),
-            (0.04 * size * body.girth, 0.026 * size),
-            _shaded(color, 0.95),
-        )
+        self._limb((ankle, toe), (0.022 * size, 0.018 * size), _shaded(clothes.shoes, shade))
+        color, girth = _shaded(clothes.trousers, shade), body.girth
+        self._limb((hip, knee), (0.052 * size * girth, 0.04 * size * girth), color)
+        self._limb((knee, ankle), (0.04 * size * girth, 0.026 * size), _shaded(color, 0.95))
 
     def arm(self, side: float, *, is_far: bool) -> None:
         """Draw the left arm, side 1, or the right one, side -1."""
@@ -296,11 +287,11 @@ class _Figure:
         sleeve, skin = _shaded(clothes.shirt, shade), _shaded(body.skin, shade)
         if clothes.pattern == "halves":
             sleeve = _shaded(clothes.second, shade)
-        _limb(self.pixels, (elbow, hand), (0.024 * size, 0.02 * size), skin)
+        self._limb((elbow, hand), (0.024 * size, 0.02 * size), skin)
         if clothes.sleeves == 1.0:
             wrist = tuple(np.add(elbow, np.multiply(0.8, np.subtract(hand, elbow))))
-            _limb(self.pixels, (elbow, wrist), (0.027 * size, 0.024 * size), sleeve)
-        _limb(self.pixels, (shoulder, elbow), (0.034 * size, 0.027 * size), sleeve)
+            self._limb((elbow, wrist), (0.027 * size, 0.024 * size), sleeve)
+        self._limb((shoulder, elbow), (0.034 * size, 0.027 * size), sleeve)
 
     def dress(self, torso: NDArray[np.float32]) -> None:
         """Draw the torso in a texture that goes around it."""
@@ -315,22 +306,13 @@ class _Figure:
             sides = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
             corners = (x, y) + sides * (half, 0.13 * size)
             if np.cos(turn) > -0.5:
-                _polygon(canvas, corners, _shaded(self.clothes.second, 0.8))
+                self._polygon(corners, _shaded(self.clothes.second, 0.8))
         neck = 0.4 * shoulder
-        outline = np.array(
-            [
-                (center - neck, top - 0.012 * size),
-                (center + neck, top - 0.012 * size),
-                (center + shoulder, top + 0.035 * size),
-                (center + 0.98 * shoulder, top + 0.1 * size),
-                (center + waist, bottom - 0.08 * size),
-                (center + 1.04 * waist, bottom),
-                (center - 1.04 * waist, bottom),
-                (center - waist, bottom - 0.08 * size),
-                (center - 0.98 * shoulder, top + 0.1 * size),
-                (center - shoulder, top + 0.035 * size),
-            ]
-        )
+        halves = np.array([neck, shoulder, 0.98 * shoulder, waist, 1.04 * waist])
+        rows = np.array([top - 0.012 * size, top + 0.035 * size, top + 0.1 * size])
+        rows = np.append(rows, [bottom - 0.08 * size, bottom])
+        right, left = (np.stack([center + side * halves, rows], axis=1) for side in (1.0, -1.0))
+        outline = np.concatenate([left[:1], right, left[:0:-1]])
         mask = np.zeros(canvas.shape[:2], np.uint8)
         cv2.fillPoly(mask, [_fixed(outline)], 255, cv2.LINE_AA, _SHIFT)
         y0, y1 = int(top - 0.03 * size), int(bottom + 3)
@@ -353,33 +335,59 @@ class _Figure:
         opaque = np.dstack([texture, np.full(texture.shape[:2], 255.0)])
         canvas[y0:y1, x0:x1] = np.rint(part * (1.0 - share) + opaque * share)
         if self.clothes.has_backpack and np.cos(turn) <= -0.5:
-            _polygon(canvas, corners, _shaded(self.clothes.second, 0.9))
+            self._polygon(corners, _shaded(self.clothes.second, 0.9))
 
     def head(self) -> None:
         """Draw neck, head, face and hair."""
-        canvas, size, turn, place = self.pixels, self.size, self.turn, self.place
-        body = self.body
+        size, turn, place, body = self.size, self.turn, self.place, self.body
         neck = place(0, 0, 0.8), place(0, 0.01, 0.88)
-        _limb(canvas, neck, (0.03 * size, 0.028 * size), _shaded(body.skin, 0.8))
+        self._limb(neck, (0.03 * size, 0.028 * size), _shaded(body.skin, 0.8))
         x, y = place(0.0, 0.012, 0.925)
         half = size * np.hypot(0.046 * np.cos(turn), 0.056 * np.sin(turn))
         tall = 0.068 * size
         if body.has_long_hair:
             back_x, _ = place(0.0, -0.02, 0.0)
-            _ellipse(canvas, (back_x, y + 0.02 * size), (1.12 * half, 1.35 * tall), body.hair)
-        _ellipse(canvas, (x, y), (half, tall), body.skin)
+            self._ellipse((back_x, y + 0.02 * size), (1.12 * half, 1.35 * tall), body.hair)
+        self._ellipse((x, y), (half, tall), body.skin)
         facing = np.cos(turn)
         # The hair covers the top, and what is away from the face.
         hair_x = x - 0.55 * half * np.sin(turn)
         if facing > 0.3:
-            _ellipse(canvas, (x, y - 0.45 * tall), (1.02 * half, 0.6 * tall), body.hair)
+            self._ellipse((x, y - 0.45 * tall), (1.02 * half, 0.6 * tall), body.hair)
             for side in (-1.0, 1.0):
                 eye = x + half * (0.4 * side * facing + 0.5 * np.sin(turn)), y + 0.05 * tall
-                _ellipse(canvas, eye, (0.1 * half, 0.07 * tall), (30, 30, 40))
+                self._ellipse(eye, (0.1 * half, 0.07 * tall), (30, 30, 40))
         elif facing > -0.3:
-            _ellipse(canvas, (hair_x, y - 0.2 * tall), (0.75 * half, 0.85 * tall), body.hair)
+            self._ellipse((hair_x, y - 0.2 * tall), (0.75 * half, 0.85 * tall), body.hair)
         else:
-            _ellipse(canvas, (x, y - 0.1 * tall), (1.03 * half, 0.95 * tall), body.hair)
+            self._ellipse((x, y - 0.1 * tall), (1.03 * half, 0.95 * tall), body.hair)
+
+    def _polygon(self, corners: Array, color: Color) -> None:
+        cv2.fillPoly(self.pixels, [_fixed(corners)], (*color, 255.0), cv2.LINE_AA, _SHIFT)
+
+    def _ellipse(
+        self, center: tuple[float, float], axes: tuple[float, float], color: Color
+    ) -> None:
+        middle, size = _fixed(np.array(center)).tolist(), _fixed(np.array(axes)).tolist()
+        shade = (*color, 255.0)
+        cv2.ellipse(self.pixels, middle, size, 0, 0, 360, shade, -1, cv2.LINE_AA, _SHIFT)
+
+    def _limb(
+        self,
+        ends: tuple[tuple[float, float], tuple[float, float]],
+        widths: tuple[float, float],
+        color: Color,
+    ) -> None:
+        """Draw a limb with round ends; widths are half the thickness, pixels."""
+        begin, end = np.array(ends)
+        along = end - begin
+        length = float(np.linalg.norm(along))
+        if length > 0.5:
+            normals = np.outer([*widths], [-along[1], along[0]]) / length
+            corners = [begin + normals[0], end + normals[1], end - normals[1], begin - normals[0]]
+            self._polygon(np.array(corners), color)
+        for place, width in zip(ends, widths, strict=True):
+            self._ellipse(place, (width, width), color)
 
 
 def _torso_texture(clothes: Clothes, seed: int) -> NDArray[np.float32]:
@@ -410,35 +418,6 @@ def _shaded(color: Color, share: float) -> Color:
 def _fixed(points: Array) -> NDArray[np.int32]:
     """Points in OpenCV's fixed-point format."""
     return np.rint(np.asarray(points) * 2**_SHIFT).astype(np.int32)
-
-
-def _polygon(canvas: NDArray[np.uint8], corners: Array, color: Color) -> None:
-    cv2.fillPoly(canvas, [_fixed(corners)], (*color, 255.0), cv2.LINE_AA, _SHIFT)
-
-
-def _ellipse(
-    canvas: NDArray[np.uint8], center: tuple[float, float], axes: tuple[float, float], color: Color
-) -> None:
-    middle, size = _fixed(np.array(center)).tolist(), _fixed(np.array(axes)).tolist()
-    cv2.ellipse(canvas, middle, size, 0, 0, 360, (*color, 255.0), -1, cv2.LINE_AA, _SHIFT)
-
-
-def _limb(
-    canvas: NDArray[np.uint8],
-    ends: tuple[tuple[float, float], tuple[float, float]],
-    widths: tuple[float, float],
-    color: Color,
-) -> None:
-    """Draw a limb with round ends; widths are half the thickness, pixels."""
-    begin, end = np.array(ends)
-    along = end - begin
-    length = float(np.linalg.norm(along))
-    if length > 0.5:
-        normals = np.outer([*widths], [-along[1], along[0]]) / length
-        corners = [begin + normals[0], end + normals[1], end - normals[1], begin - normals[0]]
-        _polygon(canvas, np.array(corners), color)
-    for place, width in zip(ends, widths, strict=True):
-        _ellipse(canvas, place, (width, width), color)
 
 
 def _cropped(canvas: NDArray[np.uint8], foot: tuple[float, float]) -> Sprite:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scenes.textures import fractal_noise
 
-from follow_parts.layout import Layout
+from follow_parts.layout import Layout, crossings
 from follow_parts.people import SCALE, Sprites
 from pf_tracker_ros.localization.camera_pose import mounted_pose
 from pf_tracker_ros.localization.rigid_pose import RigidPose
@@ -154,12 +154,9 @@ class Renderer:
         ]
         self._holes = [_holes(noise, (rows, columns)) for _ in range(_NOISE_FIELDS)]
         middle = (REDUCTION - 1) / 2.0
-        self._across = ((np.arange(columns) * REDUCTION + middle - CAMERA.cx) / CAMERA.fx).astype(
-            np.float32
-        )
-        self._down = ((np.arange(rows) * REDUCTION + middle - CAMERA.cy) / CAMERA.fy).astype(
-            np.float32
-        )
+        across, down = (np.arange(count) * REDUCTION + middle for count in (columns, rows))
+        self._across = ((across - CAMERA.cx) / CAMERA.fx).astype(np.float32)
+        self._down = ((down - CAMERA.cy) / CAMERA.fy).astype(np.float32)
         # The renderer's own arrays, filled in each frame.
         self._inverse = np.empty((rows, columns), np.float32)
         self._owner = np.empty((rows, columns), np.int8)
@@ -189,15 +186,13 @@ class Renderer:
     def _draw_floor(self, image: NDArray[np.uint8], pose: RigidPose) -> None:
         """Draw the floor, and set the inverse depths to its own; walls cover the horizon."""
         axes = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
-        slope = -(pose.rotation.T @ [0.0, 0.0, 1.0]) / pose.translation[2]
+        slope = _floor_slope(pose)
         self._inverse[:] = self._inverse_depth(slope, slice(None), slice(None))
         is_floor = (self._inverse > 0.02).all(axis=1)
         top = int(is_floor.argmax()) * REDUCTION
-        homography = _homography(pose, np.zeros(3), axes, _FLOOR_SCALE)
-        homography = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -top], [0.0, 0.0, 1.0]]) @ homography
         cv2.warpPerspective(
             self._floor,
-            homography,
+            _moved(0, -top) @ _homography(pose, np.zeros(3), axes, _FLOOR_SCALE),
             (CAMERA.width, CAMERA.height - top),
             image[top:],
             cv2.INTER_LINEAR,
@@ -229,14 +224,9 @@ class Renderer:
 
     def _shares(self, number: int, position: Array, rays: Array) -> tuple[float, float]:
         """The part of a wall between two rays, in meters from its begin."""
-        begin, end = self._layout.walls[number]
-        along = end - begin
-        length = float(np.linalg.norm(along))
-        offset = begin - position
-        crossed = rays[:, 0] * along[1] - rays[:, 1] * along[0]
-        with np.errstate(divide="ignore"):
-            shares = (offset[0] * rays[:, 1] - offset[1] * rays[:, 0]) / crossed
-            ranges = (offset[0] * along[1] - offset[1] * along[0]) / crossed
+        wall = self._layout.walls[number : number + 1]
+        length = float(np.linalg.norm(wall[0, 1] - wall[0, 0]))
+        ranges, shares = (one[:, 0] for one in crossings(wall, position, rays))
         # A ray beside the wall may meet its line far away, or behind.
         shares = np.where(ranges > 0.0, np.clip(shares, 0.0, 1.0), np.round(shares.clip(0, 1)))
         low, high = sorted(shares.tolist())
@@ -273,11 +263,9 @@ class Renderer:
         # The texture repeats along the wall: its column 0 is `first` before the part.
         width = texture.shape[1] / _WALL_SCALE
         shift = first % width
-        to_texture = np.array([[1.0, 0.0, -shift * _WALL_SCALE], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-        moved = np.array([[1.0, 0.0, -x0], [0.0, 1.0, -y0], [0.0, 0.0, 1.0]])
         drawn = cv2.warpPerspective(
             texture,
-            moved @ scaled @ to_texture,
+            _moved(-x0, -y0) @ scaled @ _moved(-shift * _WALL_SCALE, 0),
             (int(x1 - x0), int(y1 - y0)),
             flags=cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_WRAP,
@@ -393,8 +381,7 @@ class Renderer:
         self, pose: RigidPose, rows: slice, columns: slice, walls: NDArray[np.float32]
     ) -> NDArray[np.bool_]:
         """Whether what is seen without people is nearer than the floor there."""
-        slope = -(pose.rotation.T @ [0.0, 0.0, 1.0]) / pose.translation[2]
-        floor = self._inverse_depth(slope, rows, columns)
+        floor = self._inverse_depth(_floor_slope(pose), rows, columns)
         return walls[rows, columns] > floor + np.float32(2e-3)
 
     # Sensors
@@ -430,12 +417,18 @@ def camera_pose(camera: CameraState) -> RigidPose:
 
 def _project(point: Array) -> Array:
     """(2,) pixel of a (3,) point in camera coordinates."""
-    return np.array(
-        [
-            CAMERA.fx * point[0] / point[2] + CAMERA.cx,
-            CAMERA.fy * point[1] / point[2] + CAMERA.cy,
-        ]
-    )
+    x, y, z = point
+    return np.array([CAMERA.fx * x / z + CAMERA.cx, CAMERA.fy * y / z + CAMERA.cy])
+
+
+def _floor_slope(pose: RigidPose) -> Array:
+    """(3,) of the floor: its product with a point of the floor in camera coordinates is 1."""
+    return -(pose.rotation.T @ [0.0, 0.0, 1.0]) / pose.translation[2]
+
+
+def _moved(x: float, y: float) -> Array:
+    """(3, 3) homography that moves by x and y."""
+    return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])
 
 
 def _homography(pose: RigidPose, origin: Array, axes: Array, scale: float) -> Array:
@@ -505,10 +498,8 @@ def _panel(
     color = generator.uniform(35.0, 220.0, 3)
     inner = fractal_noise(generator, (y1 - y0, x1 - x0), 24.0)
     texture[y0:y1, x0:x1] = color * (0.6 + 0.6 * inner[..., None])
-    for edge in (np.s_[y0 : y0 + 3, x0:x1], np.s_[y1 - 3 : y1, x0:x1]):
-        texture[edge] = color * 0.4
-    for edge in (np.s_[y0:y1, x0 : x0 + 3], np.s_[y0:y1, x1 - 3 : x1]):
-        texture[edge] = color * 0.4
+    frame = texture[y0:y1, x0:x1]
+    frame[:3] = frame[-3:] = frame[:, :3] = frame[:, -3:] = color * 0.4
 
 
 def _floor_texture(generator: np.random.Generator) -> NDArray[np.uint8]:

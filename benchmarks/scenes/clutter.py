@@ -51,27 +51,10 @@ _GRAYS: tuple[Color, ...] = ((150, 152, 155), (110, 112, 115), (185, 188, 190), 
 class ClutterSettings:
     """What can be changed about the cluttered street."""
 
-    clutter: float = declared(
-        0.5,
-        "Complexity of the background: sharpness of the street, share of the patches in the "
-        "target's colors, how much they stand out, share of the people dressed like the target.",
-        minimum=0.0,
-        maximum=1.0,
-    )
+    clutter: float = declared(0.5, "Complexity of the background.", minimum=0.0, maximum=1.0)
     frames: int = declared(120, "Number of frames.", minimum=10, maximum=150)
-    lighting: float = declared(
-        0.01,
-        "Standard deviation of the slow drift of the brightness, as a share of it.",
-        minimum=0.0,
-        maximum=0.2,
-    )
-    noise: float = declared(
-        3.0,
-        "Standard deviation of the sensor's noise in each channel.",
-        unit="gray levels",
-        minimum=0.0,
-        maximum=30.0,
-    )
+    lighting: float = declared(0.01, "Drift of the brightness, std.", minimum=0.0, maximum=0.2)
+    noise: float = declared(3.0, "Noise, std in gray levels.", minimum=0.0, maximum=30.0)
 
 
 @dataclass(frozen=True)

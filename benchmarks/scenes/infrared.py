@@ -38,42 +38,12 @@ _HALO_WIDTH = 9.0
 class InfraredSettings:
     """What can be changed about the infrared scene."""
 
-    frames: int = declared(
-        100, "Number of frames; the paper's sequence has 100.", minimum=10, maximum=200
-    )
-    contrast: float = declared(
-        40.0,
-        "How much brighter a body is than the mean of the ground.",
-        unit="gray levels",
-        minimum=0.0,
-        maximum=120.0,
-    )
-    halo: float = declared(
-        0.5,
-        "Strength of the dark ring around warm bodies, as a share of their blurred contrast.",
-        minimum=0.0,
-        maximum=2.0,
-    )
-    flip: int = declared(
-        60,
-        "Frame from which on warm is dark and cold is bright; 0 never.",
-        minimum=0,
-        maximum=200,
-    )
-    noise: float = declared(
-        6.0,
-        "Standard deviation of the sensor's noise.",
-        unit="gray levels",
-        minimum=0.0,
-        maximum=30.0,
-    )
-    shake: float = declared(
-        1.0,
-        "Standard deviation of the camera's sway along either axis.",
-        unit="px",
-        minimum=0.0,
-        maximum=5.0,
-    )
+    frames: int = declared(100, "As in the paper's sequence.", minimum=10, maximum=200)
+    contrast: float = declared(40.0, "Of bodies, gray levels.", minimum=0.0, maximum=120.0)
+    halo: float = declared(0.5, "Strength of the ring around bodies.", minimum=0.0, maximum=2.0)
+    flip: int = declared(60, "First frame in which warm is dark; 0 never.", minimum=0, maximum=200)
+    noise: float = declared(6.0, "Noise, std in gray levels.", minimum=0.0, maximum=30.0)
+    shake: float = declared(1.0, "Sway of the camera, std in px.", minimum=0.0, maximum=5.0)
 
 
 class InfraredScene:

@@ -49,26 +49,9 @@ class UmbrellaSettings:
     frames: int = declared(
         180, "Number of frames; the umbrellas meet near frame 96.", minimum=150, maximum=210
     )
-    shake: float = declared(
-        2.0,
-        "Standard deviation of the camera's sway along either axis.",
-        unit="px",
-        minimum=0.0,
-        maximum=5.0,
-    )
-    lighting: float = declared(
-        0.03,
-        "Standard deviation of the slow drift of the brightness, as a share of it.",
-        minimum=0.0,
-        maximum=0.2,
-    )
-    noise: float = declared(
-        2.5,
-        "Standard deviation of the sensor's noise in each channel.",
-        unit="gray levels",
-        minimum=0.0,
-        maximum=30.0,
-    )
+    shake: float = declared(2.0, "Sway of the camera, std in px.", minimum=0.0, maximum=5.0)
+    lighting: float = declared(0.03, "Drift of the brightness, std.", minimum=0.0, maximum=0.2)
+    noise: float = declared(2.5, "Noise, std in gray levels.", minimum=0.0, maximum=30.0)
 
 
 class UmbrellaScene:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tables import Table
-from world_scenes import box_around, corrupted
+from world_room import box_around, corrupted
 
 from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.world import CameraModel, Localizer

@@ -121,7 +121,7 @@ def test_images_unlike_the_first_are_refused(installed, name, moving_square):
 def test_a_rectangle_of_dlib_is_the_box_it_was_made_from(benchmark, installed):
     """Its rectangles hold their last pixel: a slip would show as a box one pixel too large."""
     installed("dlib correlation")
-    rectangle = benchmark("peer_trackers.dlib_correlation").rectangle((20.5, 30.0, 24.0, 12.5))
+    rectangle = benchmark("peer_trackers").rectangle((20.5, 30.0, 24.0, 12.5))
     found = rectangle.left(), rectangle.top(), rectangle.width(), rectangle.height()
     assert found == (20.5, 30.0, 24.0, 12.5)
 
@@ -139,7 +139,7 @@ def test_a_frame_without_a_box_keeps_the_last_one_and_is_lost(benchmark, moving_
             raise cv2.error("outside")
         return False, (0, 0, 0, 0)
 
-    class Blind(benchmark("peer_trackers.opencv_trackers").OpenCvTracker):
+    class Blind(benchmark("peer_trackers").OpenCvTracker):
         name, factory = "blind", "nothing"
 
         def _create(self):

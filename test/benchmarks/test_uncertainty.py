@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from pf_tracker_ros import Estimate, Tracker
+from pf_tracker_ros import Estimate
 
 
 @pytest.fixture
@@ -102,8 +102,6 @@ def test_each_group_has_an_area_of_its_own(uncertainty):
         uncertainty.compared(each, true_boxes, 0.04) for each in (estimates, estimates[::-1])
     )
     bad = replace(bad, confidence=bad.confidence[::-1])
-    table = uncertainty.summary(uncertainty.together([good, bad]), "", {"a": good, "b": bad})
-    assert table.groups[0][1:3] == [["the same in a", "1.000"], ["the same in b", "0.000"]]
     by_group = uncertainty.group_table({"a": good, "b": bad}).groups[0]
     assert by_group[0] == ["area under the ROC curve of the confidence", "1.000", "0.000"]
     # Confidences of 0.9 and 0.2, right and wrong, or wrong and right.
@@ -130,58 +128,9 @@ def test_an_unknown_preset_is_refused(uncertainty, moving_square_sequence, capsy
     assert "no preset 'nobody'; there are: default" in capsys.readouterr().err
 
 
-@pytest.fixture
-def cross_validation(benchmark):
-    return benchmark("confidence_cross_validation")
-
-
-def run_of(cross_validation, count, seed, wrong=0.2):
-    """Frames of which right ones have 1 more of "a" on average, and 10 more of "b"."""
-    generator = np.random.default_rng(seed)
-    is_right = generator.random(count) > wrong
-    a, b = (scale * (generator.normal(size=count) + is_right - 0.5) for scale in (1.0, 10.0))
-    odds = [{"cue.a": one, "cue.b": other} for one, other in zip(a, b, strict=True)]
-    return cross_validation.LabeledOdds(odds, is_right)
-
-
-def test_the_fit_finds_the_log_odds_of_independent_terms(cross_validation):
-    """Normal terms, 1 apart with a deviation of 1 each: log odds of x are x; they add up."""
-    weights = cross_validation.fit([run_of(cross_validation, 40_000, 0)])
-    assert weights.factors["cue.a"] == pytest.approx(1.0, abs=0.1)
-    assert weights.factors["cue.b"] == pytest.approx(0.1, abs=0.01)
-    # As many as are right: 4 to 1.
-    assert weights.constant == pytest.approx(math.log(4.0), abs=0.1)
-    assert weights.weigh({"cue.a": 2.0, "other": 3.0}) == {
-        "cue.a": 2.0 * weights.factors["cue.a"],
-        "other": 3.0,
-        "constant": weights.constant,
-    }
-
-
-def test_a_run_weighs_as_the_square_root_of_its_frames(cross_validation):
-    """100 frames of which none is wrong weigh half as much as 400 of which all are."""
-    right, wrong = (
-        cross_validation.LabeledOdds([{"cue.a": 0.0}] * count, np.full(count, is_right))
-        for count, is_right in ((100, True), (400, False))
-    )
-    constant = cross_validation.fit([right, wrong]).constant
-    assert constant == pytest.approx(math.log(100**0.5 / 400**0.5), abs=1e-6)
-
-
-def test_recorded_odds_add_up_to_the_confidence(cross_validation, moving_square):
-    tracker = cross_validation.RecordingTracker("default", 0)
-    plain = Tracker.from_preset("default", 0)
-    same = cross_validation.fitted_tracker("default", cross_validation.Weights({}, 0.0), 0)
-    doubting = cross_validation.fitted_tracker("default", cross_validation.Weights({}, -100.0), 0)
-    trackers = (tracker, plain, same, doubting)
-    for one in trackers:
-        one.start(moving_square.images[0], tuple(moving_square.boxes[0]))
-    for image in moving_square.images[1:6]:
-        first, without, again, never = (one.update(image) for one in trackers)
-        assert first.box == without.box == again.box
-        assert first.confidence == without.confidence == again.confidence
-        odds = sum(tracker.recorded.odds[-1].values())
-        assert first.confidence <= 1.0 / (1.0 + math.exp(-odds)) + 1e-12
-        assert never.confidence < 1e-9
-    assert len(tracker.recorded.odds) == 5
-    assert "spread" in tracker.recorded.odds[0]
+def test_groups_are_named_by_the_beginning_of_their_sequences(uncertainty):
+    names = ["otb_car", "pets_t1", "otb_dog"]
+    assert uncertainty.grouped(names, ["otb_", "pets_"]) == {"otb_": [0, 2], "pets_": [1]}
+    for pattern, message in (("tud_", "matches no sequence"), ("(", "--group '\\('")):
+        with pytest.raises(uncertainty.EvaluationError, match=message):
+            uncertainty.grouped(names, [pattern])

@@ -17,11 +17,6 @@ def part(benchmark):
     return lambda name: benchmark(f"world_parts.{name}")
 
 
-@pytest.fixture
-def scenes(benchmark):
-    return benchmark("world_scenes")
-
-
 KITTI = (
     "# fx 700 fy 700 cx 600 cy 180 offset_x 0.06\n"
     "frame,id,class,truncated,occluded,x,y,width,height,height_m,width_m,length_m,X,Y,Z\n"
@@ -76,26 +71,27 @@ def test_detections_on_people(part, tmp_path):
     np.testing.assert_allclose(tracks.velocities[3], (7.0, 0.0))
 
 
-def test_a_rendered_person_is_where_it_was_put(scenes):
+def test_a_rendered_person_is_where_it_was_put(benchmark):
+    """4 m away: its near side is a thickness nearer, has its foot lower and its head higher."""
+    room = benchmark("world_room")
     camera = CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480)
-    renderer = scenes.Renderer(camera, GroundPlane.from_angles(1.2, 0.05), 9.0)
-    rays, depth = renderer.background()
-    assert depth.max() < 9.5
-    person = scenes.Person(4.0, 0.0, 1.75, 0.0)
-    mask = renderer.add(rays, depth, person)
-    foot = renderer.position(person)
-    x, y, width, height = scenes.box_around(mask)
-    # Its near side, half a thickness nearer, has its foot lower and its head higher.
-    near = renderer.position(scenes.Person(3.88, 0.0, 1.75, 0.0))
-    head = near - 1.75 * renderer.plane.down
-    (_, lower), (_, upper) = camera.project([near, head])
+    down = GroundPlane.from_angles(room.CAMERA_HEIGHT, room.CAMERA_PITCH).down
+    ahead = np.array([0.0, 0.0, 1.0]) - down[2] * down
+    ahead /= np.linalg.norm(ahead)
+    rays = room.horizontal_rays(camera)
+    depth = room.cylinder(rays, 4.0, 0.0, 1.75, 0.0)
+    mask = np.isfinite(depth)
+    x, y, width, height = room.box_around(mask)
+    places = [3.88 * ahead + (room.CAMERA_HEIGHT - up) * down for up in (0.0, 1.75)]
+    (middle, lower), (_, upper) = camera.project(places)
     assert (y, y + height) == pytest.approx((upper, lower), abs=1.5)
-    assert x + width / 2 == pytest.approx(camera.project([foot])[0, 0] + 0.5, abs=1.0)
+    assert x + width / 2 == pytest.approx(middle + 0.5, abs=1.0)
     assert depth[mask].min() == pytest.approx(3.88, abs=0.15)
-    holed = scenes.corrupted(depth, 0.3, np.random.default_rng(0))
+    far = np.full(depth.shape, 8.0)
+    holed = room.corrupted(far, 0.3, np.random.default_rng(0))
     assert np.isnan(holed).mean() == pytest.approx(0.3, abs=0.03)
     known = np.isfinite(holed)
-    assert np.std(holed[known] - depth[known]) < 0.15
+    assert np.std(holed[known] - far[known]) < 0.15
 
 
 def test_figures_by_hand(part):
@@ -112,20 +108,6 @@ def test_figures_by_hand(part):
     points = np.random.default_rng(0).normal(size=(20, 2))
     turned = points @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + (3.0, 4.0)
     np.testing.assert_allclose(ground.aligned(points, turned), turned, atol=1e-9)
-
-
-def test_rendered_people_are_located(part):
-    table = part("rendered").rendered_table(lambda name, done: None, frames=3)
-    for row in table.groups[0]:
-        assert row[1] == "3"
-        assert float(row[2]) < 5.0
-
-
-def test_late_images_of_a_robot_that_turns_have_the_right_direction(part):
-    pytest.importorskip("rosbags", reason="bags are written with rosbags")
-    table = part("turning").turning_table(lambda name, done: None, frames=4)
-    assert [row[1] for row in table.groups[0]] == ["4", "4"]
-    assert all(float(row[-1]) < 1.0 for row in table.groups[0])
 
 
 def test_the_command_writes_its_tables(world, tmp_path, capsys):

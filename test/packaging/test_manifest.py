@@ -38,9 +38,8 @@ FOUND_AT_RUN_TIME = {
     "tf2_ros_py",
     "vision_msgs",
 }
-# Of the benchmarks, which have an environment of their own; and a faster engine of networks, which
-# OpenCV runs as well.
-NOT_PINNED = {"onnxruntime", "particles"}
+# A faster engine of networks, which OpenCV runs as well.
+NOT_PINNED = {"onnxruntime"}
 # The rosdep keys of what is not a ROS package.
 ROSDEP_KEYS = {
     "PIL": "python3-pil",
