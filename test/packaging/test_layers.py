@@ -11,7 +11,7 @@ PACKAGE = "pf_tracker_ros"
 # Each layer may import itself and those above it; docs/architecture.md lists their contents.
 LAYERS = (
     {"parameters", "registry", "foreign_code", "signals"},
-    {"boxes", "stamps", "plurals", "messages"},
+    {"boxes", "stamps", "plurals", "messages", "values"},
     {
         "opencv",
         "progress",
