@@ -4,7 +4,7 @@ A cue's template adapts in every frame, also to an occluder or a similar object.
 rarely and never change, so a single occlusion cannot overwrite them. Only a detection that is
 learned starts them anew (`StateOperations.relearn`):
 
-1. Describe the box by its oriented gradients (`appearances.oriented_gradients`) and by its color
+1. Describe the box by its oriented gradients (`oriented_gradients.py`) and by its color
    stripes (`appearances.color_stripes`).
 2. Similarity to the target: the mean Bhattacharyya coefficient of the three most similar exemplars.
    The gradients have 0.7 of the weight, by logistic regression.
@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
-from pf_tracker_ros.appearances.oriented_gradients import gradient_descriptors
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking.oriented_gradients import gradient_descriptors
 from pf_tracker_ros.values import replace
 
 _COLORS = ColorStripes()

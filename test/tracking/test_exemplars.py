@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pf_tracker_ros.appearances.oriented_gradients import gradient_descriptors
 from pf_tracker_ros.cues.hog import Hog, HogParameters
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.tracking.exemplars import Exemplars, describe
+from pf_tracker_ros.tracking.oriented_gradients import gradient_descriptors
 
 BOX = np.array([10.0, 10.0, 60.0, 60.0])
 # Edges of one direction each, so that the descriptors of two directions have nothing in common.
