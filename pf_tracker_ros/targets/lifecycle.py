@@ -89,7 +89,6 @@ class Initiator:
             existence_log_odds=_DISTRACTOR_LOG_ODDS,
             hits=0,
             distracted_key=distracted.key,
-            ground_box=None,
         )
 
     def initiate(
@@ -235,7 +234,6 @@ class Initiator:
             descriptor,
             BoxKalmanFilter.initiate(box),
             _INITIAL_LOG_ODDS,
-            ground_box=None if is_truncated(box, frame.size) else box,
         )
 
 

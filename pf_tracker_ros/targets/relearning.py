@@ -146,5 +146,4 @@ def _scaled(track: Track, factors: NDArray[np.float64]) -> Track:
         track,
         box_filter=track.box_filter.scale(factors),
         distractor_candidate=None,
-        ground_box=None if track.ground_box is None else track.ground_box * np.tile(factors, 2),
     )

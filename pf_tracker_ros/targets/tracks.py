@@ -100,8 +100,6 @@ class Track:
             have been visible.
         distractor_candidate: None where nothing beside it looks like it.
         time_since_end: Seconds since it ended; None for active tracks.
-        ground_box: (4,) last box from a user or a detector that the image border did not cut,
-            pixels; None without one, or where the camera has moved since.
     """
 
     key: TrackKey
@@ -124,7 +122,6 @@ class Track:
     unseen_for: float = 0.0
     distractor_candidate: DistractorCandidate | None = None
     time_since_end: float | None = None
-    ground_box: NDArray[np.float64] | None = None
 
     @property
     def is_manual(self) -> bool:
@@ -184,7 +181,6 @@ class Track:
             self,
             box_filter=self.box_filter.compensate_camera_motion(camera_motion),
             distractor_candidate=candidate,
-            ground_box=None,
         )
 
     def older(self, interval: float, **fields: Any) -> Track:

@@ -15,7 +15,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import compress
 from typing import NamedTuple
 
@@ -23,14 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import Box, as_box, is_truncated, pairwise_coverage, pairwise_iou
+from pf_tracker_ros.boxes import Box, as_box, pairwise_coverage, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.external_likelihoods import (
-    Ground,
     external_likelihood,
-    fit_grounds,
 )
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -79,14 +77,12 @@ class _Scene(NamedTuple):
     Attributes:
         frame: The frame.
         interval: Seconds since the last one.
-        grounds: Label to its ground.
         is_silent: Whether there were no detections for so long that the image tells the sizes.
         is_challenged: See `TrackAssessor.assess`.
     """
 
     frame: Frame
     interval: float
-    grounds: Mapping[str, Ground]
     is_silent: bool
     is_challenged: bool
 
@@ -96,8 +92,8 @@ class Updater:
 
     Targets explain their own pixels: a box on a target in front is less likely for those behind.
     Lost manual targets occlude nothing, since their place is unknown. Without detections, the size
-    comes from the image and the ground. A single target, without a distractor nearby or a detector,
-    uses the image alone, and is searched for in the whole image once it is lost.
+    comes from the image. A single target, without a distractor nearby or a detector, uses the image
+    alone, and is searched for in the whole image once it is lost.
 
     Args:
         target_filter: Particle filter of each target.
@@ -142,7 +138,6 @@ class Updater:
         scene = _Scene(
             frame,
             interval,
-            fit_grounds(tracks) if len(tracks) > 1 else {},
             is_silent=time_since_detection > _SILENT_AFTER,
             is_challenged=has_no_detector and sum(not one.is_distractor for one in tracks) == 1,
         )
@@ -270,7 +265,6 @@ class Updater:
                     detection,
                     boxes,
                     covered,
-                    ground=scene.grounds.get(track.label) if is_sized and not is_alone else None,
                     is_alone=is_alone,
                 )
             stepped = self._target_filter.step(
@@ -366,7 +360,6 @@ class Updater:
             filter_state = replace(filter_state, missed_factor=1.0)
         if detection.is_clear:
             track = track.update_descriptor(detection.descriptor, self._appearance)
-        is_cut = is_truncated(detection.box, frame.size)
         return replace(
             track.add_label_vote(detection.label, detection.score),
             filter_state=filter_state,
@@ -377,7 +370,6 @@ class Updater:
             hits=track.hits + 1,
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if relearns else track.time_since_template_update,
-            ground_box=track.ground_box if is_cut else np.array(filter_state.estimate.box),
         )
 
 

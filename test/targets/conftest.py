@@ -197,26 +197,6 @@ def approacher():
 
 
 @pytest.fixture(scope="session")
-def comer():
-    """A target that approaches on the ground of three others, in its colors."""
-    ground = texture(1, HEIGHT, WIDTH, 100, 150)
-    sprites = [texture(seed, 40, 24, 90, 160) for seed in (10, 11, 12, 13)]
-    images, boxes = [], []
-    for step in range(50):
-        # x, and distance of the lower edge from the horizon.
-        places = [(60 + step, 70 + 1.6 * step), (130, 60), (200, 100), (270, 170)]
-        image, row = ground.copy(), []
-        for sprite, (x, below) in reversed([*zip(sprites, places, strict=True)]):
-            width, height = round(0.24 * below), round(0.4 * below)
-            left, top = round(x - width / 2), round(below + 20) - height
-            image[top : top + height, left : left + width] = cv2.resize(sprite, (width, height))
-            row.insert(0, (left, top, width, height))
-        images.append(image)
-        boxes.append(row)
-    return Drawn(images, np.array(boxes, dtype=float))
-
-
-@pytest.fixture(scope="session")
 def returner():
     """A target that is absent for 3 s, then stands elsewhere."""
     steps = np.arange(120)
