@@ -19,6 +19,7 @@ import pf_tracker_ros
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.recordings.__main__ import main
+from pf_tracker_ros.recordings.archives import executors
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -159,6 +160,17 @@ def serial(archive, tmp_path_factory):
     ):
         code = main(["--archive", str(archive), "--output", str(output), *QUICK])
     return output, (code, said.getvalue(), errors.getvalue())
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Archives are tracked in this process, not in workers."""
+
+    def run(work, tasks, processes):
+        for number, task in enumerate(tasks):
+            yield number, work(task)
+
+    monkeypatch.setattr(executors, "run_parallel", run)
 
 
 class Watch:

@@ -23,7 +23,7 @@ def fleet(write_sequence, moving_square, tmp_path):
 
 
 @pytest.fixture
-def run(fleet, track, tmp_path):
+def run(fleet, track, in_this_process, tmp_path):
     """Tracks the archive into the folder `out`."""
 
     def run(*further):

@@ -13,7 +13,12 @@ from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
-MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable", "built_in_detector_rate": 20.0}
+MULTI_TARGET = {
+    "preset": "li2007",
+    "max_targets": 4,
+    "image_reliability": "reliable",
+    "built_in_detector_rate": 20.0,
+}
 
 
 def scene(number):

@@ -182,6 +182,7 @@ def resident_bytes():
     return pages * os.sysconf("SC_PAGE_SIZE")
 
 
+@pytest.mark.slow
 def test_cycles_need_no_more_memory(graph, client, manager, images, box):
     node = graph.tracker(autostart=False, target_box=box, **QUICK)
 
