@@ -157,9 +157,9 @@ def test_the_topic_can_be_remapped(graph, client, walkers, detector):
 NAN = float("nan")
 # (boxes, seconds after the image, error), given the boxes of the walkers.
 INVALID = (
-    lambda boxes: ([(NAN, 1, 2, 3), boxes[0]], 0, "1 of 2 detections left out: a box or score"),
-    lambda boxes: ([(5, 5, 0, 0)], 0, "smaller than 2 px"),
-    lambda boxes: ([(900, 900, 20, 20)], 0, "center is outside of the image"),
+    lambda boxes: ([(NAN, 1, 2, 3), *boxes], 0, "1 of 3 detections left out: a box or score"),
+    lambda boxes: ([(5, 5, 0, 0), *boxes], 0, "smaller than 2 px"),
+    lambda boxes: ([(900, 900, 20, 20), *boxes], 0, "center is outside of the image"),
     lambda boxes: (boxes, 3600, "detections refused: its stamp is 3600 s after"),
     lambda boxes: (boxes, -(10**9), "from another clock"),
     lambda boxes: (boxes, -10, "s old, and frames of the last"),

@@ -175,10 +175,11 @@ def test_the_reliability_can_change_at_run_time(graph, client, images, box):
 
 
 def test_a_request_of_an_unknown_type_does_not_end_the_node(graph, client):
-    graph.tracker(client, **QUICK)
+    process = graph.process("-p", "image_reliability:=reliable")
     service = client.create_client(SetParameters, "pf_tracker/set_parameters")
     client.wait_for(service.service_is_ready, "parameter service")
     broken = ParameterMessage(name="particles")
     broken.value.type = 200
     service.call_async(SetParameters.Request(parameters=[broken]))
     assert client.set_parameters(particles=40).successful
+    assert process.poll() is None
