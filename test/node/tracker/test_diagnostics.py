@@ -90,13 +90,6 @@ def test_an_error_is_a_warning_once_and_stays_the_last_error(graph, client, imag
     assert calm.values["last_error"] == warned.message
 
 
-@pytest.mark.usefixtures("fast_reports")
-def test_an_invalid_parameter_is_an_error(graph, client):
-    graph.tracker(client, **QUICK | {"particles": 0})
-    report = health(client, lambda h: h.level == "ERROR")
-    assert "not tracking: parameter 'particles' is 0" in report.message
-
-
 def test_lost_frames_are_reported_with_the_remedy(graph, client, images):
     process = graph.process("-p", "preset:=li2007", "-p", "image_reliability:=reliable")
     client.meet()

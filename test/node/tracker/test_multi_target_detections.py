@@ -1,7 +1,6 @@
 """A detector that starts and corrects the targets of a live node."""
 
 import csv
-import sys
 
 import numpy as np
 import pytest
@@ -234,40 +233,3 @@ def test_a_detector_at_best_effort_is_reported(client, graph, detector):
         last_error, "a report of the mismatch"
     )
     assert node.count_subscribers("/detections") == 1
-
-
-def test_a_detector_starts_and_corrects_a_single_target(client, start_detector, walkers):
-    _, boxes = walkers
-    detector, received = start_detector(max_targets=1)
-    status = show_with_detections(client, detector, walkers, range(14))
-    assert (status.level, status.values["state"], ids(status)) == ("OK", "tracking", [1])
-    assert status.values["selected"] == "1"
-    assert (status.targets[0].values["label"], status.targets[0].name) == (
-        "person",
-        "/pf_tracker: target 1",
-    )
-    assert status.targets[0].values["unconfirmed_for"] == "0.04"
-    ((id, found),) = lines(client, received, client.at(13)).items()
-    assert (id, max(overlap(found, box) for box in boxes[13]) > 0.6) == (1, True)
-    assert client.box_at(client.at(13))
-
-
-def test_without_scipy_detections_are_refused_and_targets_tracked(
-    client, start_detector, walkers, monkeypatch
-):
-    images, boxes = walkers
-    monkeypatch.setitem(sys.modules, "scipy.optimize", None)
-    detector, _ = start_detector()
-    for box in boxes[0]:
-        client.point_at(box)
-    status = client.show(images[0], client.at(0))
-    assert (status.level, ids(status)) == ("OK", [1, 2])
-    detector.publish(boxes[1], client.at(1))
-    status = client.show(images[1], client.at(1))
-    assert status.message.startswith("detections refused: detections need SciPy (")
-    assert "pip install scipy" in status.message
-    assert (status.level, ids(status), status.values["detector_runs"]) == ("WARN", [1, 2], "0")
-    for number in range(2, 6):
-        detector.publish(boxes[number], client.at(number))
-        status = client.show(images[number], client.at(number))
-        assert (status.level, ids(status)) == ("OK", [1, 2])

@@ -43,20 +43,6 @@ def library(images, box):
     return estimate.box
 
 
-def test_a_target_drawn_on_a_past_frame_is_started_there_and_caught_up(
-    graph, client, images, boxes
-):
-    graph.tracker(client, **QUICK)
-    client.show_all(images[:8])
-    client.point_at(boxes[3], stamp=client.at(3))
-    status = client.show(images[8], client.at(8))
-    assert status.values["frame"] == "started"
-    box = client.box_at(client.at(8))
-    assert corners(box) == pytest.approx(library(images[3:9], boxes[3]), rel=1e-5)
-    assert corners(box) == pytest.approx(boxes[8], abs=5)
-    assert len(client.boxes) == 1
-
-
 def test_a_click_starts_on_the_square_around_it(graph, client, images, click):
     node = graph.tracker(client, click_size=20.0, **QUICK)
     click(node, 50, 60)
@@ -93,18 +79,6 @@ def test_a_pause_skips_frames_and_keeps_the_target(graph, client, images, boxes)
     assert corners(client.box_at(client.at(1))) == pytest.approx(
         library(images[:2], boxes[0]), rel=1e-5
     )
-
-
-def test_a_target_can_be_drawn_on_an_image_of_a_pause(graph, client, images, boxes):
-    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
-    client.show(images[0], client.at(0))
-    assert client.ask(SetBool, "enable", data=False).success
-    late = client.at(0) + 100 * 10**9
-    client.show(images[1], late)
-    client.point_at(boxes[1], late)
-    assert client.ask(SetBool, "enable", data=True).success
-    status = client.show(images[1], late + 10**7)
-    assert (status.level, status.values["frame"]) == ("OK", "started")
 
 
 def test_services_work_before_the_first_image(graph, client, images, boxes):
