@@ -313,7 +313,7 @@ class Library:
 
         `arrivals` maps a frame to the detections that arrive before it, each with its own frame.
         """
-        session = Session(preset_parameters("default", 32), seed)
+        session = Session(preset_parameters("li2007", 32), seed)
         session.frame_buffer.limit(120, 64.0)
         found = []
         for number, image in enumerate(self._images):
@@ -337,10 +337,10 @@ def library(walkers):
 
 @pytest.fixture
 def tracked(track, rows, tmp_path):
-    """Runs the command into a folder `out`; its exit code, errors and rows."""
+    """Runs the command, as `Library`, into a folder `out`; its exit code, errors and rows."""
 
     def run(*arguments):
-        code, _, errors = track(*arguments, "--output", tmp_path / "out")
+        code, _, errors = track(*arguments, "--preset", "li2007", "--output", tmp_path / "out")
         return code, errors, rows(tmp_path / "out")
 
     return run
