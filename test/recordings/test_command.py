@@ -3,18 +3,16 @@
 import gc
 import os
 import re
-import resource
 import signal
 import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
 
 import cv2
 import numpy as np
 import pytest
-from common import one_sentence
+from common import full_disk, one_sentence
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.footage import write_footage
@@ -280,17 +278,6 @@ def test_without_any_target_it_says_how_to_give_one(track, moving_square_sequenc
         "; give --box X,Y,W,H for the first frame, draw it with --draw, or write img.target.yaml "
         "beside it"
     )
-
-
-@contextmanager
-def full_disk(size):
-    """Files written within the block have at most so many bytes."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def wait_for_rows(output, count):
