@@ -8,6 +8,9 @@ import numpy as np
 
 from pf_tracker_ros.frames import Frame, Region
 
+# Arguments of a command, where the tracker does not matter.
+QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+
 
 def texture(seed, height, width, low=0, high=256, *, cell=6):
     """(height, width, 3) uint8: cells of random values, smoothed."""

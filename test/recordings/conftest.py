@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common import QUICK
 
 import pf_tracker_ros
 from pf_tracker_ros import Detections
@@ -23,7 +24,6 @@ from pf_tracker_ros.recordings.archives import executors
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 _COUNT = 16
 _INTERVAL = 40_000_000

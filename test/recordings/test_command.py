@@ -12,7 +12,7 @@ import time
 import cv2
 import numpy as np
 import pytest
-from common import full_disk, one_sentence
+from common import QUICK, full_disk, one_sentence
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.footage import write_footage
@@ -20,7 +20,6 @@ from pf_tracker_ros.footage.opening import open_footage
 from pf_tracker_ros.recordings.errors import unwritable
 
 BOX = ("--box", "20,30,24,24")
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
 def hidden(folder):

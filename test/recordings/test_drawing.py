@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import yaml
+from common import QUICK
 
 import pf_tracker_ros
 from pf_tracker_ros.pages.access import HEADERS
@@ -23,7 +24,6 @@ from pf_tracker_ros.recordings.drawing import server
 from pf_tracker_ros.recordings.drawing.server import TargetPage
 from pf_tracker_ros.recordings.target import Target
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 BOX = [20.0, 30.0, 24.0, 24.0]
 FIRST = {"frame": 0, "box": BOX}
 DEADLINE = 60

@@ -6,12 +6,12 @@ import os
 import shutil
 
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives import results as results_module
 from pf_tracker_ros.recordings.archives.results import ResultsFolder, ResultsStore
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 RECORDS = {".lock", ".track_files.json"}
 
 

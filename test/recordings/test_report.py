@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.evaluation.__main__ import main as evaluate
 
@@ -16,7 +17,6 @@ VIDEO_ONCE = """([event, property]) => new Promise((done) => {
   const video = document.getElementById("video");
   if (video[property]) done(); else video.addEventListener(event, () => done(), { once: true });
 })"""
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
 def figures(page):

@@ -5,13 +5,12 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from common import one_sentence
+from common import QUICK, one_sentence
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, WRONG_TARGET
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 COUNT = 16
 NAMES = ("x", "y", "width", "height")
 

@@ -9,13 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError, choose_target, open_recording
 from pf_tracker_ros.recordings.errors import WRONG_TARGET
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, save_targets
-
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
 @pytest.fixture

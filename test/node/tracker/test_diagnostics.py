@@ -6,10 +6,9 @@ import time
 
 import numpy as np
 import pytest
+from nodes import QUICK
 
 from pf_tracker_ros.node.tracker.diagnostics import loss_warning
-
-QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 def health(client, condition):

@@ -2,14 +2,13 @@
 
 import pytest
 from geometry_msgs.msg import PointStamped, PolygonStamped
+from nodes import QUICK
 from sensor_msgs.msg import CompressedImage, Image
 
 from pf_tracker_ros.messages import box_message
 from pf_tracker_ros.node import graph_monitor
 from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.tracker import image_subscription
-
-QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 @pytest.fixture(autouse=True)

@@ -6,13 +6,8 @@ from pathlib import Path
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from nodes import NEVER_OCCLUDED as QUICK
 
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
 CYCLE = ("CONFIGURE", "ACTIVATE", "DEACTIVATE", "CLEANUP")
 CYCLES = 200
 

@@ -1,15 +1,12 @@
 """Changes of `max_targets` while targets are tracked."""
 
 import pytest
+from nodes import ids
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 RELIABLE = {"image_reliability": "reliable"}
-
-
-def ids(status):
-    return [int(one.values["id"]) for one in status.targets]
 
 
 def test_a_larger_number_keeps_the_target_and_its_selection(graph, client, walkers):

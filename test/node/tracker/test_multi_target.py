@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from nodes import ids
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -34,10 +35,6 @@ def two_targets(client, walkers, stamp=0):
     for box in boxes[0]:
         client.point_at(box, stamp)
     return client.show(images[0], client.at(0))
-
-
-def ids(status):
-    return [int(one.values["id"]) for one in status.targets]
 
 
 def test_each_request_starts_another_target(client, start_tracker, walkers):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import rclpy
 from common import overlap
+from nodes import ids
 from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
@@ -41,10 +42,6 @@ def lines(client, received, stamp):
             first, _, opposite, *_ = one.points
             found[one.id] = (first.x, first.y, opposite.x - first.x, opposite.y - first.y)
     return found
-
-
-def ids(status):
-    return [int(one.values["id"]) for one in status.targets]
 
 
 def show_with_detections(client, detector, walkers, numbers):

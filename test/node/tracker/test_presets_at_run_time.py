@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+from nodes import corner
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.parameters import declarations
@@ -22,10 +23,6 @@ def set_one_request(client, values):
     """The results of one request to the service `set_parameters`."""
     parameters = [Parameter(name, value=value) for name, value in values.items()]
     return client.call(client.parameters.set_parameters, parameters).results
-
-
-def corner(message):
-    return message.polygon.points[0].x, message.polygon.points[0].y
 
 
 def test_every_change_of_the_preset_keeps_the_target(graph, client, images, boxes):
@@ -105,16 +102,18 @@ def test_every_tunable_of_the_library_can_change_while_tracking(
     known = declarations(TrackerParameters)
     before = client.tunables()
     assert before.keys() == known.keys()
-    refused = set()
+    refused, former = set(), {}
     for name, declaration in known.items():
         other = other_values(declaration, before[name])[0]
-        result = client.set_parameters(**{name: other})
+        # The one before gets its value back.
+        result = client.set_parameters(**former, **{name: other})
         if result.successful:
             assert client.get_parameters(name) == [other]
-            assert client.set_parameters(**{name: before[name]}).successful
+            former = {name: before[name]}
         else:
             assert "allowed" in result.reason, (name, result.reason)
             refused.add(name)
+    assert client.set_parameters(**former).successful
     assert client.tunables() == before
     # Parameters that depend on each other can only change together.
     assert refused <= {"motion.model", "proposal.method", "cues", "appearance.kind"}

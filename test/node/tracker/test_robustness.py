@@ -10,6 +10,7 @@ import pytest
 from geometry_msgs.msg import Point32, PointStamped, Polygon, PolygonStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nodes import NEVER_OCCLUDED as QUICK
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
@@ -24,12 +25,6 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 
 # Set PF_TRACKER_CASES for a longer test.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
 DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
 
 

@@ -4,12 +4,12 @@ import itertools
 import time
 
 import pytest
+from nodes import QUICK
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.targets.track_manager import TrackManager
 
 pytestmark = pytest.mark.usefixtures("fast_reports")
-QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 ESTIMATE_KEYS = ("confidence", "covariance_xx", "effective_sample_size", "particles")
 
 

@@ -4,16 +4,10 @@ import math
 
 import pytest
 from geometry_msgs.msg import Point, PointStamped
+from nodes import NEVER_OCCLUDED as QUICK
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros import Tracker
-
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
 
 
 @pytest.fixture

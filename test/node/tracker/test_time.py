@@ -1,19 +1,11 @@
 """Stamps that jump or repeat, and simulated time, in a live node."""
 
 import pytest
+from nodes import NEVER_OCCLUDED as QUICK
+from nodes import corner
 from rosgraph_msgs.msg import Clock
 
 pytestmark = pytest.mark.usefixtures("fast_reports")
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
-
-
-def position(message):
-    return message.polygon.points[0].x, message.polygon.points[0].y
 
 
 def test_a_restarted_bag_follows_the_policy(graph, client, images, box):
@@ -26,7 +18,7 @@ def test_a_restarted_bag_follows_the_policy(graph, client, images, box):
     assert (status.values["frame"], status.values["state"]) == ("started", "tracking")
     at_start = tuple(box[:2])
     client.wait_for(
-        lambda: [position(message) for message in client.boxes].count(at_start) == 2, "boxes"
+        lambda: [corner(message) for message in client.boxes].count(at_start) == 2, "boxes"
     )
     client.wait_for(
         lambda: [h for h in client.health if h.values["time_jumps"] == "1"], "diagnostics"

@@ -6,17 +6,11 @@ from array import array
 
 import numpy as np
 import pytest
+from nodes import NEVER_OCCLUDED as QUICK
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.targets.track_manager import TrackManager
 
-# Few particles keep the tests quick; never occluded, so that each frame has a box.
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
 COVARIANCE = (("xx", "xy"), ("xy", "yy"))
 
 
