@@ -32,6 +32,7 @@ def corners(message):
     return first.x, first.y, opposite.x, opposite.y
 
 
+@pytest.mark.slow
 def test_a_new_node_tracks_after_one_was_killed(graph, client, images, box):
     for _ in range(2):
         process = tracker(graph, box)
@@ -75,6 +76,7 @@ def bag(tmp_path, moving_square):
     return path
 
 
+@pytest.mark.slow
 def test_the_same_bag_gives_the_same_bits_in_every_run_and_in_the_library(
     graph, client, images, box, bag
 ):
