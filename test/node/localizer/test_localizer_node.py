@@ -408,6 +408,20 @@ def test_several_targets_have_their_ids(scene, make_localizer, listened, given):
     assert labels == ["3 person", "8 person"]
 
 
+def test_absurd_numbers_of_a_target_do_not_cost_the_others(scene, make_localizer, given):
+    localizer = make_localizer(**STILL)
+    scene.meet(localizer)
+    scene.calibrate()
+    targets = [
+        given.target(id=1, box=given.box_at(6.0, 0.0)),
+        given.target(id=2, box=(0.0, 0.0, 1.0, 1e200)),
+        given.target(id=3, box=(1e308, 1e308, 1e308, 1e308)),
+    ]
+    status = scene.show(given.start, targets)
+    assert status.values["pose"] == "published"
+    assert {2, 3} == {id for id, one in status.targets.items() if "reason" in one}
+
+
 def test_detections_in_three_dimensions(scene, make_localizer, given):
     messages = pytest.importorskip("vision_msgs.msg")
     received = []

@@ -27,6 +27,10 @@ def test_a_larger_number_keeps_the_target_and_its_selection(graph, client, walke
         assert (status.level, status.values["preset"], ids(status)) == ("OK", "default", [1, 2])
     corner = client.box_at(client.at(7)).polygon.points[0]
     assert (corner.x, corner.y) == pytest.approx(boxes[7][0][:2], abs=6)
+    request = {"target_box": [0.0, 0.0, 30.0, 30.0], "max_targets": 2}
+    assert client.set_parameters(**request).successful
+    status = client.show(images[8], client.at(8))
+    assert "target refused: there are 2 targets" in status.message
 
 
 def test_values_set_with_it_are_kept_in_any_order(graph, client, capfd):

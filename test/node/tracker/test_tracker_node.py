@@ -135,6 +135,15 @@ def test_the_overlay_shows_the_image_while_there_is_no_target(graph, images):
     assert np.array_equal(drawn[40:], images[0][40:])
 
 
+def test_a_target_waits_for_the_frame_of_its_stamp(graph, client, images, box):
+    graph.tracker(client, **QUICK)
+    client.point_at(box, stamp=client.at(2))
+    statuses = client.show_all(images[:4])
+    assert [s.values["frame"] for s in statuses] == ["waiting", "waiting", "started", "tracked"]
+    seconds = f"{client.at(2) // 10**9}.{client.at(2) % 10**9:09d}"
+    assert seconds in statuses[0].message
+
+
 # One refused by its message, and one by the image.
 REFUSED_TARGETS = (
     ([(10, 10), (math.nan, 30)], "not finite"),
