@@ -200,6 +200,7 @@ def test_parameter_given_twice_is_refused():
         (["short", "--preset", "best"], ["'best'", "default", "li2007"]),
         (["short", "--parameter", "particle=3"], ["no parameter 'particle'", "particles"]),
         (["short", "--parameter", "particles=0"], ["'particles' is 0", "1 to"]),
+        (["short", "--parameter", "cues="], ["'cues' is empty", "at least one of"]),
         (["short", "--seeds", "0"], ["--seeds", "'0'", "from 1"]),
         (["short", "--jobs", "two"], ["--jobs", "'two'", "from 1"]),
         (["short", "--output", "nowhere/r.json"], ["no folder nowhere"]),
