@@ -5,8 +5,7 @@
 2. Predict the particles of all tracks at once.
 3. For each track, collect the likelihoods that multiply that of the image
    (`external_likelihoods.py`).
-4. Update the particle filter. An occluded track coasts instead, at its predicted center. One that
-   may be on a distractor is not believed (`distractors.py`).
+4. Update the particle filter. An occluded track coasts instead, at its predicted center.
 5. Correct the Kalman filter; with a detection also the box, the descriptor and the log odds.
 6. Where a detector ran, undetected tracks lose existence log odds (`count_misses`): the logarithm
    of 1 - recall, less where a confirmed target is hidden or any was missed a moment ago.

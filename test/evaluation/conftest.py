@@ -10,8 +10,27 @@ import numpy as np
 import pytest
 
 import pf_tracker_ros
+from pf_tracker_ros.evaluation.__main__ import main
 
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
+
+
+@pytest.fixture
+def evaluate(tmp_path, monkeypatch, capsys):
+    """Runs the command in this process, in the test's folder; its exit code, output and errors."""
+    # With it, Rich takes any output for a terminal.
+    monkeypatch.delenv("FORCE_COLOR", raising=False)
+
+    def run(*arguments):
+        monkeypatch.chdir(tmp_path)
+        try:
+            code = main([str(argument) for argument in arguments])
+        except SystemExit as ended:
+            code = ended.code
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return run
 
 
 @pytest.fixture

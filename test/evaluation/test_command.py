@@ -1,6 +1,4 @@
 import json
-import os
-import subprocess
 import sys
 from functools import partial
 from pathlib import Path
@@ -22,42 +20,16 @@ SCORES = {"success_auc", "precision_20px", "cpu_ms_median", "frames"}
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 
 
-def evaluate(*arguments, directory, path=(), **environment):
-    """Run the command in a process of its own, with folders in front of the module path."""
-    module_path = os.pathsep.join(map(str, (*path, PACKAGES)))
-    # A set FORCE_COLOR makes Rich take any output for a terminal.
-    inherited = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"}
-    return subprocess.run(
-        [sys.executable, "-m", "pf_tracker_ros.evaluation", *map(str, arguments)],
-        cwd=directory,
-        env={**inherited, "PYTHONPATH": module_path, **environment},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-
-
-def refused_line(code, output, errors):
-    """The one-line error of an invalid request."""
-    assert (code, output) == (2, ""), errors
-    (line,) = errors.splitlines()
-    assert line.startswith("evaluate: error: ")
-    return line
-
-
 @pytest.fixture
-def refusal(tmp_path, monkeypatch, capsys):
-    """Runs the command in this process, in the test's folder; returns its one-line error."""
+def refusal(evaluate):
+    """Runs the command; returns its one-line error."""
 
     def run(*arguments):
-        monkeypatch.chdir(tmp_path)
-        try:
-            code = __main__.main([str(argument) for argument in arguments])
-        except SystemExit as ended:
-            code = ended.code
-        printed = capsys.readouterr()
-        return refused_line(code, printed.out, printed.err)
+        code, output, errors = evaluate(*arguments)
+        assert (code, output) == (2, ""), errors
+        (line,) = errors.splitlines()
+        assert line.startswith("evaluate: error: ")
+        return line
 
     return run
 
@@ -74,16 +46,13 @@ def without_times(document):
 
 
 def test_the_result_has_the_fixed_layout_and_is_reproducible(
-    moving_square_sequence, short_sequence, tmp_path
+    evaluate, moving_square_sequence, short_sequence, tmp_path
 ):
     documents = []
+    arguments = ("--preset", "li2007", "--seeds", "2", "--output")
     for name in ("first.json", "second.json"):
-        done = evaluate(
-            *(moving_square_sequence, short_sequence),
-            *("--preset", "li2007", "--seeds", "2", "--output", name),
-            directory=tmp_path,
-        )
-        assert done.returncode == 0, done.stderr
+        code, _, errors = evaluate(moving_square_sequence, short_sequence, *arguments, name)
+        assert code == 0, errors
         documents.append(json.loads((tmp_path / name).read_text()))
     document = documents[0]
     assert set(document) == {"preset", "seeds", "sequences", "mean"}
@@ -104,37 +73,29 @@ def test_the_result_has_the_fixed_layout_and_is_reproducible(
     assert document["sequences"]["moving_square"]["precision_20px"] == scores.precision_20px
 
 
-def test_table_lists_every_sequence_and_the_mean(moving_square_sequence, short_sequence, tmp_path):
-    done = evaluate(
-        tmp_path, "--preset", "li2007", "--seeds", "2", "--output", "r.json", directory=tmp_path
-    )
-    assert done.returncode == 0, done.stderr
+@pytest.mark.usefixtures("moving_square_sequence", "short_sequence")
+def test_table_lists_every_sequence_and_the_mean(evaluate, tmp_path):
+    arguments = ("--preset", "li2007", "--seeds", "2", "--output", "r.json")
+    code, output, errors = evaluate(tmp_path, *arguments)
+    assert code == 0, errors
     document = json.loads((tmp_path / "r.json").read_text())
     for name, scores in [*document["sequences"].items(), ("mean", document["mean"])]:
-        (line,) = (line for line in done.stdout.splitlines() if f"│ {name} " in line)
+        (line,) = (line for line in output.splitlines() if f"│ {name} " in line)
         assert f"{scores['success_auc']:.3f}" in line
         assert f"{scores['precision_20px']:.3f}" in line
         assert f"{scores['cpu_ms_median']:.2f}" in line
 
 
-def test_progress_goes_to_a_terminal_on_standard_error_only(short_sequence, tmp_path):
+@pytest.mark.usefixtures("short_sequence")
+def test_progress_goes_to_a_terminal_on_standard_error_only(evaluate, monkeypatch):
     arguments = ("short", "--preset", "li2007", "--seeds", "1")
-    quiet = evaluate(*arguments, directory=tmp_path)
-    assert quiet.stderr == ""
-    terminal = evaluate(*arguments, directory=tmp_path, FORCE_COLOR="1", TERM="xterm")
-    assert "5/5" in terminal.stderr
-    assert "5/5" not in terminal.stdout
-
-
-@pytest.mark.parametrize("preset", ["default", "li2007"])
-def test_presets_follow_the_moving_square(preset, moving_square_sequence, tmp_path):
-    output = tmp_path / "result.json"
-    arguments = [moving_square_sequence, "--preset", preset, "--seeds", "2", "--output", output]
-    assert __main__.main(list(map(str, arguments))) == 0
-    mean = json.loads(output.read_text())["mean"]
-    assert mean["success_auc"] > 0.6
-    assert mean["precision_20px"] == 1
-    assert mean["cpu_ms_median"] > 0
+    _, _, errors = evaluate(*arguments)
+    assert errors == ""
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    _, output, errors = evaluate(*arguments)
+    assert "5/5" in errors
+    assert "5/5" not in output
 
 
 def test_real_sequence_is_evaluated(sequences_directory, tmp_path):
@@ -147,28 +108,27 @@ def test_real_sequence_is_evaluated(sequences_directory, tmp_path):
     assert scores["success_auc"] > 0.2
 
 
-def test_frames_without_target_are_not_scored(short_sequence, tmp_path):
+def test_frames_without_target_are_not_scored(evaluate, short_sequence, tmp_path):
     arguments = ["short", "--preset", "li2007", "--seeds", "1", "--output"]
     lines = (short_sequence / "groundtruth.txt").read_text().splitlines()
     (short_sequence / "groundtruth.txt").rename(short_sequence / "groundtruth_rect.txt")
     lines[2:] = ["nan,nan,nan,nan", "0\t0\t0\t0", lines[4]]
     (short_sequence / "groundtruth_rect.txt").write_text("\n".join(lines))
-    done = evaluate(*arguments, "r.json", directory=tmp_path)
-    assert done.returncode == 0, done.stderr
+    code, _, errors = evaluate(*arguments, "r.json")
+    assert code == 0, errors
     scores = json.loads((tmp_path / "r.json").read_text())["sequences"]["short"]
     assert scores["frames"] == 5
     assert scores["precision_20px"] == 1
 
 
-def test_overridden_parameters_are_used_and_recorded(short_sequence, tmp_path):
-    done = evaluate(
+def test_overridden_parameters_are_used_and_recorded(evaluate, short_sequence, tmp_path):
+    code, _, errors = evaluate(
         *(short_sequence, "--seeds", "1", "--output", "r.json"),
         *("--parameter", "particles=17", "--parameter", "motion.model=constant_velocity"),
         *("--parameter", "proposal.method=transition", "--parameter", "cues=hog,color_histogram"),
         *("--parameter", "hog.sharpness=90"),
-        directory=tmp_path,
     )
-    assert done.returncode == 0, done.stderr
+    assert code == 0, errors
     document = json.loads((tmp_path / "r.json").read_text())
     assert document["parameters"] == {
         "particles": 17,
@@ -239,20 +199,8 @@ def test_parameter_given_twice_is_refused():
         (["empty"], ["no sequence in 'empty'", "groundtruth.txt or groundtruth_rect.txt"]),
         (["short", "--preset", "best"], ["'best'", "default", "li2007"]),
         (["short", "--parameter", "particle=3"], ["no parameter 'particle'", "particles"]),
-        (["short", "--parameter", "particles=many"], ["'particles' is 'many'", "1 to"]),
         (["short", "--parameter", "particles=0"], ["'particles' is 0", "1 to"]),
-        (
-            ["short", "--parameter", "track.lost_after=nan"],
-            ["'track.lost_after' is nan", "to 3600"],
-        ),
-        (["short", "--parameter", "cues=hog,smell"], ["'cues' is ('hog', 'smell')", "'hog'"]),
         (["short", "--parameter", "cues="], ["'cues' is empty", "at least one of"]),
-        (["short", "--parameter", "hog.sharpness=-2"], ["'hog.sharpness' is -2.0", "0 to 1000"]),
-        (["short", "--parameter", "wings=1"], ["no parameter 'wings'; there are: "]),
-        (
-            ["short", "--parameter", "hog.sharpnes=1"],
-            ["no parameter 'hog.sharpnes'; did you mean 'hog.sharpness'?"],
-        ),
         (["short", "--seeds", "0"], ["--seeds", "'0'", "from 1"]),
         (["short", "--jobs", "two"], ["--jobs", "'two'", "from 1"]),
         (["short", "--output", "nowhere/r.json"], ["no folder nowhere"]),
@@ -295,34 +243,18 @@ def test_broken_sequence_is_refused_in_one_line(
 @pytest.mark.parametrize(
     ("package", "options"), [("rich", []), ("matplotlib", ["--plot", "p.png"])]
 )
-def test_missing_package_is_named_with_its_installation(package, options, short_sequence, tmp_path):
-    blocked = tmp_path / "blocked"
-    blocked.mkdir()
-    (blocked / f"{package}.py").write_text("raise ModuleNotFoundError")
-    done = evaluate("short", *options, directory=tmp_path, path=[blocked])
-    line = refused_line(done.returncode, done.stdout, done.stderr)
+@pytest.mark.usefixtures("short_sequence")
+def test_missing_package_is_named_with_its_installation(refusal, monkeypatch, package, options):
+    monkeypatch.setitem(sys.modules, package, None)
+    line = refusal("short", *options)
     assert f"{package} is not installed: pip install {package}" in line
 
 
-def test_matplotlib_is_not_needed_without_a_plot(short_sequence, tmp_path):
-    blocked = tmp_path / "blocked"
-    blocked.mkdir()
-    (blocked / "matplotlib.py").write_text("raise ModuleNotFoundError")
-    done = evaluate("short", "--seeds", "1", directory=tmp_path, path=[blocked])
-    assert done.returncode == 0, done.stderr
-
-
-def test_processes_give_the_same_scores(moving_square_sequence, short_sequence, tmp_path):
-    documents = []
-    for jobs in ("1", "2"):
-        done = evaluate(
-            *("moving_square", "short", "--preset", "li2007", "--seeds", "2"),
-            *("--jobs", jobs, "--output", f"{jobs}.json"),
-            directory=tmp_path,
-        )
-        assert done.returncode == 0, done.stderr
-        documents.append(json.loads((tmp_path / f"{jobs}.json").read_text()))
-    assert without_times(documents[0]) == without_times(documents[1])
+@pytest.mark.usefixtures("short_sequence")
+def test_matplotlib_is_not_needed_without_a_plot(evaluate, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    code, _, errors = evaluate("short", "--preset", "li2007", "--seeds", "1")
+    assert code == 0, errors
 
 
 def test_plot_shows_the_preset(short_sequence, tmp_path):
@@ -334,7 +266,7 @@ def test_plot_shows_the_preset(short_sequence, tmp_path):
     assert (image.max(axis=2) - image.min(axis=2) > 60).any()
 
 
-def test_a_parameter_file_equals_typed_parameters(refusal, short_sequence, tmp_path):
+def test_a_parameter_file_equals_typed_parameters(evaluate, refusal, short_sequence, tmp_path):
     own = tmp_path / "own.yaml"
     text = "/pf_tracker:\n  ros__parameters: {preset: li2007, particles: 20, seed: 5}\n"
     own.write_text(text)
@@ -344,9 +276,9 @@ def test_a_parameter_file_equals_typed_parameters(refusal, short_sequence, tmp_p
         "typed.json": ("--preset", "li2007", "--parameter", "particles=20"),
     }.items():
         given = (short_sequence, *arguments, "--seeds", "1", "--output", name)
-        done = evaluate(*given, directory=tmp_path)
-        assert done.returncode == 0, done.stderr
-        assert done.stdout.startswith("preset li2007, 1 value changed; 1 seed")
+        code, output, errors = evaluate(*given)
+        assert code == 0, errors
+        assert output.startswith("preset li2007, 1 value changed; 1 seed")
         documents.append(json.loads((tmp_path / name).read_text()))
     assert without_times(documents[0]) == without_times(documents[1])
     own.write_text(text.replace("particles", "particels"))

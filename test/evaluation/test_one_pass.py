@@ -318,7 +318,7 @@ def two_sequences(write_sequence, moving_square):
 
 
 def test_same_seed_gives_the_same_bits(two_sequences):
-    make_tracker = partial(Tracker.from_preset, "default")
+    make_tracker = partial(Tracker.from_preset, "li2007")
     first, again = (evaluate_sequence(two_sequences[0], make_tracker, [0, 1]) for _ in range(2))
     assert np.array_equal(first.boxes, again.boxes)
     assert np.array_equal(first.lost, again.lost)
@@ -343,7 +343,7 @@ def test_boxes_are_those_of_a_session_to_the_bit(moving_square):
 
 
 def test_several_seeds_give_the_same_as_each_alone(two_sequences):
-    make_tracker = partial(Tracker.from_preset, "default")
+    make_tracker = partial(Tracker.from_preset, "li2007")
     together = evaluate_sequence(two_sequences[0], make_tracker, [0, 1])
     alone = evaluate_sequence(two_sequences[0], make_tracker, [1])
     assert np.array_equal(together.boxes[1], alone.boxes[0])

@@ -2,11 +2,10 @@
 
 import json
 import os
-import resource
-import subprocess
 
 import cv2
 import pytest
+from common import full_disk
 
 from pf_tracker_ros.evaluation import EvaluationError
 from pf_tracker_ros.evaluation.output_files import OutputFile
@@ -25,68 +24,56 @@ def document(tmp_path):
     return lambda: json.loads((tmp_path / "r.json").read_text())
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_a_sequence_that_fails_does_not_stop_the_others(
-    start_evaluate, write_short, tmp_path, document, jobs
-):
+def test_a_sequence_that_fails_does_not_stop_the_others(evaluate, write_short, tmp_path, document):
     _, broken, _ = map(write_short, "abc")
     (broken / "img" / "0003.png").write_bytes(b"not a picture")
-    process = start_evaluate(
-        *("a", "b", "c", *RUN, "--jobs", jobs, "--plot", "p.png"), PYTHONIOENCODING="utf-8"
-    )
-    output, errors = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert errors.decode().startswith("evaluate: error: image ")
-    assert "0003.png cannot be decoded" in errors.decode()
+    code, table, errors = evaluate("a", "b", "c", *RUN, "--plot", "p.png")
+    assert code == 1
+    assert errors.startswith("evaluate: error: image ")
+    assert "0003.png cannot be decoded" in errors
     assert len(errors.splitlines()) == 1
     assert list(document()["sequences"]) == ["a", "c"]
     assert document()["mean"]["frames"] == 5
-    table = output.decode()
     assert all(f"│ {name} " in table for name in ("a", "c", "mean"))
     assert "│ b " not in table
     assert cv2.imread(str(tmp_path / "p.png")) is not None
 
 
-def test_a_sequence_that_cannot_be_opened_does_not_stop_the_others(
-    start_evaluate, write_short, document
-):
+def test_a_sequence_that_cannot_be_opened_does_not_stop_the_others(evaluate, write_short, document):
     _, broken, empty, _ = map(write_short, ("a", "broken", "empty", "c"))
     (broken / "groundtruth.txt").write_text("1,2,3,4\n5,6,seven,8\n")
     (empty / "groundtruth.txt").write_text("nan,nan,nan,nan\n" * 5)
-    process = start_evaluate(".", *RUN, PYTHONIOENCODING="utf-8")
-    output, errors = process.communicate(timeout=120)
-    assert process.returncode == 1
-    first, second = errors.decode().splitlines()
+    code, output, errors = evaluate(".", *RUN)
+    assert code == 1
+    first, second = errors.splitlines()
     assert "broken/groundtruth.txt, line 2" in first
     assert second.startswith("evaluate: error: empty: the target is absent in the first frame")
     for line in (first, second):
         assert line.endswith("; the figures are without this sequence")
     assert list(document()["sequences"]) == ["a", "c"]
     assert document()["mean"]["frames"] == 5
-    assert all(f"│ {name} " in output.decode() for name in ("a", "c", "mean"))
+    assert all(f"│ {name} " in output for name in ("a", "c", "mean"))
 
 
 def test_only_sequences_that_cannot_be_opened_are_an_invalid_request(
-    start_evaluate, write_short, tmp_path
+    evaluate, write_short, tmp_path
 ):
     for name in "ab":
         (write_short(name) / "groundtruth.txt").write_text("nan,nan,nan,nan\n" * 5)
-    process = start_evaluate(".", *RUN)
-    output, errors = process.communicate(timeout=120)
-    assert (process.returncode, output) == (2, b"")
-    lines = errors.decode().splitlines()
+    code, output, errors = evaluate(".", *RUN)
+    assert (code, output) == (2, "")
+    lines = errors.splitlines()
     starts = [f"evaluate: error: {name}: the target is absent in the first frame" for name in "ab"]
     assert [line[: len(start)] for line, start in zip(lines, starts, strict=True)] == starts
     assert not (tmp_path / "r.json").exists()
 
 
-def test_without_any_success_there_is_no_result(start_evaluate, short_sequence, tmp_path):
+def test_without_any_success_there_is_no_result(evaluate, short_sequence, tmp_path):
     (short_sequence / "groundtruth.txt").write_text("900,900,20,20\n" * 5)
     (tmp_path / "r.json").write_text("of last time")
-    process = start_evaluate("short", *RUN)
-    output, errors = process.communicate(timeout=120)
-    assert (process.returncode, output) == (1, b"")
-    first, second = errors.decode().splitlines()
+    code, output, errors = evaluate("short", *RUN)
+    assert (code, output) == (1, "")
+    first, second = errors.splitlines()
     assert first.startswith("evaluate: error: short, frame 1: ")
     assert "outside the image" in first
     assert second == "evaluate: error: no sequence could be evaluated"
@@ -127,28 +114,26 @@ def test_an_output_in_ascii_gets_a_table_in_ascii(start_evaluate, write_short, d
     assert list(document()["sequences"]) == ["Tür"]
 
 
-def test_a_full_disk_keeps_the_last_whole_file(start_evaluate, write_short, tmp_path, document):
+def test_a_full_disk_keeps_the_last_whole_file(evaluate, write_short, tmp_path, document):
     names = [f"sequence_{number}" for number in range(4)]
     for name in names:
         write_short(name)
-    process = start_evaluate(*names, *RUN, PYTHONIOENCODING="utf-8")
     # Room for two sequences, not for three.
-    resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (650, 650))
-    output, errors = process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert errors.decode() == (
+    with full_disk(650):
+        code, output, errors = evaluate(*names, *RUN)
+    assert code == 1
+    assert errors == (
         "evaluate: error: r.json cannot be written (File too large); its last version is kept\n"
     )
     assert list(document()["sequences"]) == names[:2]
-    assert all(f"│ {name} " in output.decode() for name in names)
+    assert all(f"│ {name} " in output for name in names)
     assert {path.name for path in tmp_path.iterdir()} == {*names, "r.json"}
 
 
-def test_help_lists_the_exit_codes(start_evaluate):
-    process = start_evaluate("--help", stdout=subprocess.PIPE)
-    output, _ = process.communicate(timeout=120)
+def test_help_lists_the_exit_codes(evaluate):
+    _, output, _ = evaluate("--help")
     for code in ("0", "1", "2", "130", "141", "143"):
-        assert any(line.split()[:1] == [code] for line in output.decode().splitlines())
+        assert any(line.split()[:1] == [code] for line in output.splitlines())
 
 
 def test_a_file_is_replaced_atomically(tmp_path):

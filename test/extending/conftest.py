@@ -1,14 +1,14 @@
-"""Runs code with one more file in a package's folder."""
+"""Runs code in processes with one more file in a package's folder."""
 
 import json
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-TIMEOUT = 120.0
 HERE = Path(__file__).resolve().parent
 
 # The folder is added to the package's path before any import, so the package itself discovers
@@ -49,31 +49,50 @@ def follow(tracker, start=0):
         images, boxes = sequence["images"], sequence["boxes"]
     tracker.start(images[start], boxes[start])
     return [tracker.update(image).box for image in images[start + 1:]]
+
+import contextlib, io
+
+for line in sys.stdin:
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(json.loads(line), dict(globals()))
+    print(json.dumps(printed.getvalue()), flush=True)
 """
 
 
-@pytest.fixture
-def extended(tmp_path, moving_square):
-    """A function that runs code in a new process and returns the JSON that it prints.
+@pytest.fixture(scope="session")
+def extended(tmp_path_factory, moving_square):
+    """A function that runs code in another process and returns the JSON that it prints.
 
-    `examples`, if given, is a folder added to the package.
+    `examples`, if given, is a folder added to the package. Each has a process of its own.
     """
-    sequence = tmp_path / "moving_square.npz"
+    sequence = tmp_path_factory.mktemp("extended") / "moving_square.npz"
     np.savez(sequence, images=moving_square.images, boxes=moving_square.boxes)
+    processes = {}
+
+    def start(package, examples):
+        prelude = PRELUDE.format(package=package, folder=HERE / examples, sequence=sequence)
+        return stack.enter_context(
+            subprocess.Popen(
+                [sys.executable, "-c", prelude],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        )
 
     def run(code, package="", examples=""):
-        prelude = PRELUDE.format(package=package, folder=HERE / examples, sequence=sequence)
-        outcome = subprocess.run(
-            [sys.executable, "-c", prelude + code],
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT,
-            check=False,
-        )
-        assert outcome.returncode == 0, outcome.stderr
-        return json.loads(outcome.stdout)
+        if examples not in processes:
+            processes[examples] = start(package, examples)
+        process = processes[examples]
+        process.stdin.write(json.dumps(code) + "\n")
+        process.stdin.flush()
+        printed = process.stdout.readline()
+        assert printed, "the process has ended with an error"
+        return json.loads(json.loads(printed))
 
-    return run
+    with ExitStack() as stack:
+        yield run
 
 
 @pytest.fixture

@@ -121,7 +121,7 @@ def test_a_topic_without_messages_is_refused(tmp_path, write_bag, rows, storage)
         list(open_bag(path).images())
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [KINDS[0], KINDS[3], KINDS[4]])
 @pytest.mark.parametrize("damage", ["cut", "garbage", "empty", "gone"])
 def test_a_damaged_bag_is_refused(tmp_path, write_bag, rows, kind, damage):
     path = write_bag(tmp_path / "talk", rows, *kind)

@@ -13,7 +13,7 @@ from pf_tracker_ros.footage.cdr import (
 
 
 @pytest.mark.parametrize("little_endian", [True, False])
-@pytest.mark.parametrize("stamp", [0, 1, 1_500_000_007, (2**31 - 1) * 10**9 + 999_999_999])
+@pytest.mark.parametrize("stamp", [0, (2**31 - 1) * 10**9 + 999_999_999])
 @pytest.mark.parametrize(
     "message_type",
     [

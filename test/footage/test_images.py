@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from pf_tracker_ros.footage import FootageError, open_footage
 from pf_tracker_ros.footage.images import natural_order, read_image
 
-file_names = st.text(st.sampled_from("aZ09-_. ") | st.characters(codec="utf-8"), max_size=8)
+# With digits that are no ASCII: superscript two and Arabic three.
+file_names = st.text(st.sampled_from("aZ09-_. \u00e4\u00b2\u0663\u6f22\U0001f600"), max_size=8)
 
 
 @given(st.lists(st.integers(0, 10**6), unique=True), st.randoms(use_true_random=False))
@@ -24,7 +25,7 @@ def test_numbers_sort_by_value_with_or_without_leading_zeros(numbers, shuffler):
     assert sorted(shuffled, key=natural_order) == [names[number] for number in sorted(numbers)]
 
 
-@given(st.lists(file_names, unique=True))
+@given(st.lists(file_names, unique=True, max_size=6))
 def test_natural_order_is_total(names):
     shuffled = random.Random(0).sample(names, len(names))
     assert sorted(names, key=natural_order) == sorted(shuffled, key=natural_order)

@@ -1,9 +1,15 @@
 """What several folders of tests need: drawn images, regions, overlaps, messages of commands."""
 
+import resource
+from contextlib import contextmanager
+
 import cv2
 import numpy as np
 
 from pf_tracker_ros.frames import Frame, Region
+
+# Arguments of a command, where the tracker does not matter.
+QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
 def texture(seed, height, width, low=0, high=256, *, cell=6):
@@ -38,3 +44,14 @@ def one_sentence(errors):
     (line,) = errors.splitlines()
     assert line.startswith("track: error: ")
     return line
+
+
+@contextmanager
+def full_disk(size):
+    """Files that this process writes within the block have at most so many bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)

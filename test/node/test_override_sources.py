@@ -108,22 +108,23 @@ def test_arguments_before_ros_args_are_ignored(files):
     assert parameters_superseded_by("preset", "/pf_tracker", command_line) == set()
 
 
+def start(graph, client, arguments):
+    """A tracker with the arguments of its command line."""
+    given = f"{arguments} -p image_reliability:=reliable"
+    return graph.tracker(client, cli_args=["--ros-args", *given.split()])
+
+
 @pytest.mark.parametrize(
-    ("arguments", "expected"),
+    "case",
     [
-        ("--params-file {own}", ("default", {"particles": 77, "motion.position_noise": 0.9})),
-        ("--params-file {own} -p preset:=li2007", ("li2007", {})),
-        ("--params-file {own} -p preset:=li2007 -p particles:=5", ("li2007", {"particles": 5})),
+        ("--params-file {own}", "default", {"particles": 77, "motion.position_noise": 0.9}),
+        ("--params-file {own} -p preset:=li2007", "li2007", {}),
+        ("--params-file {own} -p preset:=li2007 -p particles:=5", "li2007", {"particles": 5}),
     ],
 )
-def test_a_process_applies_the_whole_preset_of_its_command_line(
-    graph, files, images, arguments, expected
-):
-    preset, changes = expected
-    client = graph.client()
-    reliable = ["-p", "image_reliability:=reliable"]
-    graph.process(*arguments.format(**files).split(), *reliable)
-    client.meet()
+def test_a_node_applies_the_whole_preset_of_its_command_line(graph, client, files, images, case):
+    arguments, preset, changes = case
+    start(graph, client, arguments.format(**files))
     assert client.tunables() == preset_parameters(preset) | changes
     # No preset has this parameter: the file's value stays.
     assert client.get_parameters("click_size") == [12.0]
@@ -144,11 +145,12 @@ DUMPED = """\
 """
 
 
-def test_superseded_parameters_of_unused_cues_are_not_reported(graph, tmp_path, images, files):
+def test_superseded_parameters_of_unused_cues_are_not_reported(
+    graph, client, tmp_path, images, files
+):
     others = files["others"]
     path = tmp_path / "dumped.yaml"
     path.write_text(DUMPED)
-    client = graph.client()
     arguments = f"--params-file {path} --params-file {others} -p preset:=li2007"
     arguments += " -p image_reliability:=reliable"
     process = graph.process(*arguments.split())
@@ -163,12 +165,10 @@ def test_superseded_parameters_of_unused_cues_are_not_reported(graph, tmp_path, 
     assert line.endswith("it has no effect")
 
 
-def test_a_file_may_name_a_cue_after_its_parameters(graph, tmp_path):
+def test_a_file_may_name_a_cue_after_its_parameters(graph, client, tmp_path):
     path = tmp_path / "dumped.yaml"
     path.write_text(DUMPED.replace("    wings:\n      span: 0.5\n", ""))
-    client = graph.client()
-    graph.process("--params-file", str(path))
-    client.meet()
+    start(graph, client, f"--params-file {path}")
     found = client.tunables()
     names = ["cues", "hog.sharpness", "particles", "color_histogram.keep"]
     assert [found[name] for name in names] == [("hog", "color_histogram"), 90.0, 77, 0.9]

@@ -122,6 +122,7 @@ def policies(process):
     return own, dds
 
 
+@pytest.mark.slow
 def test_the_tracker_has_the_priority_if_the_system_permits_it(graph, client):
     process = graph.process("-p", "realtime_priority:=5")
     values = client.wait_for(lambda: client.health, "diagnostics")[-1].values
@@ -137,6 +138,7 @@ def test_the_tracker_has_the_priority_if_the_system_permits_it(graph, client):
     assert policies(process) == (normal, normal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["", str(PROFILE)])
 def test_the_console_has_the_priority_without_the_profile_if_permitted(graph, monkeypatch, profile):
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", profile)
@@ -156,6 +158,7 @@ def test_the_console_has_the_priority_without_the_profile_if_permitted(graph, mo
     assert ("priority 4 is not permitted" in log) == (requested and not is_permitted())
 
 
+@pytest.mark.slow
 def test_a_tracker_has_no_priority_by_default(graph, client):
     process = graph.process()
     values = client.wait_for(lambda: client.health, "diagnostics")[-1].values

@@ -5,6 +5,7 @@ import sys
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from pf_tracker_ros.node.watch import watch_node
 from pf_tracker_ros.node.watch.watch_node import WatchNode, lines
 
 
@@ -40,40 +41,40 @@ def test_without_a_target_or_a_position_the_line_has_the_reason():
 
 
 @pytest.fixture
-def lines_of(graph, client, images, box, capfd):
-    """A function that prints a real tracker at a rate, at least so many lines of its target."""
+def watch(graph, client, box, monkeypatch):
+    """A function that prints a real tracker with a target, and returns the lines so far."""
+    printed = []
+    monkeypatch.setattr(
+        watch_node, "print", lambda line, flush: printed.append(line), raising=False
+    )
 
-    def run(rate, least):
+    def run(rate):
         tracker = graph.tracker(client, preset="li2007", particles=20)
         watch = WatchNode(rate=rate, context=graph.context())
         graph.run(watch)
         graph.introduce(client, tracker, watch)
         client.point_at(box)
-        client.show_all(images)
-        found = ""
-
-        def has_all():
-            nonlocal found
-            found += capfd.readouterr().out
-            return found.count("target 1") >= least
-
-        client.wait_for(has_all, "lines")
-        graph.close()
-        found += capfd.readouterr().out
-        return [line for line in found.splitlines() if "target 1" in line]
+        return printed
 
     return run
 
 
-def test_it_prints_each_frame_of_a_real_tracker(lines_of, client):
-    found = lines_of(0.0, 20)
-    assert len(found) == 20
+def test_it_prints_each_frame_of_a_real_tracker(watch, client, images):
+    printed = watch(0.0)
+    for index, image in enumerate(images[:5]):
+        client.show(image, client.at(index))
+        # It keeps few messages that it has not printed yet.
+        client.wait_for(lambda count=index + 1: len(printed) == count, "line")
     first = f"{client.at(0) / 1e9:.3f}  target 1  tracking 1.00  box at 20.0, 30.0, 24.0 x 24.0 px"
-    assert found[0] == first
+    assert printed[0] == first
 
 
-def test_it_prints_so_many_lines_a_second(lines_of):
-    assert len(lines_of(0.001, 1)) == 1
+def test_it_prints_so_many_lines_a_second(watch, graph, client, images):
+    printed = watch(0.001)
+    client.show_all(images[:5])
+    client.wait_for(lambda: printed, "line")
+    graph.close()
+    assert len(printed) == 1
 
 
 def test_once_ends_with_the_first_target(graph, client, images, box):

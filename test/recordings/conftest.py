@@ -14,15 +14,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common import QUICK
 
 import pf_tracker_ros
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.recordings.__main__ import main
+from pf_tracker_ros.recordings.archives import executors
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 _COUNT = 16
 _INTERVAL = 40_000_000
@@ -159,6 +160,17 @@ def serial(archive, tmp_path_factory):
     ):
         code = main(["--archive", str(archive), "--output", str(output), *QUICK])
     return output, (code, said.getvalue(), errors.getvalue())
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Archives are tracked in this process, not in workers."""
+
+    def run(work, tasks, processes):
+        for number, task in enumerate(tasks):
+            yield number, work(task)
+
+    monkeypatch.setattr(executors, "run_parallel", run)
 
 
 class Watch:
@@ -301,7 +313,7 @@ class Library:
 
         `arrivals` maps a frame to the detections that arrive before it, each with its own frame.
         """
-        session = Session(preset_parameters("default", 32), seed)
+        session = Session(preset_parameters("li2007", 32), seed)
         session.frame_buffer.limit(120, 64.0)
         found = []
         for number, image in enumerate(self._images):
@@ -325,10 +337,10 @@ def library(walkers):
 
 @pytest.fixture
 def tracked(track, rows, tmp_path):
-    """Runs the command into a folder `out`; its exit code, errors and rows."""
+    """Runs the command, as `Library`, into a folder `out`; its exit code, errors and rows."""
 
     def run(*arguments):
-        code, _, errors = track(*arguments, "--output", tmp_path / "out")
+        code, _, errors = track(*arguments, "--preset", "li2007", "--output", tmp_path / "out")
         return code, errors, rows(tmp_path / "out")
 
     return run

@@ -9,14 +9,12 @@ from urllib.parse import unquote, unquote_to_bytes
 
 import cv2
 import pytest
-from common import one_sentence
+from common import QUICK, one_sentence
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.sources import find_recordings
 from pf_tracker_ros.recordings.output_files import OutputFolder
-
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
 def test_each_recording_is_tracked_and_broken_ones_are_reported(

@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.recordings.target import Target, save_targets
 
@@ -19,7 +20,6 @@ DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "archives.md"
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", DOCUMENT.read_text(), re.MULTILINE | re.DOTALL)
 COMMANDS = [line for block in BLOCKS for line in block.splitlines()]
 TRACK = [line for line in COMMANDS if line.startswith("track ") and "s3://" not in line]
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 # Its cluster is started and ended by test_ray.py.
 OWN_CLUSTER = "--ray local"
 RAY = shutil.which("ray", path=str(Path(sys.executable).parent))

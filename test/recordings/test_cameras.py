@@ -7,8 +7,8 @@ import signal
 import time
 
 import pytest
+from common import QUICK
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 DEADLINE = 60
 BOX = ("--box", "10,10,24,24")
 

@@ -6,12 +6,12 @@ import os
 import shutil
 
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives import results as results_module
 from pf_tracker_ros.recordings.archives.results import ResultsFolder, ResultsStore
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 RECORDS = {".lock", ".track_files.json"}
 
 
@@ -23,7 +23,7 @@ def fleet(write_sequence, moving_square, tmp_path):
 
 
 @pytest.fixture
-def run(fleet, track, tmp_path):
+def run(fleet, track, in_this_process, tmp_path):
     """Tracks the archive into the folder `out`."""
 
     def run(*further):

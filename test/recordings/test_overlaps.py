@@ -5,13 +5,13 @@ import json
 import shutil
 
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives import results as results_module
 from pf_tracker_ros.recordings.archives.results import ResultsFolder, ResultsStore
 from pf_tracker_ros.recordings.archives.sources import find_recordings
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 TARGET = "target_box: [20, 60, 24, 40]"
 DONE = json.dumps(
     {
@@ -108,6 +108,7 @@ def test_results_do_not_replace_the_list(rec, refused, tmp_path):
     refused(listed, tmp_path / "out")
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_results_may_go_below_the_archive(write_sequence, moving_square, track, tmp_path):
     folder = tmp_path / "fleet"
     write_sequence("walk", moving_square.images[:3], moving_square.boxes[:3], folder)
@@ -118,6 +119,7 @@ def test_results_may_go_below_the_archive(write_sequence, moving_square, track, 
     assert (folder / "out" / "walk" / "boxes.csv").is_file()
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_entries_outside_the_folder_of_a_list_have_their_results_in_the_output(
     write_sequence, moving_square, track, tmp_path
 ):
@@ -235,6 +237,7 @@ def test_a_folder_of_results_and_an_empty_one_are_replaced(folder_with, write):
     assert {path.name for path in (results.path / "a.avi").iterdir()} == {"boxes.csv", "done.json"}
 
 
+@pytest.mark.usefixtures("in_this_process")
 def test_a_recording_whose_folder_exists_is_reported_and_does_not_stop_the_others(
     write_sequence, moving_square, track, tmp_path
 ):

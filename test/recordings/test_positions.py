@@ -23,7 +23,7 @@ from pf_tracker_ros.recordings.target import file_text
 from pf_tracker_ros.recordings.tracking import track_recording
 
 MOUNTING = ("--parameter", "camera.height=1.2", "--parameter", "camera.pitch=0.05")
-FRAMES = 18
+FRAMES = 12
 # Squared distance of the 99 % region of two dimensions.
 REGION_99 = -2.0 * math.log(0.01)
 

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
@@ -19,7 +20,6 @@ from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.plan import apply_parameter_file
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 needs_ray = pytest.mark.skipif(
     subprocess.run(
         [sys.executable, "-c", "import ray"], capture_output=True, check=False

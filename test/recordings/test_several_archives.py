@@ -6,14 +6,13 @@ import json
 import cv2
 import numpy as np
 import pytest
-from common import one_sentence
+from common import QUICK, one_sentence
 
 from pf_tracker_ros.recordings.archives.results import results_at
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
 
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 COUNT = 16
 
 

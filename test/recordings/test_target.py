@@ -9,13 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError, choose_target, open_recording
 from pf_tracker_ros.recordings.errors import WRONG_TARGET
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, save_targets
-
-QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
 @pytest.fixture
@@ -94,16 +93,11 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
             "is for the frame with stamp 1000000007 ns, which this recording does not have",
         ),
         (
-            "target_box: [20, 30, 24, 24]\nstamp: 1700000000000000000",
-            "is for the frame with stamp 1700000000000000000 ns, which this recording does not",
-        ),
-        (
             "target_box: [20, 30, 24, 24]\nframe: 3\nstamp: 1000000000",
             "is for the frame with number 3 and stamp 1000000000 ns, which this recording does",
         ),
         ("target_box: [20, 30, 24, 24]\nframe: 400", "is for the frame with number 400, which"),
         ("label: car", "'target_box' is None; allowed: four numbers"),
-        ("target_box: [1, 2, 3]", "allowed: four numbers"),
         ("target_box: [1, 2, .nan, 3]", "allowed: four numbers"),
         ("target_box: [1, 2, 3, 0]", "allowed: a width and height above 0"),
         ("target_box: [1, 2, 3, 4]\nstamp: soon", "'stamp' is 'soon'"),
@@ -119,7 +113,6 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
             "'image_size' is [320.7, 240]; allowed: two whole numbers, width and height",
         ),
         ("target_box: [1, 2, 3, 4]\nlabel: [a, b]", "'label' is ['a', 'b']; allowed: a text"),
-        ("target_box: [1, 2, 3, 4]\nlabel: no", "'label' is False; allowed: a text"),
         ("target_box: [1.0e+308, 2, 1.0e+308, 4]", "expected four finite numbers"),
         ("target_box: [&a [1, 2], *a, *a]", "aliases, such as *name, are not allowed"),
         (f"target_box: [{', '.join(['[x]'] * 500)}]", "['x'], ['x...; allowed: four numbers"),
@@ -129,7 +122,6 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
             r"'label' is '\ud800'; allowed: Unicode text",
         ),
         ("label: !!bool perhaps", "cannot be read as YAML"),
-        ("label: !!timestamp soon", "cannot be read as YAML"),
     ],
 )
 def test_a_target_file_that_is_invalid_or_belongs_to_another_recording(

@@ -116,17 +116,6 @@ def frozen():
     return change
 
 
-def drifting():
-    frames = []
-
-    def change(estimate):
-        frames.append(1)
-        x, y, width, height = estimate.box
-        return change_field(estimate, box=(x + 1.5 * len(frames), y, width, height))
-
-    return change
-
-
 def giving_up():
     frames = []
 
@@ -141,23 +130,19 @@ def giving_up():
     ("mutation", "message"),
     [
         (frozen, ", expected at least 0.8; it is lowest in frame "),
-        (drifting, ", expected at least 0.8; it is lowest in frame "),
         (giving_up, "lost for 0.44 s in frames 8 to 19, expected at most 0.2 s"),
     ],
 )
 def test_a_broken_tracker_fails(tracked_recording, baseline, monkeypatch, mutation, message):
     source = baseline.parent / "moving_square"
-    for reference in (None, baseline):
-        # Each mutation counts its frames.
-        with monkeypatch.context() as patch:
-            mutate(patch, mutation())
-            run = tracked_recording(source, baseline=reference, **QUICK)
-        with pytest.raises(pytest.fail.Exception) as caught:
-            run.check(**LIMITS)
-        text = str(caught.value)
-        assert text.startswith(f"{source} with preset li2007, backend library:\n- ")
-        assert message in text
-        assert text.count("\n- ") == {"giving_up": 3}.get(mutation.__name__, 1)
+    mutate(monkeypatch, mutation())
+    run = tracked_recording(source, baseline=baseline, **QUICK)
+    with pytest.raises(pytest.fail.Exception) as caught:
+        run.check(**LIMITS)
+    text = str(caught.value)
+    assert text.startswith(f"{source} with preset li2007, backend library:\n- ")
+    assert message in text
+    assert text.count("\n- ") == {frozen: 1, giving_up: 3}[mutation]
 
 
 def test_a_tracker_that_is_slow_in_most_frames_fails(
@@ -239,10 +224,6 @@ def run_pytest(tmp_path, moving_square_sequence):
 
 
 def test_a_users_test_stores_and_compares_its_baseline(run_pytest, tmp_path):
-    outcome = run_pytest()
-    assert outcome.returncode == 1
-    assert "square.boxes.csv; pytest --update stores one" in outcome.stdout
-    assert "FileNotFoundError" not in outcome.stdout
     assert run_pytest("--update").returncode == 0
     baseline = tmp_path / "square.boxes.csv"
     assert len(baseline.read_text().splitlines()) == 21
@@ -278,7 +259,15 @@ def test_a_baseline_of_something_else_is_refused(
     assert all(message in str(caught.value) for message in messages)
 
 
-@pytest.mark.parametrize("name", ["otb_bolt", "ir_drone_074"])
+def test_a_missing_baseline_is_stored_on_request(
+    tracked_recording, moving_square_sequence, tmp_path
+):
+    missing = tmp_path / "none.csv"
+    with pytest.raises(pytest.fail.Exception, match=r"none\.csv; pytest --update stores one"):
+        tracked_recording(moving_square_sequence, baseline=missing, **QUICK).check(**LIMITS)
+
+
+@pytest.mark.parametrize("name", ["otb_bolt", pytest.param("ir_drone_074", marks=pytest.mark.slow)])
 def test_real_recordings_are_tracked(tracked_recording, sequences_directory, name):
     tracked_recording(sequences_directory / name).check(
         final_state="tracking", mean_overlap=0.6, longest_loss=0.5

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import os
 import random
 import signal
 import socket
@@ -471,12 +470,3 @@ def test_an_older_frame_never_replaces_a_newer_one(camera, page):
     assert page.stamp == last
     stamps = [int(stamp) for stamp, _ in page.evaluate("() => window.seen")]
     assert stamps == sorted(stamps)
-
-
-def test_the_console_has_a_lower_priority_than_the_tracker(graph):
-    module = "pf_tracker_ros.node.console.console_node"
-    process = graph.process("-p", "port:=0", module=module)
-    while "console of" not in (line := process.stdout.readline()):
-        assert line, "the console has ended"
-    own = os.getpriority(os.PRIO_PROCESS, 0)
-    assert os.getpriority(os.PRIO_PROCESS, process.pid) > own

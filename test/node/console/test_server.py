@@ -184,6 +184,7 @@ def test_the_loopback_link_has_no_token(console):
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.url)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems have no niceness of a thread")
 @pytest.mark.parametrize("has_profile", [False, True])
 def test_only_the_dds_threads_that_a_camera_waits_for_keep_their_priority(

@@ -66,13 +66,13 @@ def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, follower):
     client.wait_for(lambda: len(robot.commands) > 2, "a standstill without odometry")
     assert set(robot.commands) == {(0.0, 0.0)}
 
-    target = odometry(5.0, 2.0, 0.0)
+    target = odometry(3.0, 1.0, 0.0)
     # It walks on to the left of the robot, as seen from there.
     target.twist.twist.linear.y = 0.5
 
     def keeps_distance():
-        distance = math.hypot(5.0 - robot.x, 2.0 - robot.y)
-        angle = math.atan2(2.0 - robot.y, 5.0 - robot.x) - robot.yaw
+        distance = math.hypot(3.0 - robot.x, 1.0 - robot.y)
+        angle = math.atan2(1.0 - robot.y, 3.0 - robot.x) - robot.yaw
         return abs(distance - 2.0) < 0.1 and abs(angle) < 0.05
 
     robot.wait_for(keeps_distance, "two meters between them", (poses, target))

@@ -148,6 +148,7 @@ def random_message(generator, given, sensor):
     return given.imu(stamp, (0.0, -odd, 0.1))
 
 
+@pytest.mark.slow
 def test_it_survives_any_mixture_and_then_goes_on(scene, make_localizer, given):
     generator = np.random.default_rng(7)
     for sensor, message_type in (("depth", Image), ("odom", Odometry), ("imu", Imu)):

@@ -29,7 +29,7 @@ from pf_tracker_ros.recordings.recording import open_recording
 from pf_tracker_ros.recordings.topics import TopicBag
 from pf_tracker_ros.recordings.tracking import track_recording
 
-FRAMES, LATENCY, RATE = 12, 0.1, math.radians(60.0)
+FRAMES, LATENCY, RATE = 6, 0.1, math.radians(60.0)
 PARAMETERS = {"camera.height": CAMERA_HEIGHT, "camera.pitch": CAMERA_PITCH}
 
 

@@ -104,10 +104,13 @@ def test_a_truncated_video_is_played_as_far_as_it_goes(
     assert stamps == [1_000_000_000 + 40_000_000 * index for index in range(len(stamps))]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize(
-    "state",
-    [{"lockstep": True}, {"start_paused": True}, {"rate": 0.01}],
+    ("state", "number"),
+    [
+        ({"lockstep": True}, signal.SIGINT),
+        ({"start_paused": True}, signal.SIGTERM),
+        ({"rate": 0.01}, signal.SIGINT),
+    ],
     ids=["waiting for the tracker", "paused", "between two frames"],
 )
 def test_it_can_be_stopped_in_every_state(pictures, replay_process, number, state):

@@ -6,10 +6,9 @@ import time
 
 import numpy as np
 import pytest
+from nodes import QUICK
 
 from pf_tracker_ros.node.tracker.diagnostics import loss_warning
-
-QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 def health(client, condition):
@@ -88,13 +87,6 @@ def test_an_error_is_a_warning_once_and_stays_the_last_error(graph, client, imag
     assert "its encoding is 'no_encoding'" in warned.message
     calm = health(client, lambda h: h.level == "OK")
     assert calm.values["last_error"] == warned.message
-
-
-@pytest.mark.usefixtures("fast_reports")
-def test_an_invalid_parameter_is_an_error(graph, client):
-    graph.tracker(client, **QUICK | {"particles": 0})
-    report = health(client, lambda h: h.level == "ERROR")
-    assert "not tracking: parameter 'particles' is 0" in report.message
 
 
 def test_lost_frames_are_reported_with_the_remedy(graph, client, images):

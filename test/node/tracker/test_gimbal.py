@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import Twist
+from nodes import QUICK
 from sensor_msgs.msg import CameraInfo
 
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "gimbal.py"
-QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 @pytest.fixture

@@ -1,8 +1,7 @@
 """The log of the node, at start-up and while it tracks."""
 
+from nodes import QUICK
 from std_srvs.srv import SetBool, Trigger
-
-QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 
 
 def test_services_are_logged_with_their_results(graph, client, images, box, capfd):

@@ -1,16 +1,12 @@
 """Changes of `max_targets` while targets are tracked."""
 
 import pytest
+from nodes import ids
 from rclpy.parameter import Parameter
-from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 RELIABLE = {"image_reliability": "reliable"}
-
-
-def ids(status):
-    return [int(one.values["id"]) for one in status.targets]
 
 
 def test_a_larger_number_keeps_the_target_and_its_selection(graph, client, walkers):
@@ -31,31 +27,10 @@ def test_a_larger_number_keeps_the_target_and_its_selection(graph, client, walke
         assert (status.level, status.values["preset"], ids(status)) == ("OK", "default", [1, 2])
     corner = client.box_at(client.at(7)).polygon.points[0]
     assert (corner.x, corner.y) == pytest.approx(boxes[7][0][:2], abs=6)
-
-
-def test_one_keeps_all_targets_until_a_new_one_replaces_them(graph, client, walkers, send_id):
-    images, boxes = walkers
-    received = []
-    client.create_subscription(MarkerArray, "pf_tracker/boxes", received.append, 100)
-    node = graph.tracker(client, max_targets=3, **RELIABLE)
-    for box in boxes[0]:
-        client.point_at(box)
-    client.show(images[0], client.at(0))
-    send_id(client, node, "select", 2)
-    assert client.set_parameters(max_targets=1).successful
-    assert client.tunables() == preset_parameters("default")
-    for number in range(1, 5):
-        status = client.show(images[number], client.at(number))
-        assert (status.level, ids(status), status.values["selected"]) == ("OK", [1, 2], "2")
-        corner = client.box_at(client.at(number)).polygon.points[0]
-        assert (corner.x, corner.y) == pytest.approx(boxes[number][1][:2], abs=6)
-    lines = [one.id for one in client.answer_of_array(received, client.at(4)) if one.ns == "boxes"]
-    assert lines == [1, 2]
-    client.point_at(boxes[5][0])
-    status = client.show(images[5], client.at(5))
-    assert (ids(status), status.values["selected"]) == ([3], "3")
-    corner = client.box_at(client.at(5)).polygon.points[0]
-    assert (corner.x, corner.y) == boxes[5][0][:2]
+    request = {"target_box": [0.0, 0.0, 30.0, 30.0], "max_targets": 2}
+    assert client.set_parameters(**request).successful
+    status = client.show(images[8], client.at(8))
+    assert "target refused: there are 2 targets" in status.message
 
 
 def test_values_set_with_it_are_kept_in_any_order(graph, client, capfd):

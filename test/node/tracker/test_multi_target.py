@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from nodes import ids
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker, MarkerArray
@@ -34,10 +35,6 @@ def two_targets(client, walkers, stamp=0):
     for box in boxes[0]:
         client.point_at(box, stamp)
     return client.show(images[0], client.at(0))
-
-
-def ids(status):
-    return [int(one.values["id"]) for one in status.targets]
 
 
 def test_each_request_starts_another_target(client, start_tracker, walkers):
@@ -123,46 +120,3 @@ def test_one_target_is_stopped_by_its_id_or_all(client, start_tracker, walkers, 
     assert (status.values["state"], status.values["frame"]) == ("idle", "waiting")
     client.point_at(boxes[4][0])
     assert ids(client.show(images[4], client.at(4))) == [3]
-
-
-def test_the_status_of_a_dropped_frame_has_no_targets(client, start_tracker, walkers):
-    images, _ = walkers
-    start_tracker()
-    two_targets(client, walkers)
-    client.show(images[1], client.at(1))
-    status = client.show(images[0], client.at(0))
-    assert (status.values["frame"], status.values["state"]) == ("late", "skipped")
-    assert status.values["last_state"] == "tracking"
-    assert status.targets == ()
-    assert client.show(images[2], client.at(2), "no_encoding").values["frame"] == "refused"
-    assert ids(client.show(images[2], client.at(2))) == [1, 2]
-
-
-def test_parameters_and_presets_change_and_the_ids_stay(client, start_tracker, walkers):
-    images, _ = walkers
-    start_tracker()
-    two_targets(client, walkers)
-    client.show(images[1], client.at(1))
-    assert client.get_parameters("detector.score_above", "particles") == [0.3, 100]
-    for number, values in enumerate(
-        ({"detector__labels": ["person"], "max_targets": 3}, {"preset": "li2007"}), start=2
-    ):
-        assert client.set_parameters(**values).successful
-        status = client.show(images[number], client.at(number))
-        assert ids(status) == [1, 2]
-    # The parameters that describe the detector are not of a preset.
-    assert client.get_parameters("detector.labels", "particles") == [("person",), 60]
-    assert status.values["preset"].startswith("li2007")
-
-
-def test_invalid_parameters_are_refused_with_the_reason(client, start_tracker, walkers):
-    images, _ = walkers
-    start_tracker()
-    two_targets(client, walkers)
-    none = client.set_parameters(max_targets=0)
-    assert not none.successful
-    assert "parameter 'max_targets' is 0" in none.reason
-    box = client.set_parameters(target_box=[0.0, 0.0, 30.0, 30.0], max_targets=2)
-    assert box.successful
-    status = client.show(images[1], client.at(1))
-    assert "target refused: there are 2 targets" in status.message

@@ -1,12 +1,12 @@
 """A detector that starts and corrects the targets of a live node."""
 
 import csv
-import sys
 
 import numpy as np
 import pytest
 import rclpy
 from common import overlap
+from nodes import ids
 from rclpy.serialization import serialize_message
 from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
@@ -18,7 +18,7 @@ from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-MULTI_TARGET = {"max_targets": 8, "image_reliability": "reliable"}
+MULTI_TARGET = {"max_targets": 8, "image_reliability": "reliable", "preset": "li2007"}
 
 
 @pytest.fixture
@@ -44,31 +44,23 @@ def lines(client, received, stamp):
     return found
 
 
-def ids(status):
-    return [int(one.values["id"]) for one in status.targets]
-
-
-def show_with_detections(client, detector, walkers, numbers, *, delay=0):
-    """Show frames; at every fourth, detections of the frame `delay` before are published."""
+def show_with_detections(client, detector, walkers, numbers):
+    """Show frames, every fourth with detections."""
     images, boxes = walkers
     for number in numbers:
-        seen = number - delay
-        if seen >= 0 and seen % 4 == 0:
-            detector.publish(boxes[seen], client.at(seen))
+        if number % 4 == 0:
+            detector.publish(boxes[number], client.at(number))
         status = client.show(images[number], client.at(number))
     return status
 
 
-@pytest.mark.parametrize("delay", [0, 3])
-def test_detections_start_targets_that_are_tracked_in_every_frame(
-    client, start_detector, walkers, delay
-):
+def test_detections_start_targets_that_are_tracked_in_every_frame(client, start_detector, walkers):
     _, boxes = walkers
     detector, received = start_detector()
-    status = show_with_detections(client, detector, walkers, range(14), delay=delay)
+    status = show_with_detections(client, detector, walkers, range(14))
     assert (status.level, ids(status)) == ("OK", [1, 2])
     assert [one.values["label"] for one in status.targets] == ["person", "person"]
-    assert status.values["detector_runs"] == str(4 if delay == 0 else 3)
+    assert status.values["detector_runs"] == "4"
     found = lines(client, received, client.at(13))
     assert list(found) == [1, 2]
     for one in found.values():
@@ -78,8 +70,11 @@ def test_detections_start_targets_that_are_tracked_in_every_frame(
 def test_late_detections_give_the_boxes_of_the_library(client, start_detector, walkers):
     images, boxes = walkers
     detector, received = start_detector(seed=5)
-    show_with_detections(client, detector, walkers, range(12), delay=3)
-    session = Session(preset_parameters("default", MULTI_TARGET["max_targets"]), 5)
+    for number in range(12):
+        if number >= 3 and (number - 3) % 4 == 0:
+            detector.publish(boxes[number - 3], client.at(number - 3))
+        client.show(images[number], client.at(number))
+    session = Session(preset_parameters("li2007", MULTI_TARGET["max_targets"]), 5)
     session.frame_buffer.limit(120, 64.0)
     for number in range(12):
         if number >= 3 and (number - 3) % 4 == 0:
@@ -118,7 +113,7 @@ def test_the_command_track_gives_the_boxes_of_the_node(client, start_detector, w
         recorded.append(("/eye", "sensor_msgs/msg/Image", stamp, message))
     bag = write_messages(tmp_path / "drive", recorded)
     output = tmp_path / "out"
-    given = ["--detections-topic", "/found", "--seed", "5"]
+    given = ["--detections-topic", "/found", "--seed", "5", "--preset", "li2007"]
     assert main([str(bag), "--output", str(output), *given]) == 0
     with (output / "boxes.csv").open(newline="") as file:
         found = list(csv.DictReader(file))
@@ -155,31 +150,31 @@ def test_the_topic_can_be_remapped(graph, client, walkers, detector):
     assert ids(show_with_detections(client, detections, walkers, range(8))) == [1, 2]
 
 
-def invalid_messages(client, boxes, message):
-    """Invalid messages, each with the start of its error."""
-    at = client.at
-    nan = float("nan")
-    yield message([(nan, 1, 2, 3), boxes[0]], at(8)), "1 of 2 detections left out: a box or score"
-    yield message([(5, 5, 0, 0)], at(8)), "smaller than 2 px"
-    yield message([(900, 900, 20, 20)], at(8)), "center is outside of the image"
-    yield message(boxes, at(8) + 3600 * 10**9), "detections refused: its stamp is 3600 s after"
-    yield message(boxes, 5 * 10**9), "from another clock"
-    yield message(boxes, at(8) - 10 * 10**9), "s old, and frames of the last"
-    yield message([boxes[0]] * 10_000, at(8)), "detections refused: the message has"
-    yield message([(10.0 * n, 20.0, 8, 8) for n in range(25)] * 40, at(8)), "best scores count"
+NAN = float("nan")
+# (boxes, seconds after the image, error), given the boxes of the walkers.
+INVALID = (
+    lambda boxes: ([(NAN, 1, 2, 3), *boxes], 0, "1 of 3 detections left out: a box or score"),
+    lambda boxes: ([(5, 5, 0, 0), *boxes], 0, "smaller than 2 px"),
+    lambda boxes: ([(900, 900, 20, 20), *boxes], 0, "center is outside of the image"),
+    lambda boxes: (boxes, 3600, "detections refused: its stamp is 3600 s after"),
+    lambda boxes: (boxes, -(10**9), "from another clock"),
+    lambda boxes: (boxes, -10, "s old, and frames of the last"),
+    lambda boxes: ([boxes[0]] * 10_000, 0, "detections refused: the message has"),
+    lambda boxes: ([(10.0 * n, 20.0, 8, 8) for n in range(25)] * 40, 0, "best scores count"),
+)
 
 
-@pytest.mark.parametrize("kind", range(8))
-def test_invalid_detections_are_reported_once(client, start_detector, walkers, kind):
+def test_invalid_detections_are_reported_once(client, start_detector, walkers):
     images, boxes = walkers
     detector, _ = start_detector()
     show_with_detections(client, detector, walkers, range(8))
-    message, error = list(invalid_messages(client, boxes[8], detector.message))[kind]
-    detector.send(message)
-    status = client.show(images[8], client.at(8))
-    assert (status.level, status.message.count(error)) == ("WARN", 1)
-    assert ";" not in status.message.replace(status.values["last_error"], "")
-    assert {1, 2} <= {*ids(client.show(images[9], client.at(9)))}
+    for number, invalid in enumerate(INVALID, start=8):
+        given, seconds, error = invalid(boxes[number])
+        detector.publish(given, client.at(number) + seconds * 10**9)
+        status = client.show(images[number], client.at(number))
+        assert (status.level, status.message.count(error)) == ("WARN", 1)
+        assert ";" not in status.message.replace(status.values["last_error"], "")
+        assert {1, 2} <= {*ids(status)}
 
 
 def test_a_repeated_error_is_reported_once(client, start_detector, walkers):
@@ -235,40 +230,3 @@ def test_a_detector_at_best_effort_is_reported(client, graph, detector):
         last_error, "a report of the mismatch"
     )
     assert node.count_subscribers("/detections") == 1
-
-
-def test_a_detector_starts_and_corrects_a_single_target(client, start_detector, walkers):
-    _, boxes = walkers
-    detector, received = start_detector(max_targets=1)
-    status = show_with_detections(client, detector, walkers, range(14))
-    assert (status.level, status.values["state"], ids(status)) == ("OK", "tracking", [1])
-    assert status.values["selected"] == "1"
-    assert (status.targets[0].values["label"], status.targets[0].name) == (
-        "person",
-        "/pf_tracker: target 1",
-    )
-    assert status.targets[0].values["unconfirmed_for"] == "0.04"
-    ((id, found),) = lines(client, received, client.at(13)).items()
-    assert (id, max(overlap(found, box) for box in boxes[13]) > 0.6) == (1, True)
-    assert client.box_at(client.at(13))
-
-
-def test_without_scipy_detections_are_refused_and_targets_tracked(
-    client, start_detector, walkers, monkeypatch
-):
-    images, boxes = walkers
-    monkeypatch.setitem(sys.modules, "scipy.optimize", None)
-    detector, _ = start_detector()
-    for box in boxes[0]:
-        client.point_at(box)
-    status = client.show(images[0], client.at(0))
-    assert (status.level, ids(status)) == ("OK", [1, 2])
-    detector.publish(boxes[1], client.at(1))
-    status = client.show(images[1], client.at(1))
-    assert status.message.startswith("detections refused: detections need SciPy (")
-    assert "pip install scipy" in status.message
-    assert (status.level, ids(status), status.values["detector_runs"]) == ("WARN", [1, 2], "0")
-    for number in range(2, 6):
-        detector.publish(boxes[number], client.at(number))
-        status = client.show(images[number], client.at(number))
-        assert (status.level, ids(status)) == ("OK", [1, 2])

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PolygonStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -158,59 +157,6 @@ def test_an_overlay_does_not_block_the_tracking(outputs, listener, overlays, slo
     assert overlays[0].header.frame_id == "camera"
     drawn = np.frombuffer(overlays[0].data, np.uint8).reshape(images[0].shape)
     assert 0.01 < (drawn != images[0]).any(axis=2).mean() < 0.5
-
-
-def test_the_newest_pending_overlays_are_drawn(outputs, listener, overlays, slow):
-    started, resume = slow
-    outputs.show("first")
-    assert started.acquire(timeout=DEADLINE)
-    for number in range(14):
-        outputs.show(str(number))
-    # The queues of overlays and of messages have one length, so receive one message first.
-    resume.release(1)
-    listener.wait_for(lambda: len(overlays) == 1)
-    resume.release(14)
-    listener.wait_for(lambda: len(overlays) == 11)
-    names = [message.header.frame_id for message in overlays]
-    assert names == ["first", *(str(number) for number in range(4, 14))]
-
-
-def test_pending_overlays_are_published_before_the_end(outputs, listener, overlays, slow):
-    _, resume = slow
-    for number in range(3):
-        outputs.show(str(number))
-    resume.release(3)
-    outputs.publishers._overlay.close()
-    listener.wait_for(lambda: len(overlays) == 3)
-
-
-def test_a_failed_overlay_is_reported_with_the_next_one(outputs, listener, overlays, monkeypatch):
-    draw, failed = topics.draw_tracked, threading.Event()
-
-    def fail(*arguments, **options):
-        monkeypatch.setattr(topics, "draw_tracked", draw)
-        failed.set()
-        raise ValueError("no ink")
-
-    monkeypatch.setattr(topics, "draw_tracked", fail)
-    outputs.show("failing")
-    assert failed.wait(DEADLINE)
-    outputs.show("next")
-    listener.wait_for(lambda: overlays)
-    outputs.show("last")
-    assert outputs.errors == ["the overlay of a frame was not published: no ink"]
-
-
-def test_the_box_is_published(built, publishing_node, listener, outputs, box):
-    (publisher,) = (one for one in publishing_node.publishers if one.topic.endswith("/box"))
-    received = listener.subscribe(publisher, PolygonStamped)
-    outputs.show("camera")
-    listener.wait_for(lambda: received)
-    assert built == ["box"]
-    (message,) = received
-    assert message.header.frame_id == "camera"
-    corner = message.polygon.points[0]
-    assert (corner.x, corner.y) == pytest.approx(box[:2])
 
 
 def test_primary_topics_precede_visualizations(graph, images, box, monkeypatch):

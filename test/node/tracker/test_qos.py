@@ -219,9 +219,7 @@ def test_qos_is_overridden_by_parameters(graph, transport):
     ("name", "value", "reason"),
     [
         ("qos_overrides./image.subscription.reliability", "perhaps", "are ignored"),
-        ("qos_overrides./image.subscription.depth", "deep", "are ignored"),
         ("qos_overrides./imagine.subscription.depth", 3, "has no effect"),
-        ("qos_overrides./image.subscription.dept", 3, "has no effect"),
     ],
 )
 def test_an_invalid_override_is_reported_and_ignored(graph, images, name, value, reason):

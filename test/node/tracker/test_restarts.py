@@ -32,6 +32,7 @@ def corners(message):
     return first.x, first.y, opposite.x, opposite.y
 
 
+@pytest.mark.slow
 def test_a_new_node_tracks_after_one_was_killed(graph, client, images, box):
     for _ in range(2):
         process = tracker(graph, box)
@@ -47,6 +48,7 @@ def test_a_new_node_tracks_after_one_was_killed(graph, client, images, box):
         client.images.publish(client.message(images[2], client.at(2)))
 
 
+@pytest.mark.slow
 def test_a_new_publisher_is_tracked_after_one_was_killed(
     graph, client, images, box, moving_square_sequence
 ):
@@ -74,6 +76,7 @@ def bag(tmp_path, moving_square):
     return path
 
 
+@pytest.mark.slow
 def test_the_same_bag_gives_the_same_bits_in_every_run_and_in_the_library(
     graph, client, images, box, bag
 ):
@@ -107,24 +110,6 @@ def test_the_same_bag_gives_the_same_bits_in_every_run_and_in_the_library(
     assert runs == [expected] * RUNS
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_while_busy_ends_with_code_0(graph, client, images, number):
-    for delay in (0.0, 0.02):
-        process = tracker(graph, [20, 30, 24, 24], "-p", "particles:=2000")
-        client.meet()
-        end = time.monotonic() + delay
-        index = 0
-        while time.monotonic() < end or index < 3:
-            client.images.publish(client.message(images[index % 20], client.at(index)))
-            index += 1
-        process.send_signal(number)
-        output, _ = process.communicate(timeout=DEADLINE)
-        assert process.returncode == 0, (delay, output)
-        assert "Traceback" not in output
-        client.statuses.clear()
-        client.wait_for(lambda: client.count_publishers("/pf_tracker/status") == 0, "end")
-
-
 def catches_signals(process):
     """Whether a process has handlers for both signals."""
     lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
@@ -132,8 +117,9 @@ def catches_signals(process):
     return all(caught >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM))
 
 
-@pytest.mark.parametrize("executable", ["tracker", "replay"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("executable", "number"), [("tracker", signal.SIGINT), ("replay", signal.SIGTERM)]
+)
 def test_a_signal_while_an_executable_is_still_importing_ends_it_with_code_0(
     ros_domain, executable, number
 ):

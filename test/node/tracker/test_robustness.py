@@ -10,6 +10,7 @@ import pytest
 from geometry_msgs.msg import Point32, PointStamped, Polygon, PolygonStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from nodes import NEVER_OCCLUDED as QUICK
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
@@ -24,12 +25,6 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 
 # Set PF_TRACKER_CASES for a longer test.
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
 DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
 
 
@@ -46,7 +41,7 @@ def test_a_repeated_fault_is_logged_once(graph, client, images, box, capfd):
     client.show(images[0], client.at(0))
     short = client.message(images[0], client.at(1))
     short.data = array("B", bytes(5))
-    for _ in range(30):
+    for _ in range(10):
         assert client.send(short).level == "ERROR"
         assert client.show(images[0][:50], client.at(1)).level == "ERROR"
     client.show(images[1], client.at(2))
@@ -57,7 +52,7 @@ def test_a_repeated_fault_is_logged_once(graph, client, images, box, capfd):
 
 def test_many_refusals_do_not_fill_the_log(graph, client, images, capfd):
     graph.tracker(client, **QUICK)
-    for number in range(60):
+    for number in range(30):
         client.send_target([(number, number)])
         client.send_target([(1, 1), (1, 1), (1, 1)])
         reason = client.set_parameters(particles=-number).reason
@@ -97,7 +92,7 @@ def test_vanishing_weights_and_unbounded_boxes_are_survived(graph, client, image
     graph.tracker(client, target_box=box, **QUICK | wild)
     client.show(images[0], client.at(0))
     generator = np.random.default_rng(0)
-    for index in range(1, 40):
+    for index in range(1, 20):
         image = generator.integers(0, 255, images[0].shape, dtype=np.uint8) * (index % 3 > 0)
         status = client.show(image.astype(np.uint8), client.at(25 * index))
         assert status.values["frame"] == "tracked"
@@ -276,6 +271,7 @@ def calm():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [1, 3])
 def test_after_any_messages_in_any_order_the_next_target_is_tracked(
     graph, client, images, box, most
@@ -302,6 +298,7 @@ def test_after_any_messages_in_any_order_the_next_target_is_tracked(
     check()
 
 
+@pytest.mark.slow
 def test_any_parameter_values_keep_the_target(graph, client, images, box):
     graph.tracker(client, target_box=box, **QUICK)
     sender = Sender(client, images)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from nodes import corner
 from sensor_msgs.msg import Image
 
 MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable"}
@@ -16,10 +17,6 @@ def two(graph, client, walkers):
         client.point_at(box)
     client.show(images[0], client.at(0))
     return node
-
-
-def corner(message):
-    return message.polygon.points[0].x, message.polygon.points[0].y
 
 
 def stamps(client):

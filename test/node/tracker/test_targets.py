@@ -4,16 +4,10 @@ import math
 
 import pytest
 from geometry_msgs.msg import Point, PointStamped
+from nodes import NEVER_OCCLUDED as QUICK
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros import Tracker
-
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
 
 
 @pytest.fixture
@@ -41,20 +35,6 @@ def library(images, box):
     for image in images[1:]:
         estimate = tracker.update(image, 0.04)
     return estimate.box
-
-
-def test_a_target_drawn_on_a_past_frame_is_started_there_and_caught_up(
-    graph, client, images, boxes
-):
-    graph.tracker(client, **QUICK)
-    client.show_all(images[:8])
-    client.point_at(boxes[3], stamp=client.at(3))
-    status = client.show(images[8], client.at(8))
-    assert status.values["frame"] == "started"
-    box = client.box_at(client.at(8))
-    assert corners(box) == pytest.approx(library(images[3:9], boxes[3]), rel=1e-5)
-    assert corners(box) == pytest.approx(boxes[8], abs=5)
-    assert len(client.boxes) == 1
 
 
 def test_a_click_starts_on_the_square_around_it(graph, client, images, click):
@@ -93,18 +73,6 @@ def test_a_pause_skips_frames_and_keeps_the_target(graph, client, images, boxes)
     assert corners(client.box_at(client.at(1))) == pytest.approx(
         library(images[:2], boxes[0]), rel=1e-5
     )
-
-
-def test_a_target_can_be_drawn_on_an_image_of_a_pause(graph, client, images, boxes):
-    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
-    client.show(images[0], client.at(0))
-    assert client.ask(SetBool, "enable", data=False).success
-    late = client.at(0) + 100 * 10**9
-    client.show(images[1], late)
-    client.point_at(boxes[1], late)
-    assert client.ask(SetBool, "enable", data=True).success
-    status = client.show(images[1], late + 10**7)
-    assert (status.level, status.values["frame"]) == ("OK", "started")
 
 
 def test_services_work_before_the_first_image(graph, client, images, boxes):

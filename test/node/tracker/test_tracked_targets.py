@@ -12,7 +12,13 @@ from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 
 # The default maximum of `track`.
-MULTI_TARGET = {"max_targets": 32, "image_reliability": "reliable", "seed": 3}
+MULTI_TARGET = {
+    "max_targets": 32,
+    "image_reliability": "reliable",
+    "seed": 3,
+    "preset": "li2007",
+}
+GIVEN = ("--seed", "3", "--preset", "li2007")
 # Values that differ between runs.
 TIMES = {"processing_time_ms"}
 
@@ -91,7 +97,7 @@ def test_manual_targets_and_the_bag_equal_those_of_the_node(
     text = "".join(f"\n  - {{target_box: {list(box)}, frame: {n}}}" for box, n in entries)
     source.with_name("img.target.yaml").write_text(f"targets:{text}\n")
     output = source.parent / "out"
-    assert main([str(source), "--output", str(output), "--seed", "3", "--bag"]) == 0
+    assert main([str(source), "--output", str(output), *GIVEN, "--bag"]) == 0
     client, received = lockstep(output, images, entries)
     found = rows(output)
     assert_same(found, client, received["boxes"])
@@ -126,7 +132,7 @@ def test_real_footage_gives_the_same(lockstep, sequences_directory, tmp_path):
     boxes = [(340.5, 79.5, 87.5, 244.0), (570.25, 80.75, 68.0, 203.5), (181.0, 89.0, 76.0, 246.0)]
     given = [text for box in boxes for text in ("--box", ",".join(map(str, box)))]
     output = tmp_path / "out"
-    assert main([str(source), "--output", str(output), "--seed", "3", *given]) == 0
+    assert main([str(source), "--output", str(output), *GIVEN, *given]) == 0
     images = [frame.image for frame in open_recording(source).frames()]
     client, received = lockstep(output, images, [(box, 0) for box in boxes])
     found = rows(output)
@@ -152,7 +158,7 @@ def test_skipped_frames_are_the_same(connected_client, walkers, make_stamped, wr
     bag = write_bag(tmp_path / "bag", messages)
     output = tmp_path / "out"
     given = [text for box in boxes[0] for text in ("--box", ",".join(map(str, box)))]
-    arguments = [str(bag), "--output", str(output), "--seed", "3", "--as-recorded", *given]
+    arguments = [str(bag), "--output", str(output), *GIVEN, "--as-recorded", *given]
     assert main(arguments) == 0
     for box in boxes[0]:
         client.point_at(box, client.at(0))
@@ -174,8 +180,8 @@ def test_a_built_in_detector_gives_the_same(lockstep, write_sequence, monkeypatc
     images = [moving_block(number) for number in range(50)]
     source = write_sequence("block", images, np.zeros((50, 4))) / "img"
     output = tmp_path / "out"
-    given = ("--detector", "motion", "--detector-rate", "25", "--seed", "3")
-    assert main([str(source), "--output", str(output), *given]) == 0
+    given = ("--detector", "motion", "--detector-rate", "25")
+    assert main([str(source), "--output", str(output), *GIVEN, *given]) == 0
     take = DetectorThread.take
     # As on an idle machine.
     monkeypatch.setattr(DetectorThread, "take", lambda self, **_: take(self, wait=True))

@@ -6,17 +6,11 @@ from array import array
 
 import numpy as np
 import pytest
+from nodes import NEVER_OCCLUDED as QUICK
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.targets.track_manager import TrackManager
 
-# Few particles keep the tests quick; never occluded, so that each frame has a box.
-QUICK = {
-    "preset": "li2007",
-    "particles": 20,
-    "track__wrong_box_cost": 0.0,
-    "image_reliability": "reliable",
-}
 COVARIANCE = (("xx", "xy"), ("xy", "yy"))
 
 
@@ -74,16 +68,6 @@ def test_boxes_are_those_of_the_library_fed_with_the_same_frames(graph, client, 
         message = client.box_at(stamp)
         assert corners(message) == corners_of(expected_box)
         assert message.header.frame_id == "camera"
-
-
-def test_the_box_is_the_target_in_the_frame_that_starts_it(graph, client, images, box):
-    graph.tracker(client, **QUICK)
-    x, y, width, height = box
-    client.send_target([(x + width, y), (x, y + height), (x + 1, y + 1)])
-    status = client.show(images[0], client.at(0))
-    assert status.values["frame"] == "started"
-    assert float(status.values["confidence"]) == 1.0
-    assert corners(client.box_at(client.at(0))) == corners_of(box)
 
 
 def test_a_status_has_state_and_values_of_every_frame(graph, client, images, box):
@@ -151,22 +135,6 @@ def test_the_overlay_shows_the_image_while_there_is_no_target(graph, images):
     assert np.array_equal(drawn[40:], images[0][40:])
 
 
-def test_the_boxes_do_not_depend_on_the_encoding(graph, client, images, box):
-    graph.tracker(client, **QUICK)
-    layouts = {
-        "bgr8": images[:4],
-        "rgb8": np.ascontiguousarray(images[:4, ..., ::-1]),
-    }
-    boxes = []
-    for encoding, frames in layouts.items():
-        client.boxes.clear()
-        client.point_at(box)
-        client.show_all(frames, encoding)
-        boxes.append([corners(client.box_at(client.at(index))) for index in range(4)])
-        client.show(images[0], 1)
-    assert boxes[0] == boxes[1]
-
-
 def test_a_target_waits_for_the_frame_of_its_stamp(graph, client, images, box):
     graph.tracker(client, **QUICK)
     client.point_at(box, stamp=client.at(2))
@@ -176,22 +144,17 @@ def test_a_target_waits_for_the_frame_of_its_stamp(graph, client, images, box):
     assert seconds in statuses[0].message
 
 
-REFUSED_TARGETS = {
-    "no points": ([], "0 points"),
-    "one point": ([(10, 10)], "its polygon has 1 point;"),
-    "one point twice": ([(10, 10), (10, 10)], "0 x 0 px"),
-    "not a number": ([(10, 10), (math.nan, 30)], "not finite"),
-    "infinite": ([(10, 10), (math.inf, 30)], "not finite"),
-    "outside": ([(1000, 10), (1030, 30)], "outside the image"),
-    "larger than the image": ([(0, 0), (500, 400)], "larger than the image, 160 x 120"),
-    "smaller than a pixel": ([(10, 10), (10.5, 10.5)], "at least 1 px"),
-}
+# One refused by its message, and one by the image.
+REFUSED_TARGETS = (
+    ([(10, 10), (math.nan, 30)], "not finite"),
+    ([(1000, 10), (1030, 30)], "outside the image"),
+)
 
 
 def test_a_refused_target_has_a_reason_and_keeps_the_last_one(graph, client, images, box):
     graph.tracker(client, target_box=list(box), **QUICK)
     client.show(images[0], client.at(0))
-    for index, (points, reason) in enumerate(REFUSED_TARGETS.values(), start=1):
+    for index, (points, reason) in enumerate(REFUSED_TARGETS, start=1):
         client.send_target(points)
         status = client.show(images[index], client.at(index))
         assert status.level == "WARN"
@@ -215,21 +178,10 @@ def malformed(client, image, stamp):
             setattr(message, name, value)
         return message
 
-    height, width = image.shape[:2]
-    yield changed(data=array("B")), "data has 0 bytes"
     yield changed(data=array("B", bytes(10))), "data has 10 bytes"
-    yield changed(width=0, height=0), "width is 0 px"
-    yield changed(height=0), "height is 0 px"
-    yield changed(step=0), "step is 0 bytes"
-    yield changed(step=3 * width - 1), f"step is {3 * width - 1} bytes"
-    yield changed(height=height + 1), f"data has {3 * width * height} bytes"
     yield changed(width=2**32 - 1, step=2**32 - 1), "width is 4294967295 px"
-    yield changed(height=2**32 - 1), "height is 4294967295 px"
-    yield changed("mono16"), "start a target on these images"
     yield changed("yuv_from_mars"), "encoding is 'yuv_from_mars'; allowed: bgr8"
-    yield changed(""), "encoding is ''"
-    yield client.message(image[: height // 2], stamp), "start a target on these images"
-    yield client.message(image[:1, :1], stamp), "start a target on these images"
+    yield client.message(image[:60], stamp), "start a target on these images"
 
 
 def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, client, images, box):
@@ -249,19 +201,6 @@ def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, c
     assert corners(client.box_at(client.at(1))) == corners_of(expected[1])
 
 
-def test_a_duplicate_frame_has_two_statuses_and_is_tracked_once(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
-    client.show(images[0], client.at(0))
-    first = client.show(images[1], client.at(1))
-    again = client.show(images[1], client.at(1))
-    assert (first.values["frame"], again.values["frame"]) == ("tracked", "duplicate")
-    assert (again.values["state"], again.values["last_state"]) == ("skipped", "tracking")
-    assert "confidence" not in again.values
-    client.show(images[2], client.at(2))
-    client.box_at(client.at(2))
-    assert len(client.boxes) == 3
-
-
 def test_a_best_effort_camera_is_tracked_by_default(graph, images, box):
     client = graph.client(reliability="BEST_EFFORT")
     graph.tracker(client, target_box=list(box))
@@ -275,12 +214,6 @@ def test_a_best_effort_camera_is_tracked_by_default(graph, images, box):
         return "started" in frames and frames.count("tracked") >= 3
 
     client.wait_for(tracked, "tracked frames")
-
-
-def test_a_status_has_the_namespace_of_the_node(graph, images):
-    client = graph.client(namespace="/left")
-    graph.tracker(client, namespace="/left", **QUICK)
-    assert client.show(images[0], client.at(0)).name == "/left/pf_tracker"
 
 
 def test_after_an_unexpected_error_the_next_frame_is_tracked(

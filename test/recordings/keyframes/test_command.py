@@ -18,7 +18,7 @@ from pf_tracker_ros.recordings.keyframes.tracking import track_between_keyframes
 from pf_tracker_ros.recordings.recording import RecordedFrame
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-QUICK = ("--parameter", "particles=60")
+QUICK = ("--preset", "li2007")
 LAST = 19
 
 
