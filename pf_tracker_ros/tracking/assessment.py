@@ -17,7 +17,7 @@ Over time, the confidence falls at once and rises by exponential smoothing. Stat
 hear the cues that recognize objects like the target (`recognition_odds`), while doubt and learning
 remain with the evidence above.
 
-`benchmarks/uncertainty.py` fits the coefficients to any footage.
+`benchmarks/uncertainty.py` measures how true it is on any footage.
 
 For one's own footage, a confidence c with the log odds x = log(c / (1 - c)) is reported as
 1 / (1 + exp(-(a x + b))), with a scale a > 0 and an offset b. The map keeps the order, so it does

@@ -21,7 +21,7 @@ from pf_tracker_ros.registry import Registry
 class Calibration:
     """Conversion of a filter's responses to similarity and log odds of the target.
 
-    The values are fitted by `benchmarks/uncertainty.py`. A level is a response / the response to
+    `benchmarks/uncertainty.py` measures what they are worth. A level is a response / the response to
     the last training window.
 
     Attributes:
