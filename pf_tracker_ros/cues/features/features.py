@@ -21,8 +21,8 @@ from pf_tracker_ros.registry import Registry
 class Calibration:
     """Conversion of a filter's responses to similarity and log odds of the target.
 
-    `benchmarks/uncertainty.py` measures what they are worth. A level is a response / the response to
-    the last training window.
+    `benchmarks/uncertainty.py` measures what they are worth. A level is a response / the response
+    to the last training window.
 
     Attributes:
         even_clutter: Standard deviation of the response map / its peak, at similarity 1/2.
