@@ -54,7 +54,7 @@ _MIN_COLOR_DIFFERENCE = 2.0
 # How fast the log likelihood falls with a falling response.
 _SHARPNESS = 100.0
 # Largest shift, cells, and relative growth of a window that serves for training at another box.
-_LARGEST_SHIFT, _LARGEST_GROWTH = 1.0, 0.02
+_LARGEST_SHIFT, _LARGEST_GROWTH = 1.0, 0.03
 # Side of the window of the coarse response, box sizes.
 _COARSE_WINDOW = 2.5
 
@@ -147,6 +147,7 @@ class CorrelationResponse(SearchableCue):
         training_interval: Frames from one training to the next.
         settling_frames: Number of first frames that are all trained with; over these, the memory
             grows to its full weight.
+        reuses_windows: Whether, after these, windows that the frame was read in serve for training.
     """
 
     def __init__(
@@ -158,6 +159,7 @@ class CorrelationResponse(SearchableCue):
         memory: float = 300.0,
         training_interval: int = 3,
         settling_frames: int = 25,
+        reuses_windows: bool = True,
     ) -> None:
         self._features = FEATURES.make(
             parameters.features, parameters.of_features[parameters.features]
@@ -171,6 +173,7 @@ class CorrelationResponse(SearchableCue):
         self._interval = training_interval
         self._settling = settling_frames
         self._memory = memory
+        self._reuses_windows = reuses_windows
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> CorrelationTemplate:
         """See `Cue.learn`."""
@@ -317,7 +320,8 @@ class CorrelationResponse(SearchableCue):
             return counted
         region, box = observation
         patch = self._patch(region, box)
-        spectrum = self._moved_window(region, patch, template) if settled == 1.0 else None
+        is_reused = self._reuses_windows and settled == 1.0
+        spectrum = self._moved_window(region, patch, template) if is_reused else None
         if spectrum is None:
             (spectrum,) = self._spectra([patch], template.colored)
         memory = settled * self._memory / interval
@@ -330,12 +334,12 @@ class CorrelationResponse(SearchableCue):
     ) -> Spectrum | None:
         """Spectrum of a patch from a window of the frame; None where they are too different."""
         windows = self._windows(region, template.colored)
-        side = math.sqrt(windows.sides[0] * windows.sides[-1])
+        # In turns, so that the sizes of the windows cancel out.
+        number = template.frames // self._interval % len(windows.sides)
+        side = windows.sides[number]
         shift = (patch.center - windows.center) * (self._cells / side)
         if np.abs(shift).max() > _LARGEST_SHIFT or abs(patch.side / side - 1.0) > _LARGEST_GROWTH:
             return None
-        # In turns, so that the sizes of the windows cancel out.
-        number = template.frames // self._interval % len(windows.sides)
         return shifted(windows.spectra[number], shift)
 
     def _spectra(self, patches: Sequence[Patch], colored: bool) -> Spectrum:
@@ -404,4 +408,4 @@ class CoarseCorrelationResponse(CorrelationResponse):
         windowed = CorrelationResponseParameters(
             features=parameters.features, of_features=parameters.of_features, window=_COARSE_WINDOW
         )
-        super().__init__(windowed, cells=24, size_span=1.1, settling_frames=1)
+        super().__init__(windowed, cells=24, size_span=1.1, settling_frames=1, reuses_windows=False)

@@ -234,7 +234,7 @@ def test_each_of_the_first_blends_trains_with_decreasing_effect(template):
 
 
 def test_a_window_of_the_frame_serves_for_training_near_it_and_no_other(template, monkeypatch):
-    """Within a cell and 2 % of the size; read anew elsewhere, and for the first 25 frames."""
+    """Within a cell and 3 % of the size; read anew elsewhere, and for the first 25 frames."""
     reads = []
     read = CorrelationResponse._spectra
 
