@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,11 +11,16 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation.sequences import read_sequences
 
 BOXES = json.loads((Path(__file__).parent / "paper_presets.json").read_text())
-# Another processor rounds otherwise.
+# Pixels.
 TOLERANCE = 1e-3
+# Measured with the kernels for AVX-512 and AVX2; those of older processors differ after occlusions.
+is_alike = pytest.mark.skipif(
+    not cv2.checkHardwareSupport(cv2.CPU_AVX2), reason="this processor rounds otherwise"
+)
 
 
 @pytest.mark.slow
+@is_alike
 @pytest.mark.parametrize("name", BOXES)
 def test_a_preset_of_a_paper_gives_the_same_boxes(name, sequences_directory):
     preset, sequence = name.split(" ")
