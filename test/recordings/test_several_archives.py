@@ -96,7 +96,8 @@ def test_an_archive_is_labeled_from_the_detections_beside_its_recordings(
     track, rows, detected_archive, library, tmp_path
 ):
     output = detected_archive / "boxes"
-    given = ("--archive", detected_archive, "--output", output, "--detections")
+    given = ("--archive", detected_archive, "--output", output, "--preset", "li2007")
+    given = (*given, "--detections")
     code, said, _ = track(*given, "--dry-run")
     assert code == 0
     lines = said.splitlines()
@@ -122,7 +123,8 @@ def test_an_archive_is_labeled_from_the_detections_beside_its_recordings(
         for number, file in enumerate(([], [detected_archive / f"{name}.detections.csv"])):
             alone = tmp_path / f"{numbers[0]}_{number}"
             source = detected_archive / name
-            assert track(source, "--output", alone, "--detections", *file)[0] == 0
+            single = (source, "--output", alone, "--preset", "li2007", "--detections")
+            assert track(*single, *file)[0] == 0
             found = (output / name / "boxes.csv").read_bytes()
             assert found == (alone / "boxes.csv").read_bytes()
 
@@ -167,6 +169,7 @@ def test_an_archive_of_bags_takes_detections_of_a_topic(
     (archive / "sequence" / "groundtruth.txt").write_text("1,2,30,40\n")
     output = archive / "boxes"
     given = ("--archive", archive, "--output", output, "--detections-topic", "/found", "--bag")
+    given = (*given, "--preset", "li2007")
     code, said, errors = track(*given)
     assert code == 1
     assert "2 recordings: 1 tracked, 0 up to date, 1 failed" in said
