@@ -355,7 +355,7 @@ class CorrelationResponse(SearchableCue):
         pixels = self._features.cell_size * self._cells
         return np.concatenate(
             [
-                read_window(frame, center, np.array([side, side]), pixels, gray)[None]
+                read_window(frame, center, np.full(2, side), pixels, gray)[None]
                 for frame, center, side in patches
             ]
         )

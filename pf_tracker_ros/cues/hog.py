@@ -82,8 +82,7 @@ class Hog(Cue):
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> NDArray[np.float64]:
         """See `Cue.learn`; source: Zhang et al. 2015, section 2."""
-        cells = self._cells(region, box[None])
-        descriptor = _corners(cells) * _inverse_lengths(cells)[..., None]
+        descriptor = normalized_blocks(self._cells(region, box[None]))
         total = descriptor.sum(dtype=np.float64)
         return descriptor[..., 0, :] / np.float64(total if total > 0.0 else 1.0)
 
@@ -176,6 +175,15 @@ def _interpolated(
     upper = above + (above_right - above) * right
     lower = below + (below_right - below) * right
     return upper + (lower - upper) * down
+
+
+def normalized_blocks(cells: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(4, blocks down, blocks across, N, bins) the cells of each block, scaled to its unit length.
+
+    Args:
+        cells: (cells down, cells across, N, bins) sums of gradient magnitude in N boxes.
+    """
+    return _corners(cells) * _inverse_lengths(cells)[..., None]
 
 
 def _corners(values: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -273,13 +273,6 @@ def _thumbnail(image: NDArray[np.generic]) -> Thumbnail:
     return means if means.ndim == 2 else means.mean(axis=2)
 
 
-def _median(values: NDArray[np.floating]) -> NDArray[np.floating]:
-    """The median along the last axis, at a fifth of the calls of `numpy.median`."""
-    ordered, count = np.sort(values), values.shape[-1]
-    middle: NDArray[np.floating] = (ordered[..., (count - 1) // 2] + ordered[..., count // 2]) / 2
-    return middle
-
-
 def _change(before: Thumbnail, now: Thumbnail) -> float:
     """Brightness of `now` relative to `before`; 1 if one factor does not explain the change."""
     darkest, brightest = np.minimum(before, now), np.maximum(before, now)
@@ -288,14 +281,14 @@ def _change(before: Thumbnail, now: Thumbnail) -> float:
         return 1.0
     logs = np.log([before[is_reliable], now[is_reliable]])
     log_ratio = logs[1] - logs[0]
-    change = float(_median(log_ratio))
+    change = float(np.median(log_ratio))
     if abs(change) < _MIN_CHANGE:
         return 1.0
-    unexplained = _median(np.abs(log_ratio - change))
+    unexplained = np.median(np.abs(log_ratio - change))
     # Of a uniform image, such as a covered lens, every factor explains everything.
-    contrast = _median(np.abs(logs - _median(logs)[:, None])).min()
+    contrast = np.median(np.abs(logs - np.median(logs, axis=1, keepdims=True)), axis=1).min()
     allowed = min(
-        _MAX_UNEXPLAINED * _median(np.abs(log_ratio)), _MAX_UNEXPLAINED_CONTRAST * contrast
+        _MAX_UNEXPLAINED * np.median(np.abs(log_ratio)), _MAX_UNEXPLAINED_CONTRAST * contrast
     )
     if unexplained > allowed:
         return 1.0

@@ -77,8 +77,6 @@ class DistractorManager:
             has_detections: Whether a detector saw the frame; then no distractor begins, since the
                 detections show what there is.
         """
-        if not any(_may_have_candidate(track) for track in track_set.tracks):
-            return track_set
         tracks = [_with_candidate(track, interval) for track in track_set.tracks]
         if has_detections:
             return replace(track_set, tracks=tuple(tracks))
@@ -142,10 +140,6 @@ class DistractorManager:
             distractor.filter_state, as_box(distractor.predicted_box)
         )
         return replace(distractor, filter_state=filter_state)
-
-
-def _may_have_candidate(track: Track) -> bool:
-    return not (track.filter_state.distractor_box is None and track.distractor_candidate is None)
 
 
 def _with_candidate(track: Track, interval: float) -> Track:

@@ -6,7 +6,6 @@ motion model, each target is relearned in the frame and at the box where it was 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -135,7 +134,7 @@ def resized(
     for track in track_set.ended_tracks:
         state = track.filter_state
         box = scaled_box(state.estimate.box, before, after)
-        state = replace(state, estimate=dataclasses.replace(state.estimate, box=box))
+        state = replace(state, estimate=replace(state.estimate, box=box))
         ended.append(replace(_scaled(track, factors), filter_state=state))
     return replace(track_set, tracks=tuple(tracks), ended_tracks=tuple(ended)), scaled
 

@@ -26,9 +26,7 @@ from pf_tracker_ros.boxes import Box, as_box, pairwise_coverage, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.external_likelihoods import (
-    external_likelihood,
-)
+from pf_tracker_ros.targets.external_likelihoods import external_likelihood
 from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import FramePrediction
@@ -260,11 +258,7 @@ class Updater:
             likelihood = None
             if len(boxes) or not is_alone:
                 likelihood = external_likelihood(
-                    track,
-                    detection,
-                    boxes,
-                    covered,
-                    is_alone=is_alone,
+                    track, detection, boxes, covered, is_alone=is_alone
                 )
             stepped = self._target_filter.step(
                 frame_prediction,

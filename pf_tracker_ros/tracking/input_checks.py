@@ -48,8 +48,6 @@ def check_interval(interval: float) -> float:
     Raises:
         ValueError: Not a finite number of at least 0.
     """
-    if type(interval) is float and 0.0 <= interval < math.inf:
-        return interval
     seconds = _numbers(interval)
     if seconds is None or seconds.shape != () or not 0.0 <= seconds < math.inf:
         raise ValueError(f"dt is {interval!r}; allowed: a finite number of seconds from 0 up")
@@ -79,8 +77,6 @@ def check_share(share: float) -> float:
     Raises:
         ValueError: Not a number from 0 to 1.
     """
-    if type(share) is float and 0.0 <= share <= 1.0:
-        return share
     value = _numbers(share)
     if value is None or value.shape != () or not 0.0 <= value <= 1.0:
         raise ValueError(f"the covered share is {share!r}; allowed: a number from 0 to 1")

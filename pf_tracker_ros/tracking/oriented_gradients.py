@@ -16,17 +16,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.hog import direction_table
+from pf_tracker_ros.cues.hog import direction_table, normalized_blocks
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.region import paired_differences, read_window
 
-# Cells along each side of a box, pixels along each side of a cell, direction bins.
-_CELLS, _CELL_PIXELS, _BINS = 6, 6, 9
+BINS = 9
+"""Direction bins over 180 degrees."""
+# Cells along each side of a box, pixels along each side of a cell.
+_CELLS, _CELL_PIXELS = 6, 6
 _SIDE = _CELLS * _CELL_PIXELS
 # Pixels around the box that smoothing and derivatives read.
 _MARGIN = 2
-# Computed in advance: it takes the time of several frames.
-_TABLE = direction_table(_BINS)
 
 
 def gradient_descriptors(frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -45,24 +45,11 @@ def gradient_descriptors(frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np
     differences = paired_differences(cv2.GaussianBlur(column, (3, 3), 0.0))
     inside = slice(_MARGIN, -_MARGIN)
     differences = differences.reshape(count, side, side)[:, inside, inside]
-    magnitudes = _TABLE.take(differences.astype(np.intp), axis=0)
+    magnitudes = direction_table(BINS).take(differences.astype(np.intp), axis=0)
     rows = magnitudes.reshape(count * _CELLS, _CELL_PIXELS, -1).sum(axis=1, dtype=np.uint16)
-    rows = rows.reshape(count, _CELLS, _CELLS, _CELL_PIXELS, _BINS)
+    rows = rows.reshape(count, _CELLS, _CELLS, _CELL_PIXELS, BINS)
     cells = rows.sum(axis=3, dtype=np.int32).astype(np.float32)
-    descriptors = _blocks(cells)
+    blocks = normalized_blocks(np.moveaxis(cells, 0, 2))
+    descriptors = np.moveaxis(blocks, 3, 0).reshape(count, -1)
     total = descriptors.sum(axis=1, keepdims=True)
     return np.sqrt(descriptors / np.where(total > 0.0, total, 1.0))
-
-
-def _blocks(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(K, D) cells of all blocks, each block of unit length; of (K, cells, cells, bins) sums."""
-    last = _CELLS - 1
-    corners = [(down, across) for down in (0, 1) for across in (0, 1)]
-    energy = np.einsum("kyxb,kyxb->kyx", cells, cells)
-    squared = sum(energy[:, down : down + last, across : across + last] for down, across in corners)
-    length = np.sqrt(np.where(squared > 0.0, squared, 1.0))[..., None]
-    blocks = np.empty((len(cells), len(corners), last, last, _BINS), np.float32)
-    for number, (down, across) in enumerate(corners):
-        cell = cells[:, down : down + last, across : across + last]
-        np.divide(cell, length, out=blocks[:, number])
-    return blocks.reshape(len(cells), -1)

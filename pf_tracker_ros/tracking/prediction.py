@@ -13,7 +13,6 @@ Proposals that read the image are drawn later, by `SearchingMeasurer`.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -113,4 +112,4 @@ def _reinitialized(state: FilterState) -> KalmanFilter:
     initial = cast(KalmanFilteredMotion, state.motion).kalman_filter()
     mean = initial.belief.mean.copy()
     mean[: len(state.particles.mean)] = state.particles.mean
-    return replace(initial, belief=dataclasses.replace(initial.belief, mean=mean))
+    return replace(initial, belief=replace(initial.belief, mean=mean))

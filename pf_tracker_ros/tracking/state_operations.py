@@ -8,7 +8,6 @@ a `FilterState` and returns another one.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from functools import partial
 from typing import cast
@@ -189,7 +188,7 @@ class StateOperations:
         kalman_filter = self._initializer.kalman_filter(motion)
         if kalman_filter and state.kalman_filter:
             belief = state.kalman_filter.belief
-            belief = dataclasses.replace(belief, mean=move(belief.mean[None])[0])
+            belief = replace(belief, mean=move(belief.mean[None])[0])
             kalman_filter = replace(kalman_filter, belief=belief)
         boxes = estimate.particle_boxes + np.hstack([shift, 0.0, 0.0])
         return replace(
@@ -199,7 +198,7 @@ class StateOperations:
             kalman_filter=kalman_filter,
             particles=state.particles.move(move(state.particles.states)),
             last_seen_box=box if state.status.state == "tracking" else state.last_seen_box,
-            estimate=dataclasses.replace(estimate, box=box, particle_boxes=boxes),
+            estimate=replace(estimate, box=box, particle_boxes=boxes),
         )
 
     def relearn(self, state: FilterState, frame: Frame) -> FilterState:

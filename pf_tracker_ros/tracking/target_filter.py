@@ -31,6 +31,7 @@ from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.cues.fusion import Templates
+from pf_tracker_ros.cues.hog import direction_table
 from pf_tracker_ros.filter import KalmanFilter, ParticleSet, build_resampler
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
@@ -48,6 +49,7 @@ from pf_tracker_ros.tracking.measurement import (
     SearchingMeasurer,
 )
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
+from pf_tracker_ros.tracking.oriented_gradients import BINS
 from pf_tracker_ros.tracking.parameters import TrackerParameters, check_proposal
 from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
 from pf_tracker_ros.tracking.redetection import Candidate, Redetector
@@ -134,6 +136,8 @@ class TargetFilter:
             self._calibration,
         )
         self._resampler = build_resampler(parameters.resampling)
+        # In advance: it takes the time of several frames.
+        direction_table(BINS)
 
     @property
     def needs_foreground(self) -> bool:

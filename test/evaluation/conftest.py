@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common import run_command
 
 import pf_tracker_ros
 from pf_tracker_ros.evaluation.__main__ import main
@@ -23,12 +24,7 @@ def evaluate(tmp_path, monkeypatch, capsys):
 
     def run(*arguments):
         monkeypatch.chdir(tmp_path)
-        try:
-            code = main([str(argument) for argument in arguments])
-        except SystemExit as ended:
-            code = ended.code
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
+        return run_command(main, arguments, capsys)
 
     return run
 

@@ -12,6 +12,16 @@ from pf_tracker_ros.frames import Frame, Region
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
 
 
+def run_command(main, arguments, capsys):
+    """Runs a command in this process; its exit code, output and errors."""
+    try:
+        code = main([str(argument) for argument in arguments])
+    except SystemExit as ended:
+        code = ended.code
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
 def texture(seed, height, width, low=0, high=256, *, cell=6):
     """(height, width, 3) uint8: cells of random values, smoothed."""
     shape = (height // cell + 1, width // cell + 1, 3)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from common import QUICK
+from common import QUICK, run_command
 
 import pf_tracker_ros
 from pf_tracker_ros import Detections
@@ -52,12 +52,7 @@ def track(capsys):
     """Runs the command in this process; returns its exit code, output and errors."""
 
     def run(*arguments):
-        try:
-            code = main([str(argument) for argument in arguments])
-        except SystemExit as ended:
-            code = ended.code
-        printed = capsys.readouterr()
-        return code, printed.out, printed.err
+        return run_command(main, arguments, capsys)
 
     return run
 
