@@ -27,8 +27,8 @@ from pf_tracker_ros.ros_domains import unused_domain
 pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
-# What is slow and rarely breaks: `make test` leaves these folders and files to `make test-all`.
-# `.ci/run` names the parts that they test.
+# What is slow and rarely breaks: `make test` leaves these folders and files, and all that runs in a
+# browser, to `make test-all`. `.ci/run` names the parts that they test.
 SLOW = (
     "benchmarks",
     "decoding/test_hostile_compressed_images.py",
@@ -49,6 +49,7 @@ SLOW = (
     "scenes",
     "test_tunables.py",
     "tracking/test_gray_recovery.py",
+    "tools/test_make_vision_msgs.py",
     "tracking/test_honesty.py",
     "tuning",
 )
@@ -69,10 +70,11 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
 def pytest_collection_modifyitems(items):
-    """Mark the slow folders and files."""
+    """Mark what is slow."""
     slow = [REPOSITORY / "test" / path for path in SLOW]
     for item in items:
-        if any(item.path.is_relative_to(path) for path in slow):
+        runs_browser = not {"browser", "browse"}.isdisjoint(item.fixturenames)
+        if runs_browser or any(item.path.is_relative_to(path) for path in slow):
             item.add_marker("slow")
 
 

@@ -26,24 +26,26 @@ WINDOWS = 77
 PLACES = [(250.0, 120.0), (290.0, 40.0), (40.0, 170.0)]
 
 
-@pytest.fixture(params=PLACES)
-def returning(draw, request):
-    """A target that is absent for 3 s, then elsewhere; by the number of standing others."""
+@pytest.fixture
+def returning(draw):
+    """A target that is absent for 3 s, then at a place; by the number of standing others."""
 
-    def drawn(others):
+    def drawn(place, others):
         steps = np.arange(RETURNS + WINDOWS + 1)
         path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
         path[LEAVES:RETURNS] = np.nan
-        path[RETURNS:] = request.param
+        path[RETURNS:] = place
         stands = np.stack([150.0 + 0 * steps, 40.0 + 0 * steps], 1)
         return draw([path, *[stands] * others])
 
     return drawn
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_lost_target_is_soon_found_anywhere_in_the_image(returning, make_tracker, iou, seed):
-    drawn = returning(others=1)
+@pytest.mark.parametrize(("seed", "place"), enumerate(PLACES))
+def test_a_lost_target_is_soon_found_anywhere_in_the_image(
+    returning, make_tracker, iou, seed, place
+):
+    drawn = returning(place, others=1)
     boxes = last_boxes(make_tracker(seed), drawn, SOON + 1)
     assert all(iou(drawn.boxes[0][0], box) > 0.5 for box, _ in boxes[: LEAVES - 1])
     assert iou(drawn.boxes[SOON][0], boxes[-1][0]) > 0.5
@@ -51,16 +53,18 @@ def test_a_lost_target_is_soon_found_anywhere_in_the_image(returning, make_track
 
 
 def test_without_redetection_it_stays_lost(returning, make_tracker, iou):
-    drawn = returning(others=1)
+    drawn = returning(PLACES[0], others=1)
     tracker = make_tracker(redetection__windows=0)
     boxes = last_boxes(tracker, drawn, len(drawn.images))
     assert all(iou(drawn.boxes[-1][0], box) == 0.0 for box, _ in boxes[RETURNS - 1 :])
     assert [target.estimate.state for target in tracker.targets] == ["lost", "tracking"]
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_single_target_is_found_once_all_windows_are_searched(returning, make_tracker, iou, seed):
-    drawn = returning(others=0)
+@pytest.mark.parametrize(("seed", "place"), enumerate(PLACES))
+def test_a_single_target_is_found_once_all_windows_are_searched(
+    returning, make_tracker, iou, seed, place
+):
+    drawn = returning(place, others=0)
     tracker = make_tracker(seed)
     ((box,),) = last_boxes(tracker, drawn, len(drawn.images))[-1:]
     assert iou(drawn.boxes[-1][0], box) > 0.5

@@ -15,7 +15,7 @@ from pf_tracker_ros.tracking import redetection
 from pf_tracker_ros.tracking.redetection import Candidate, Redetector, window_centers
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(
     st.tuples(st.integers(8, 200), st.integers(8, 200)),
     st.tuples(*[st.floats(0.0, 1.0)] * 4),

@@ -75,7 +75,9 @@ class Progress:
         self._tracked = tracked
 
     def finish(self, text: str, results: WrittenFiles) -> None:
-        """Take the outcome; with a report, wait until no page is open.
+        """Take the outcome, and let the page that just began to look on see it.
+
+        With a report, wait until no page is open.
 
         Args:
             text: How it went.
@@ -87,7 +89,7 @@ class Progress:
             "files": [[path.name, address] for path, address in addresses.items()],
             "report": addresses[results.report] if results.report else None,
         }
-        if results.report and self._had_page.wait(_GONE_AFTER):
+        if self._had_page.wait(_GONE_AFTER) and results.report:
             self._has_ended.wait()
 
     def stop(self) -> None:
