@@ -39,7 +39,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.boxes import Box, as_box, is_truncated
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
@@ -179,9 +179,8 @@ _LOOKS_ODDS_SLOPE = 0.65
 # Log odds of a perfect recognition, the log odds of a rival below which the target may have been
 # confused with it, and the confidence from which on it has not been.
 _RECOGNITION_ODDS, _CONFUSED_BELOW, _SURELY_SEEN = 1.6, -2.0, 0.8
-# Seconds after which another look at the same place is a chance of its own to be wrong, and the
-# factor of looks after a target has left the image, since it may be nowhere in it.
-_INDEPENDENT_AFTER, _LOOKS_AFTER_LEAVING = 0.5, 3.0
+# Seconds after which another look at the same place is a chance of its own to be wrong.
+_INDEPENDENT_AFTER = 0.5
 
 
 class AssessedBox(NamedTuple):
@@ -253,7 +252,7 @@ class Confidence:
             "spread": -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD),
             "exemplars": _SIMILARITY_ODDS_SLOPE * (similarity - _NEUTRAL_SIMILARITY),
             "rival": _SHARE_ODDS_SLOPE * math.log(share),
-            "looks": -_LOOKS_ODDS_SLOPE * math.log(_looks(state, assessed)),
+            "looks": -_LOOKS_ODDS_SLOPE * math.log1p(state.status.hidden_for / _INDEPENDENT_AFTER),
         }
 
     def update(self, before: float, now: float) -> float:
@@ -270,16 +269,6 @@ class Confidence:
 
 def _with_odds_times(probability: float, factor: float) -> float:
     return factor * probability / (1.0 - probability + factor * probability)
-
-
-def _looks(state: FilterState, assessed: AssessedBox) -> float:
-    """Number of looks since the target went out of sight, at least 1."""
-    hidden_for, size = state.status.hidden_for, assessed.frame.size
-    if hidden_for == 0.0:
-        return 1.0
-    has_left = is_truncated(np.array(state.last_seen_box), size)
-    factor = _LOOKS_AFTER_LEAVING if has_left and not is_truncated(assessed.box, size) else 1.0
-    return factor * (1.0 + hidden_for / _INDEPENDENT_AFTER)
 
 
 def worst_rival(before: float, odds: Mapping[str, float], confidence: float) -> float:

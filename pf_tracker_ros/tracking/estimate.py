@@ -192,8 +192,8 @@ DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
 
 # Seconds on probation after a target was lost.
 _PROBATION = 2.0
-# Seconds out of sight after which more count no more.
-_LONGEST_HIDDEN = 50.0
+# Seconds out of sight after which more count no more: the search sees the same places again.
+_LONGEST_HIDDEN = 5.0
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ class TrackStatus(NamedTuple):
         state: As in `Estimate.state`.
         time_since_seen: Seconds since the target was last seen, 0 while tracking.
         probation: Seconds left on probation after the target was lost; templates are frozen.
-        hidden_for: Seconds for which it has not been tracked, at most 50, whatever was similar in
+        hidden_for: Seconds for which it has not been tracked, at most 5, whatever was similar in
             them; those for which it has been since are subtracted.
         reacquired_for: See `Estimate.reacquired_for`.
     """

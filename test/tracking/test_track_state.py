@@ -90,4 +90,4 @@ def test_the_times_out_of_sight_and_since_the_target_was_found_again():
 def test_after_a_long_time_out_of_sight_more_counts_no_more():
     """A pause of an hour is no hour of debt."""
     hidden = TrackStatus().advance(0.0, 0.0, 3600.0, THRESHOLDS)
-    assert hidden.hidden_for == 50.0
+    assert hidden.hidden_for == 5.0
