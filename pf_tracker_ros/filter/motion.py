@@ -31,6 +31,8 @@ from pf_tracker_ros.registry import Registry
 
 # Smaller boxes hold too few pixels to tell a target from its surroundings.
 SMALLEST_SIDE = 6.0
+# Of the image's: who stands before a robot does not fit into it.
+_LARGEST_SIDE = 1.5
 # Seconds in one step of a discrete equation of motion.
 MODEL_STEP = 0.04
 # Maximum number of steps in one prediction: a divergent model would overflow with more.
@@ -61,10 +63,12 @@ def limit_sizes(
 ) -> NDArray[np.float64]:
     """(N, 2) sizes, limited.
 
-    A side is at least the smaller of `SMALLEST_SIDE` and the first side, at most that of the image.
+    A side is at least the smaller of `SMALLEST_SIDE` and the first side, at most 1.5 times that of
+    the image.
     """
     smallest = np.minimum(SMALLEST_SIDE, first_size)
-    return np.minimum(np.maximum(sizes, smallest), np.maximum(image_size, smallest))
+    largest = _LARGEST_SIDE * np.asarray(image_size)
+    return np.minimum(np.maximum(sizes, smallest), np.maximum(largest, smallest))
 
 
 # Standard deviation of the prior's position in box sizes: the accuracy of a drawn or detected box.

@@ -161,7 +161,7 @@ def test_both_boxes_stay_limited_with_divergent_coefficients_after_an_hour():
     assert np.isfinite(states).all()
     boxes = states.reshape(-1, 4)
     assert (boxes >= [0.0, 0.0, 6.0, 6.0]).all()
-    assert (boxes <= [160.0, 90.0, 160.0, 90.0]).all()
+    assert (boxes <= [160.0, 90.0, 1.5 * 160.0, 1.5 * 90.0]).all()
 
 
 def test_the_kalman_filter_predicts_by_equation_7():

@@ -90,11 +90,11 @@ def test_without_noise_the_center_prior_still_has_a_standard_deviation():
     assert (std > 0.0).all()
 
 
-def test_sizes_neither_collapse_nor_outgrow_the_image():
+def test_sizes_neither_collapse_nor_grow_far_beyond_the_image():
     motion = ConstantVelocityAndSize(BOX, ConstantVelocityAndSizeParameters())
     states = np.array([[80.0, 45.0, 0.0, 0.0, 1e-9, 1e9]])
     constrained = motion.constrain(states, (160, 90))
-    np.testing.assert_allclose(constrained[0, 4:], [SMALLEST_SIDE, 90.0])
+    np.testing.assert_allclose(constrained[0, 4:], [SMALLEST_SIDE, 1.5 * 90.0])
 
 
 def test_a_target_smaller_than_the_smallest_side_keeps_its_size():
