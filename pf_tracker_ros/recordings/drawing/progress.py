@@ -75,9 +75,9 @@ class Progress:
         self._tracked = tracked
 
     def finish(self, text: str, results: WrittenFiles) -> None:
-        """Take the outcome, and let the page that just began to look on see it.
+        """Take the outcome, and wait until no page looks on.
 
-        With a report, wait until no page is open.
+        Without a report, a page looks on until it has the outcome, two seconds at most.
 
         Args:
             text: How it went.
@@ -89,8 +89,8 @@ class Progress:
             "files": [[path.name, address] for path, address in addresses.items()],
             "report": addresses[results.report] if results.report else None,
         }
-        if self._had_page.wait(_GONE_AFTER) and results.report:
-            self._has_ended.wait()
+        if self._had_page.wait(_GONE_AFTER):
+            self._has_ended.wait(None if results.report else _GONE_AFTER)
 
     def stop(self) -> None:
         """End the streams."""
@@ -115,7 +115,9 @@ class Progress:
             pass
         finally:
             self._pages -= 1
-            asyncio.get_running_loop().call_later(_GONE_AFTER, self._end_without_pages)
+            is_over = self._outcome is not None and self._outcome["report"] is None
+            delay = 0.0 if is_over else _GONE_AFTER
+            asyncio.get_running_loop().call_later(delay, self._end_without_pages)
         return response
 
     async def on_picture(self, request: web.Request) -> web.Response:

@@ -140,17 +140,17 @@ function watch() {
   at("progress").hidden = false;
   overlay.setAttribute("hidden", "");
   const events = new EventSource("/progress");
-  let shown = null;
+  let shown = null, picture = null;
   events.addEventListener("message", (event) => {
     const now = JSON.parse(event.data);
-    if (now.files) return finish(events, now);
+    if (now.files) return finish(events, now, picture);
     if (now.frame === null || now.frame === shown) return;
     shown = now.frame;
     const { frame, frames, state, confidence, targets, rate } = now;
     if (frames) at("bar").value = (frame + 1) / frames;
     const found = targets > 1 ? `${targets} targets` : state + (confidence === null ? "" : ` ${confidence.toFixed(2)}`);
     at("now").textContent = `frame ${frame + 1}${frames ? ` of ${frames}` : ""}: ${found}, ${rate.toFixed(0)} frames/s`;
-    showTracked();
+    picture = Promise.all([picture, showTracked()]);
   });
   events.addEventListener("error", () => {
     events.close();
@@ -166,11 +166,15 @@ async function showTracked() {
   loading = false;
 }
 
-function finish(events, { text, files, report }) {
+// Track ends when the stream is closed, so no picture may be under way then.
+async function finish(events, { text, files, report }, picture) {
   note(text);
   at("progress").hidden = true;
   at("heading").textContent = "Tracked";
-  if (!report) return events.close();
+  if (!report) {
+    await picture;
+    return events.close();
+  }
   // The stream stays open: while it is, track serves the results.
   document.querySelector("main").dataset.shown = "report";
   at("files").replaceChildren(...files.map(([name, address]) => {
