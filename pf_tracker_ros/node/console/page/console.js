@@ -209,7 +209,7 @@ function healthText() {
 
 // Reports the width of the picture, which limits the pixels sent.
 function sendView() {
-  const width = Math.round(at("stage").clientWidth * devicePixelRatio);
+  const width = Math.round(at("overlay").clientWidth * devicePixelRatio);
   if (width && socket?.readyState === WebSocket.OPEN) send({ type: "view", width });
 }
 
@@ -228,5 +228,5 @@ stage.init(send, note);
 targets.init(send);
 tour.init(send);
 tune.init(send);
-new ResizeObserver(sendView).observe(at("stage"));
+new ResizeObserver(sendView).observe(at("overlay"));
 connect();

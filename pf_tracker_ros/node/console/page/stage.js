@@ -3,11 +3,13 @@ import * as editor from "./box_editor.js";
 import * as heatmap from "./heatmap.js";
 import * as recording from "./recording.js";
 import * as targets from "./targets.js";
+import * as zoom from "./zoom.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d", { alpha: false });
 const { place, set } = editor;
 const TRAIL_SECONDS = 3;
+const DOUBLE_CLICK = 300;  // milliseconds in which a zoomed picture waits for a second click
 const ELLIPSE = Math.sqrt(5.991);  // 95 % region of a normal distribution in two dimensions
 
 let send, note;
@@ -21,6 +23,9 @@ let blank = false;       // no overlay, as there is no current status
 let blankState = "";     // the state while blank
 let suggested = null;    // box to suggest for the first target, null for one in the middle
 let hasDetector = false;
+let before = null;       // mode and box before the pointer went down
+let clicked = null;      // timer of a click
+let space = "";          // the space key: "held", "panned" if the picture was moved with it, else ""
 let hadTarget = false;   // whether there was a target, so that the user needs no hint
 
 export function show(next, bitmap) {
@@ -43,6 +48,7 @@ export function show(next, bitmap) {
     overlay.setAttribute("viewBox", viewBox);
     at("stage").style.setProperty("--ratio", frame.width / frame.height);
     trail = [];
+    zoom.fit();
   }
   drawOverlay();
 }
@@ -123,7 +129,7 @@ function drawOverlay() {
   const seconds = Number(BigInt(frame.stamp) / 1000000n) / 1000;
   // A skipped frame has no results.
   if (values.state !== "skipped" && chosen !== selected) [trail, selected] = [[], chosen];
-  trail = trail.filter(([time]) => time <= seconds && seconds - time < TRAIL_SECONDS);
+  trail = trail.filter(([time]) => time < seconds && seconds - time < TRAIL_SECONDS);
   if (box) trail.push([seconds, box[0] + box[2] / 2, box[1] + box[3] / 2]);
   set(at("trail"), { points: trail.map(([, x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ") });
 }
@@ -184,8 +190,15 @@ function request(message) {
 function onDown(event) {
   if (!frame || event.button || mode === "sent" || !event.isPrimary) return;
   event.preventDefault();
+  before = [mode, editor.box()];
   editor.grab(event);
   setMode("drawing");
+}
+
+// A second finger pans and zooms; what the first one has begun is no box.
+function cancelDrawing() {
+  if (mode !== "drawing") return;
+  if (before[0] === "editing") edit(before[1]); else live();
 }
 
 function onMove(event) {
@@ -200,10 +213,19 @@ function onUp(event) {
     sendBox();
     return;
   }
-  const point = editor.point(event), id = targets.idAt(frame, point), chosen = frame.status?.selected ?? "";
+  const point = editor.point(event), on = frame;
+  if (!zoom.isZoomed()) { click(point, on); return; }
+  // A double click fits the picture, and starts nothing.
+  live();
+  clearTimeout(clicked);
+  clicked = setTimeout(() => { if (mode === "live") click(point, on); }, DOUBLE_CLICK);
+}
+
+function click(point, on) {
+  const id = targets.idAt(on, point), chosen = on.status?.selected ?? "";
   if (targets.isMultiTarget() && (id || chosen)) { live(); targets.select(id, chosen); }
   else if (id) { live(); note("this target is selected; to follow something else, drag a box around it"); }
-  else request({ type: "click", point, stamp: frame.stamp });
+  else request({ type: "click", point, stamp: on.stamp });
 }
 
 function startDrawing() {
@@ -223,13 +245,34 @@ function onKey(event) {
   else if (event.key.startsWith("Arrow") && mode === "editing") editor.move(event);
   else if (event.key === "ArrowLeft" && recording.isOpen()) recording.back();
   else if (event.key === "Home" && recording.isOpen()) recording.first();
-  else if (event.key === " " && !event.target.matches("button, summary")) pause();
+  else if (event.key === " " && !event.target.matches("button, summary")) holdSpace(event);
+  else if (key === "+" || key === "=") zoom.zoomIn();
+  else if (key === "-") zoom.zoomOut();
+  else if (key === "0") zoom.fit();
   else if (key === "s") stop();
   else if (key === "r") startDrawing();
   else if (key === "h") heatmap.toggle();
   else if ((key === "n" || event.key === "ArrowRight") && recording.isOpen()) recording.step();
   else return;
   event.preventDefault();
+}
+
+// The space key pauses when it is released, as a drag with it moves the picture.
+function holdSpace({ repeat }) {
+  if (!repeat) space = "held";
+  at("stage").classList.add("grab");
+}
+
+function releaseSpace(isPress) {
+  if (isPress && space === "held") pause();
+  space = "";
+  at("stage").classList.remove("grab");
+}
+
+// Whether a pointer that goes down pans.
+function pansWithSpace() {
+  space &&= "panned";
+  return Boolean(space);
 }
 
 function pause() {
@@ -268,7 +311,13 @@ export function init(sender, notes) {
   overlay.addEventListener("pointermove", onMove);
   overlay.addEventListener("pointerup", onUp);
   overlay.addEventListener("pointercancel", live);
+  overlay.addEventListener("dblclick", () => { if (zoom.isZoomed()) { clearTimeout(clicked); zoom.fit(); } });
+  zoom.init(pansWithSpace, cancelDrawing);
+  // Handles, labels and particles keep their size on the screen.
+  new ResizeObserver(() => { if (frame) { drawOverlay(); editor.show(editor.box(), mode === "editing"); } }).observe(overlay);
   document.addEventListener("keydown", onKey);
+  document.addEventListener("keyup", ({ key }) => { if (key === " ") releaseSpace(true); });
+  addEventListener("blur", () => releaseSpace(false));
   freeKeys();
   at("draw").addEventListener("click", startDrawing);
   at("pause").addEventListener("click", pause);
