@@ -201,4 +201,6 @@ def test_more_pixels_are_sent_for_a_zoomed_picture(console, camera, open_page, t
         }"""
     )
     page.keyboard.press("+")
-    page.wait_until(lambda: page.evaluate("() => window.widths.at(-1)") > 1.4 * narrow, "width")
+    page.wait_until(
+        lambda: page.evaluate("() => window.widths.at(-1) ?? 0") > 1.4 * narrow, "width"
+    )

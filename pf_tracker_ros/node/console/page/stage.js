@@ -3,6 +3,7 @@ import * as editor from "./box_editor.js";
 import * as heatmap from "./heatmap.js";
 import * as recording from "./recording.js";
 import * as targets from "./targets.js";
+import * as timeline from "./timeline.js";
 import * as zoom from "./zoom.js";
 
 const at = (id) => document.getElementById(id);
@@ -12,9 +13,10 @@ const TRAIL_SECONDS = 3;
 const DOUBLE_CLICK = 300;  // milliseconds in which a zoomed picture waits for a second click
 const ELLIPSE = Math.sqrt(5.991);  // 95 % region of a normal distribution in two dimensions
 
-let send, note;
+let send, note, showNewest;
 let frame = null;        // the displayed frame
 let newest = null;       // [frame, bitmap] received while the picture is frozen
+let past = false;        // whether an earlier frame is shown, to look at it again
 let mode = "live";       // live, drawing (the pointer is down), editing, or sent
 let last = null;         // the last box sent, [x, y, width, height]
 let trail = [], selected = "";  // path of the selected target, and its id
@@ -22,18 +24,31 @@ let paused = false;
 let blank = false;       // no overlay, as there is no current status
 let blankState = "";     // the state while blank
 let suggested = null;    // box to suggest for the first target, null for one in the middle
-let hasDetector = false;
 let before = null;       // mode and box before the pointer went down
 let clicked = null;      // timer of a click
 let space = "";          // the space key: "held", "panned" if the picture was moved with it, else ""
 let hadTarget = false;   // whether there was a target, so that the user needs no hint
 
 export function show(next, bitmap) {
-  if (mode !== "live") {
+  if (mode !== "live" || past) {
     newest?.[1].close();
     newest = [next, bitmap];
     return;
   }
+  paint(next, bitmap);
+}
+
+export const isPast = () => past;
+
+// Shows an earlier frame again, until `live`; targets can be drawn on it.
+export function showPast(earlier, bitmap) {
+  if (mode !== "live") { bitmap.close(); return; }
+  past = true;
+  at("past").hidden = false;
+  paint(earlier, bitmap);
+}
+
+function paint(next, bitmap) {
   frame = next;
   blank = false;
   at("missing").hidden = true;
@@ -55,6 +70,7 @@ export function show(next, bitmap) {
 
 // Begins a recording: the user is told what to do until its first target, unless a tour does.
 export function begin(box, hasHint) {
+  past = false;
   live();
   // The picture of the last recording stays, but nothing can be drawn on it.
   frame = null;
@@ -65,7 +81,7 @@ export function begin(box, hasHint) {
 // Shows what to do, and a ghost of the box to draw.
 function showHint(state) {
   hadTarget ||= Boolean(state) && !["idle", "skipped"].includes(state);
-  const shown = !hadTarget && mode === "live" && state === "idle" && (!hasDetector || suggested);
+  const shown = !hadTarget && mode === "live" && state === "idle" && (!targets.hasDetector() || suggested);
   at("hint").hidden = !shown;
   at("ghost").toggleAttribute("hidden", !shown);
   if (!shown) return;
@@ -84,9 +100,6 @@ export function setBlank(now, state) {
   trail = [];
   if (frame && mode === "live") drawOverlay();
 }
-
-// With a detector nobody has to draw.
-export function setDetector(now) { hasDetector = now; }
 
 export function setPaused(now) {
   paused = now;
@@ -108,11 +121,11 @@ export function showOutcome(outcome, text = "") {
 }
 
 function drawOverlay() {
-  const { stamp, width, height } = frame, known = blank ? { stamp, width, height } : frame;
+  const { stamp, width, height } = frame, known = blank && !past ? { stamp, width, height } : frame;
   const values = known.status?.values ?? {}, box = boxIn(known), chosen = known.status?.selected ?? "";
   // Read before any change, as it would trigger another layout afterwards.
   const unit = frame.width / overlay.clientWidth || 1;
-  overlay.dataset.state = values.state ?? (blank ? blankState : "");
+  overlay.dataset.state = values.state ?? (blank && !past ? blankState : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
   overlay.dataset.selected = chosen;
@@ -154,6 +167,8 @@ function drawCovariance({ covariance_xx: xx, covariance_xy: xy, covariance_yy: y
 function setMode(next, box = editor.box()) {
   mode = next;
   const editing = mode === "editing";
+  // Its buttons disappear.
+  if (!editing && at("decide").contains(document.activeElement)) at("draw").focus();
   at("draw").setAttribute("aria-pressed", editing);
   at("decide").hidden = !editing;
   if (frame) showHint(overlay.dataset.state);
@@ -163,13 +178,19 @@ function setMode(next, box = editor.box()) {
   editor.show(box, editing);
 }
 
-function live() {
+// Shows the newest frame again, and all that come.
+export function live() {
+  const wasPast = past;
+  past = false;
+  at("past").hidden = true;
+  timeline.look(null);
   setMode("live", null);
   if (newest) {
     const [next, bitmap] = newest;
     newest = null;
     show(next, bitmap);
   }
+  if (wasPast) showNewest();
 }
 
 const edit = (box) => setMode("editing", box);
@@ -198,7 +219,9 @@ function onDown(event) {
 // A second finger pans and zooms; what the first one has begun is no box.
 function cancelDrawing() {
   if (mode !== "drawing") return;
-  if (before[0] === "editing") edit(before[1]); else live();
+  if (before[0] === "editing") edit(before[1]);
+  else if (past) setMode("live", null);
+  else live();
 }
 
 function onMove(event) {
@@ -216,7 +239,7 @@ function onUp(event) {
   const point = editor.point(event), on = frame;
   if (!zoom.isZoomed()) { click(point, on); return; }
   // A double click fits the picture, and starts nothing.
-  live();
+  if (past) setMode("live", null); else live();
   clearTimeout(clicked);
   clicked = setTimeout(() => { if (mode === "live") click(point, on); }, DOUBLE_CLICK);
 }
@@ -237,11 +260,13 @@ function startDrawing() {
 }
 
 function onKey(event) {
-  if (event.ctrlKey || event.metaKey) return;
+  if (event.ctrlKey || event.metaKey || at("keys").open) return;
   const key = event.key.toLowerCase(), typing = event.target.matches("input, select, textarea");
   if (event.key === "Escape" && mode !== "live") discard();
+  else if (event.key === "Escape" && past) live();
   else if (event.key === "Enter" && mode === "editing" && (!typing || event.target.closest("#numbers")) && !event.target.matches("button")) sendBox();
   else if (typing) return;
+  else if (key === "?") at("keys").showModal();
   else if (event.key.startsWith("Arrow") && mode === "editing") editor.move(event);
   else if (event.key === "ArrowLeft" && recording.isOpen()) recording.back();
   else if (event.key === "Home" && recording.isOpen()) recording.first();
@@ -304,8 +329,8 @@ function freeKeys() {
   document.addEventListener("change", ({ target }) => { if (byPointer && target.matches("select, [type=range], [type=checkbox]")) target.blur(); });
 }
 
-export function init(sender, notes) {
-  [send, note] = [sender, notes];
+export function init(sender, notes, newest) {
+  [send, note, showNewest] = [sender, notes, newest];
   editor.init(() => frame && [frame.width, frame.height]);
   overlay.addEventListener("pointerdown", onDown);
   overlay.addEventListener("pointermove", onMove);
@@ -319,9 +344,15 @@ export function init(sender, notes) {
   document.addEventListener("keyup", ({ key }) => { if (key === " ") releaseSpace(true); });
   addEventListener("blur", () => releaseSpace(false));
   freeKeys();
-  at("draw").addEventListener("click", startDrawing);
+  at("keys-button").addEventListener("click", () => at("keys").showModal());
+  at("draw").addEventListener("click", (event) => {
+    startDrawing();
+    // By key, the next Enter tracks the box instead of discarding it.
+    if (!event.detail && mode === "editing") at("send").focus();
+  });
   at("pause").addEventListener("click", pause);
   at("stop").addEventListener("click", stop);
+  at("now").addEventListener("click", live);
   at("send").addEventListener("click", sendBox);
   at("discard").addEventListener("click", discard);
   at("more-button").addEventListener("click", showMore);
