@@ -99,6 +99,13 @@ def test_keys_on_the_timeline_move_through_the_moments(player, requests):
     assert requests() == []
 
 
+def test_a_new_page_knows_the_time_of_its_first_frame(player):
+    player.reload()
+    at_frame(player, 19)
+    ticks = player.locator("#ticks span")
+    player.wait_until(lambda: ticks.last.inner_text() == "0:00.8", "time axis")
+
+
 def test_it_is_tracked_again_from_the_frame_that_is_looked_at(player, requests):
     click_at(player, 7)
     at_frame(player, 7)

@@ -55,7 +55,7 @@ const draw = throttle(INTERVAL, (values, hasTargets) => {
     const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
     const { svg, top: label, wait } = parts.get(id);
     at(`plot-${id}`).classList.toggle("empty", !all.some((line) => line.length > 1));
-    wait.textContent = hasTargets ? "Waits for the selected target: click one. " : "Waits for a target. ";
+    wait.textContent = all.length ? " Waits for more frames." : hasTargets ? " Waits for the selected target: click one." : " Waits for a target.";
     const paths = fit(svg, lines.size, () => document.createElementNS(SVG, "path"));
     all.forEach((line, i) => paths[i].setAttribute("d", path(line, now, highest)));
     label.textContent = unit ? unit(highest) : highest.toFixed(0);
@@ -88,8 +88,8 @@ const parts = new Map(plots.map(({ id }) => {
   ask.addEventListener("click", () => { ask.ariaExpanded = plot.classList.toggle("asked"); });
   const head = create("p", { className: "row" }), slot = create("div", { className: "slot" });
   const svg = document.createElementNS(SVG, "svg"), top = create("span");
-  const wait = create("em", { textContent: "Waits for a target. " }), text = create("p", { className: "quiet" });
-  text.append(wait, about);
+  const wait = create("em", { textContent: " Waits for a target." }), text = create("p", { className: "quiet" });
+  text.append(about, wait);
   for (const [key, value] of Object.entries({ viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", role: "img", "aria-label": `${name}, the last ${SECONDS} seconds` })) svg.setAttribute(key, value);
   head.append(create("span", { textContent: name }), ask, create("span", { id: `now-${id}`, className: "figure" }));
   slot.append(svg, top, text);

@@ -18,7 +18,7 @@ export function show(next) {
   at("recording").hidden = at("files").hidden = at("again").hidden = false;
   at("pause").hidden = true;
   if (tour.show(next.index)) { timeline.clear(); setLoop(tour.hasSteps()); }
-  timeline.setFrameCount(next.frame_count ?? null);
+  timeline.setRecording(next.frame_count ?? null, 1000 * next.seconds / next.frame);
   at("play-word").textContent = next.playing ? "Pause" : "Play";
   at("play").dataset.playing = next.playing;
   at("seek").max = last;

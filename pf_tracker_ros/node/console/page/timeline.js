@@ -16,21 +16,28 @@ const COLORS = { tracking: "--ok", occluded: "--warn", lost: "--error" };
 let moments = [];
 let bytes = 0;
 let shown = null;        // the moment that is looked at
-let frameCount = null;   // of the recording
+let frameCount = null, meanInterval = NaN;  // of the recording
 let isRecording = false;
 let go = () => {};       // looks at a position
 
 export const last = () => moments.at(-1);
 export const looked = () => shown;
 
-export function clear() { [moments, bytes, shown, isRecording] = [[], 0, null, false]; draw(); }
+function forget() { [moments, bytes, shown] = [[], 0, null]; draw(); }
 
-export function setFrameCount(count) { if (count !== frameCount) { frameCount = count; draw(); } }
+// Another recording is opened.
+export function clear() { meanInterval = NaN; forget(); }
+
+// Number of frames, null if unknown, and mean milliseconds between two, NaN if unknown.
+export function setRecording(count, interval) {
+  meanInterval = interval || meanInterval;
+  if (count !== frameCount) { frameCount = count; draw(); }
+}
 
 // Targets as { id, state, confidence, color, words }.
 export function add(frame, targets, data) {
   const time = Number(BigInt(frame.stamp) / 1000000n), index = frame.index, position = index ?? time;
-  if (Number.isInteger(index) !== isRecording) { clear(); isRecording = Number.isInteger(index); }
+  if (Number.isInteger(index) !== isRecording) { forget(); isRecording = Number.isInteger(index); }
   // Where time has gone back, later moments are of another run.
   const kept = 1 + moments.findLastIndex((one) => one.position < position);
   for (const gone of moments.splice(kept)) bytes -= gone.data?.byteLength ?? 0;
@@ -63,18 +70,20 @@ export function look(moment) {
   draw();
 }
 
-// Time and targets of a moment, in words.
+// Time and targets of a moment, in words: those that are out of sight one by one.
 export function words({ index, time, targets }) {
   const when = isRecording ? `frame ${index}, ${clock(timeOf(index))}` : `${((last().time - time) / 1000).toFixed(1)} s ago`;
-  return `${when}: ${targets.map((one) => one.words).join("; ") || "no target"}`;
+  const tracked = targets.filter(({ state }) => state === "tracking"), others = targets.filter(({ state }) => state !== "tracking");
+  const those = tracked.length > 1 ? [`${tracked.length} targets tracking`] : tracked.map((one) => one.words);
+  return `${when}: ${[...those, ...others.map((one) => one.words)].join("; ") || "no target"}`;
 }
 
 const clock = (milliseconds) => `${Math.floor(milliseconds / 60000)}:${(milliseconds / 1000 % 60).toFixed(1).padStart(4, "0")}`;
 
 // Milliseconds of a frame since the first, by the mean interval.
 function timeOf(index) {
-  const [from, to] = [moments[0], last()];
-  return from && to.index > from.index ? index * (to.time - from.time) / (to.index - from.index) : 0;
+  const [from, to] = [moments[0], last()], known = to?.index > from?.index ? (to.time - from.time) / (to.index - from.index) : meanInterval;
+  return index ? index * known : 0;
 }
 
 // First and last position of the axis.
@@ -119,8 +128,8 @@ const draw = throttle(INTERVAL, () => {
   at("playhead").style.transform = `translateX(${Math.min(1, Math.max(0, share)) * canvas.clientWidth}px)`;
   [...at("ticks").children].forEach((tick, i, { length }) => {
     const share = i / (length - 1), milliseconds = isRecording ? timeOf(share * (end - 1)) : (1 - share) * CAMERA_WINDOW;
-    const text = clock(milliseconds).replace(/\.0$/, ""), isUnknown = isRecording && moments.length < 2;
-    tick.textContent = isUnknown ? "" : isRecording ? text : share === 1 ? "now" : `${text} ago`;
+    const text = Number.isNaN(milliseconds) ? "" : clock(milliseconds).replace(/\.0$/, "");
+    tick.textContent = isRecording ? text : share === 1 ? "now" : `${text} ago`;
   });
   for (const [name, value] of Object.entries({ min: first, max: end - (isRecording ? 1 : 0), now: present?.position ?? first, text: present ? words(present) : "nothing yet" })) bar.setAttribute(`aria-value${name}`, value);
 });
