@@ -285,7 +285,11 @@ class Session:
         self._selected = id
 
     def stop(self) -> None:
-        """Remove all targets, requests and queued detections."""
+        """Remove all targets, requests and queued detections.
+
+        If time goes back with the next frame, a recording was rewound: ids count from 1 again, so
+        that the same targets get the same ids.
+        """
         self.cancel_requests()
         self._clear_targets()
         self._clock.expect_jump()
@@ -385,6 +389,8 @@ class Session:
         # After `stop`, requests refer to the time after the jump.
         are_requests_new = self._clock.expects_jump
         seconds = self._clock.jump_back(stamp)
+        if are_requests_new:
+            self._manager.restart_ids()
         waiting = [
             one
             for one in self._requested

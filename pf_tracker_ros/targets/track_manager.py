@@ -3,7 +3,7 @@
 1. The image front end prepares the frame: gain control, illumination, camera motion, background.
 2. Late detections are inserted at their own frames, and the frames since are reprocessed.
 3. The tracking pipeline advances all tracks by this frame, with its detections.
-4. Tracks with enough evidence are reported, under ids that are never reused.
+4. Tracks with enough evidence are reported, under ids that are not reused.
 """
 
 from __future__ import annotations
@@ -591,13 +591,17 @@ class TrackManager:
         return track
 
     def clear(self) -> None:
-        """Remove all targets, ended ones too; their ids are not reused.
+        """Remove all targets, ended ones too; their ids are not reused, see `restart_ids`.
 
         The frames stay in the buffer, so that a target drawn on one of them can still start.
         """
         self._track_set = replace(self._track_set, tracks=(), ended_tracks=())
         self._last_seen = {}
         self.frames.replace_all([one.without_targets() for one in self.frames.entries])
+
+    def restart_ids(self) -> None:
+        """Count ids from 1 again, as for a recording that was rewound after `clear`."""
+        self._track_ids = TrackIds()
 
     def reset(self) -> None:
         """Remove all targets and frames, and accept images of any size and type."""

@@ -7,7 +7,7 @@
 2. A `TrackSet` holds all tracks after one frame. Both are values, so that the frame buffer can
    keep earlier ones and reprocess from there.
 3. `TrackIds` maps track keys to ids. Ids count from 1 in the order of the first report and are
-   never reused.
+   not reused, until a recording is rewound.
 
 Sources: Wojke, Bewley and Paulus 2017, "Simple Online and Realtime Tracking with a Deep Association
 Metric"; Musicki, Evans and Stankovic 1994, "Integrated Probabilistic Data Association".

@@ -98,6 +98,25 @@ def test_the_pages_load_only_files_beside_them(site):
         assert [one for one in addresses if re.match(r"(https?:)?//", one)] == [], sheet.name
 
 
+@pytest.mark.parametrize(
+    ("words", "best"),
+    [
+        ("follow person", "follow_a_person"),
+        ("docker", "docker"),
+        ("usb camera", "usb_camera"),
+        ("parameters", "parameters"),
+        ("install", "first_steps"),
+    ],
+)
+def test_the_search_finds_the_page_that_is_named_first(site, browser, words, best):
+    page = browser.new_page()
+    page.goto(f"{(site / 'search.html').as_uri()}?q={words.replace(' ', '+')}")
+    results = page.locator("#search-results li > a")
+    results.first.wait_for()
+    assert re.search(r"(\w+)\.html", results.first.get_attribute("href"))[1] == best
+    page.close()
+
+
 def test_links_to_other_repositories_files_name_files_of_this_one(site):
     blob = f"/pf_tracker_ros/blob/{pf_tracker_ros.__version__}/"
     text = "".join(page.read_text() for page in site.glob("*.html"))

@@ -247,6 +247,21 @@ def test_a_jump_back_in_time(session, walkers, policy, kept):
 
 
 @pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
+def test_a_rewound_recording_gives_its_targets_their_ids_again(session, walkers, policy):
+    session.time_policy = TimePolicy(policy)
+    boxes = [tuple(box) for box in walkers.boxes[0]]
+    for first in (0, 0, 1):
+        for box in boxes:
+            session.request(box, at(0))
+        outcome = show(session, walkers, range(first, 4))
+        assert ids(outcome) == [1, 2, 3]
+        session.stop()
+    # Without a jump back, another target is never taken for an earlier one.
+    session.request(boxes[0])
+    assert ids(show(session, walkers, [4])) == [4]
+
+
+@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
 def test_a_jump_with_an_image_that_is_refused_changes_nothing(session, walkers, policy, as_told):
     session.time_policy = TimePolicy(policy)
     before = as_told(show(session, walkers, range(6), every=2).targets)

@@ -54,7 +54,7 @@ class ConsoleBridge:
     def __init__(self, link: TrackerLink, recording: PlayedRecording | None = None) -> None:
         self._link = link
         self._synchronizer = FrameSynchronizer()
-        self._browsers = Browsers(lambda: self._synchronizer.latest)
+        self._browsers = Browsers(lambda: self._synchronizer.latest, self._index_of)
         self._heatmap_browsers: set[Browser] = set()
         self._last_watched_at = float("-inf")
         self._required_parts = {"particles": False, "likelihood": False}
@@ -159,6 +159,9 @@ class ConsoleBridge:
             others=self._link.available_trackers,
             graph_faults=self._link.graph_faults,
         )
+
+    def _index_of(self, stamp: int) -> int | None:
+        return self._player.index_of(stamp) if self._player else None
 
     # Browsers
 

@@ -90,10 +90,16 @@ class Browsers:
 
     Args:
         newest: Returns the frame to show, None before the first.
+        index_of: Returns the index in the recording of a frame's stamp, None for a camera's.
     """
 
-    def __init__(self, newest: Callable[[], DisplayFrame | None]) -> None:
+    def __init__(
+        self,
+        newest: Callable[[], DisplayFrame | None],
+        index_of: Callable[[int], int | None] = lambda stamp: None,
+    ) -> None:
         self._newest = newest
+        self._index_of = index_of
         self._viewers: dict[Browser, _Viewer] = {}
         self._changed = asyncio.Condition()
         self._encoder = ThreadPoolExecutor(1, "encoder")
@@ -220,16 +226,18 @@ class Browsers:
         if key not in self._encoded:
             self._encoded = {k: v for k, v in self._encoded.items() if k[0] == frame.number}
             loop = asyncio.get_running_loop()
-            self._encoded[key] = loop.run_in_executor(self._encoder, _encoded, frame, level)
+            index = self._index_of(frame.stamp)
+            self._encoded[key] = loop.run_in_executor(self._encoder, _encoded, frame, level, index)
         self._image_width, packed = await asyncio.shield(self._encoded[key])
         return packed
 
 
-def _encoded(frame: DisplayFrame, level: QualityLevel) -> tuple[int, bytes]:
+def _encoded(frame: DisplayFrame, level: QualityLevel, index: int | None) -> tuple[int, bytes]:
     """The width of the image, pixels, and the packed frame."""
     picture = encode_image(frame.image, level)
     header = {
         "stamp": str(frame.stamp),
+        "index": index,
         "width": picture.width,
         "height": picture.height,
         "quality": level.quality,

@@ -110,6 +110,10 @@ class Player:
         """Whether the recording is paused, so that no images come."""
         return self._playback.paused and not self._recording.wait_reason("")
 
+    def index_of(self, stamp: int) -> int | None:
+        """Index of a frame by its stamp, nanoseconds; None if it is not of the recording."""
+        return self._recording.replay.index_of(stamp)
+
     def clear_targets(self) -> str:
         """Remove all targets.
 

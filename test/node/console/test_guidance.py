@@ -38,7 +38,9 @@ def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
     assert pointer.evaluate(animation) == "none"
     # A plot without a line says what it is.
     assert empty.count() == 4
-    assert "probability" in page.locator("#plot-confidence .slot p").inner_text()
+    about = page.locator("#plot-confidence .slot p").inner_text()
+    assert "probability" in about
+    assert about.endswith("Waits for a target.")
     assert page.text("confidence") == "\u2013"
     # A recording's transport has no use for a camera.
     assert page.locator("#recording").is_hidden()
@@ -53,6 +55,7 @@ def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
     assert about.is_hidden()
     page.get_by_role("button", name="What is this: weight of each cue?").click()
     assert about.is_visible()
+    assert "Waits" not in about.inner_text()
 
     # A click on the only target keeps it.
     x, y, width, height = page.box

@@ -40,7 +40,7 @@ CONTRASTS = """() => {
 }"""
 
 SHOW_ALL = """() => {
-  for (const id of ["recording", "tour", "steps", "hint", "files"])
+  for (const id of ["recording", "tour", "steps", "hint", "files", "past"])
     document.getElementById(id).hidden = false;
 }"""
 

@@ -303,6 +303,28 @@ def test_several_targets_begin_on_the_present_frame(player_of_several):
     page.wait_until(lambda: page.text("target-count") == "2 of 2", "both")
 
 
+def test_after_a_seek_and_a_step_back_targets_keep_their_ids(player_of_several):
+    page = player_of_several
+    page.locator("#targets-card").wait_for()
+    for count in (1, 2):
+        page.drag((40.0 * count, 30.0, 24.0, 24.0))
+        page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
+    texts = page.locator("#targets text")
+
+    def shows_both(frame):
+        return page.stamp == stamp_at(frame) and texts.all_text_contents() == ["1", "2"]
+
+    for frame in (1, 2, 3):
+        page.keyboard.press("n")
+        page.wait_until(lambda: shows_both(frame), "next frame")  # noqa: B023
+    page.keyboard.press("ArrowLeft")
+    page.wait_until(lambda: shows_both(2), "frame before")
+    page.keyboard.press("n")
+    page.wait_until(lambda: shows_both(3), "frame after")
+    page.locator("#seek").fill("1")
+    page.wait_until(lambda: shows_both(1), "sought frame")
+
+
 def test_the_heat_map_needs_a_target(player):
     player.keyboard.press("h")
     player.wait_until(lambda: player.text("note") == "the heat map needs a target", "hint")

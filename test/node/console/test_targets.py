@@ -214,6 +214,11 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
         "3 · lost 50 %, not seen any more; it is searched for",
     ]
     assert page.text("target-count") == "3 of 4"
+    # The timeline says the same of the last moment.
+    timeline = page.locator("#timeline")
+    show_until(
+        lambda: timeline.get_attribute("aria-valuetext").endswith(f": {'; '.join(rows)}"), "it"
+    )
     # Each target has its line of confidence.
     show_until(lambda: page.locator("#plot-confidence path").count() == 3, "lines")
     assert page.locator("img, script:not([src])").count() == 0
@@ -221,6 +226,17 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
     assert page.box is None
     page.keyboard.press("h")
     page.wait_until(lambda: "click a target to select it" in page.text("note"), "hint")
+
+
+def test_labels_stay_inside_the_picture(shown, multi_tracker):
+    page, show_until = shown
+    multi_tracker.targets = {14: ("person", "tracking"), 24: ("a car", "tracking")}
+    texts = page.locator("#targets text")
+    show_until(lambda: texts.all_text_contents() == ["14 person", "24 a car"], "other targets")
+    ends = "all => all.map(it => it.x.baseVal[0].value + it.getComputedTextLength())"
+    assert all(end <= page.size[0] + 1 for end in texts.evaluate_all(ends))
+    bottoms = "all => all.map(it => it.y.baseVal[0].value)"
+    assert all(bottom <= page.size[1] for bottom in texts.evaluate_all(bottoms))
 
 
 def test_a_click_on_a_box_selects_its_target_and_beside_all_boxes_none(shown, multi_tracker):

@@ -5,6 +5,7 @@ import * as plots from "./plots.js";
 import * as recording from "./recording.js";
 import * as stage from "./stage.js";
 import * as targets from "./targets.js";
+import * as timeline from "./timeline.js";
 import { throttle } from "./throttle.js";
 import * as tour from "./tour.js";
 import * as tune from "./tune.js";
@@ -21,7 +22,6 @@ let drawing = Promise.resolve();  // resolves once all received frames are drawn
 let drawOnRequest = false, draw = () => {};  // whether frames wait for a request, and the function that draws the newest
 let healthDue = null;  // timer; the next frame shows it, so that the browser lays out once
 let socket = null, health = {}, lastStatus = null, drawn = [];  // [time, bytes] of the last frames
-let hasDetector = false;  // whether targets start by themselves
 let why = "";  // why the selected or only target is out of sight
 let noteTimer = null;  // clears the note
 let failed = "";  // error of the last frame
@@ -90,8 +90,7 @@ const handlers = {
     tune.show(message.parameters);
     const value = (name) => message.parameters.find((one) => one.name === name)?.value;
     targets.setMaxTargets(value("max_targets") ?? 1);
-    hasDetector = (value("built_in_detector") ?? "none") !== "none";
-    stage.setDetector(hasDetector);
+    targets.setDetector((value("built_in_detector") ?? "none") !== "none");
     showHealth();
   },
   detections: targets.setDetections,
@@ -106,23 +105,61 @@ const handlers = {
 
 function handle(message) { handlers[message.type]?.(message); }
 
-async function show(data, requested) {
+// The frame of a message, and its bitmap, null without a picture.
+async function unpack(data) {
   const view = new DataView(data), length = view.getUint32(0);
   const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
   const jpeg = new Uint8Array(data, 4 + length);
-  if (jpeg.length) {
-    const bitmap = await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null);
-    await requested;
-    frame.columns = bitmap?.width;
-    if (bitmap) stage.show(frame, bitmap);
-    else frame.error = "the browser cannot show the picture";
-  } else await requested;
+  const bitmap = jpeg.length ? await createImageBitmap(new Blob([jpeg], { type: "image/jpeg" })).catch(() => null) : null;
+  frame.columns = bitmap?.width;
+  if (jpeg.length && !bitmap) frame.error = "the browser cannot show the picture";
+  return [frame, bitmap];
+}
+
+async function show(data, requested) {
+  const [frame, bitmap] = await unpack(data);
+  await requested;
+  // A skipped frame has no results.
+  if (frame.status && frame.status.values.state !== "skipped") timeline.add(frame, targets.describe(frame), data);
+  if (bitmap) stage.show(frame, bitmap);
   drawn.push([performance.now(), data.byteLength]);
   if (frame.error) note(frame.error, false);
   else if (failed && at("note").textContent === failed) note("");
   failed = frame.error ?? "";
-  showStatus(frame);
+  takeStatus(frame);
   if (healthDue) showHealth();
+}
+
+// Shows an earlier frame again.
+async function showMoment(moment) {
+  timeline.look(moment);
+  if (!moment.data) { note(`${timeline.words(moment)}; its picture is no longer kept`); return; }
+  const [frame, bitmap] = await unpack(moment.data);
+  // Another may have been chosen meanwhile.
+  if (!bitmap || timeline.looked() !== moment) return;
+  stage.showPast(frame, bitmap);
+  text("moment", timeline.words(moment));
+  showStatus(frame);
+  recording.showPosition();
+}
+
+// Shows the newest frame with a status again, unless there is a newer one by then.
+async function showNewest() {
+  const moment = timeline.last(), data = moment?.data;
+  recording.showPosition();
+  if (!data) return;
+  const [frame, bitmap] = await unpack(data);
+  if (!bitmap || timeline.looked() || timeline.last() !== moment) return;
+  stage.show(frame, bitmap);
+  showStatus(frame);
+}
+
+// Looks at a position of the timeline.
+function look(position, within) {
+  const moment = timeline.find(position, within);
+  if (recording.isOpen()) recording.look(position, moment);
+  else if (moment && moment === timeline.last()) stage.live();
+  else if (moment) showMoment(moment);
 }
 
 function fail(error) {
@@ -136,12 +173,17 @@ function clearAccepted() {
   accepted = "";
 }
 
-function showStatus(frame) {
+function takeStatus(frame) {
   const values = frame.status?.values ?? {};
   if (values.state === "idle" && isTracked) clearAccepted();
   isTracked = Boolean(accepted && values.state && values.state !== "idle");
   lastStatus = performance.now();
   if (frame.status) plots.add(values, frame.status.targets);
+  if (!stage.isPast()) showStatus(frame);
+}
+
+function showStatus(frame) {
+  const values = frame.status?.values ?? {};
   showState(values.state);
   frame.age = Date.now() - Number(BigInt(frame.stamp) / 1000000n);
   showFigures(frame, values);
@@ -193,7 +235,7 @@ function showHealth() {
   const advice = health.text.startsWith("no image for") ? `\n\nStart a camera that publishes on ${health.image_topic}, or play a recording here: console drive.mcap` : "";
   text("missing", `No picture yet: ${health.text}${advice}`);
   text("topic", alive && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
-  if (!alive || isStale) { showState(health.state); showConfidence(health.confidence); }
+  if ((!alive || isStale) && !stage.isPast()) { showState(health.state); showConfidence(health.confidence); }
   const isBlank = !alive || (isStale && health.state === "idle");
   if (isBlank) for (const id of ["count", "now-effective", "now-processing"]) text(id, "–");
   stage.setBlank(isBlank, (alive && health.state) || "");
@@ -203,13 +245,13 @@ function showHealth() {
 // What the state, which is shown large, does not tell; and why the shown target is out of sight.
 function healthText() {
   const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
-  const advice = health.text === "waiting for a target" && lastStatus ? (hasDetector ? DETECTOR : HOW) : "";
+  const advice = health.text === "waiting for a target" && lastStatus ? (targets.hasDetector() ? DETECTOR : HOW) : "";
   return [isPlain ? "" : health.text + advice, why].filter(Boolean).join("; ");
 }
 
 // Reports the width of the picture, which limits the pixels sent.
 function sendView() {
-  const width = Math.round(at("stage").clientWidth * devicePixelRatio);
+  const width = Math.round(at("overlay").clientWidth * devicePixelRatio);
   if (width && socket?.readyState === WebSocket.OPEN) send({ type: "view", width });
 }
 
@@ -223,10 +265,11 @@ setInterval(() => { if (isStatusOld()) showRate(); }, 500);
 
 heatmap.init(send);
 legend.init();
-recording.init(send);
-stage.init(send, note);
+recording.init(send, showMoment);
+stage.init(send, note, showNewest);
 targets.init(send);
+timeline.init(look);
 tour.init(send);
 tune.init(send);
-new ResizeObserver(sendView).observe(at("stage"));
+new ResizeObserver(sendView).observe(at("overlay"));
 connect();

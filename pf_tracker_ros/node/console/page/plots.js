@@ -12,7 +12,7 @@ const percent = (value) => `${Math.round(100 * value)} %`;
 const plots = [
   { id: "confidence", top: () => 1, unit: percent, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
   { id: "effective", top: (highest, values) => values.particles ?? highest, of: (values) => ({ effective: values.effective_sample_size }) },
-  { id: "processing", top: (highest) => Math.max(10, highest), of: (values) => ({ processing: values.processing_time_ms }) },
+  { id: "processing", unit: (value) => `${value.toFixed(0)} ms`, top: (highest) => Math.max(10, highest), of: (values) => ({ processing: values.processing_time_ms }) },
   { id: "weights", top: () => 1, unit: percent, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("cue_weight_")).map(([key, value]) => [key.slice(11), value])) },
 ].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, minimum, maximum] of each slot
@@ -26,7 +26,7 @@ export function add(values, targets) {
     }
   }
   at("axis").classList.toggle("empty", !plots.some(({ lines }) => lines.size));
-  draw(values);
+  draw(values, targets.length > 0);
 }
 
 export function clear() {
@@ -44,7 +44,7 @@ function put(lines, name, now, value) {
   else [slot[1], slot[2]] = [Math.min(slot[1], value), Math.max(slot[2], value)];
 }
 
-const draw = throttle(INTERVAL, (values) => {
+const draw = throttle(INTERVAL, (values, hasTargets) => {
   const now = performance.now() / 1000;
   for (const { id, top, unit, of, lines } of plots) {
     for (const [name, line] of lines) {
@@ -53,8 +53,9 @@ const draw = throttle(INTERVAL, (values) => {
     }
     const all = [...lines.values()];
     const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
-    const { svg, top: label } = parts.get(id);
+    const { svg, top: label, wait } = parts.get(id);
     at(`plot-${id}`).classList.toggle("empty", !all.some((line) => line.length > 1));
+    wait.textContent = all.length ? " Waits for more frames." : hasTargets ? " Waits for the selected target: click one." : " Waits for a target.";
     const paths = fit(svg, lines.size, () => document.createElementNS(SVG, "path"));
     all.forEach((line, i) => paths[i].setAttribute("d", path(line, now, highest)));
     label.textContent = unit ? unit(highest) : highest.toFixed(0);
@@ -87,10 +88,12 @@ const parts = new Map(plots.map(({ id }) => {
   ask.addEventListener("click", () => { ask.ariaExpanded = plot.classList.toggle("asked"); });
   const head = create("p", { className: "row" }), slot = create("div", { className: "slot" });
   const svg = document.createElementNS(SVG, "svg"), top = create("span");
+  const wait = create("em", { textContent: " Waits for a target." }), text = create("p", { className: "quiet" });
+  text.append(about, wait);
   for (const [key, value] of Object.entries({ viewBox: `0 0 ${WIDTH} ${HEIGHT}`, preserveAspectRatio: "none", role: "img", "aria-label": `${name}, the last ${SECONDS} seconds` })) svg.setAttribute(key, value);
   head.append(create("span", { textContent: name }), ask, create("span", { id: `now-${id}`, className: "figure" }));
-  slot.append(svg, top, create("p", { className: "quiet", textContent: about }));
+  slot.append(svg, top, text);
   plot.classList.add("empty");
   plot.append(head, slot);
-  return [id, { svg, top }];
+  return [id, { svg, top, wait }];
 }));

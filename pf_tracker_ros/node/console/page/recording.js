@@ -1,8 +1,13 @@
 // The controls of the recording, if the console plays one.
+import * as stage from "./stage.js";
+import * as targets from "./targets.js";
+import * as timeline from "./timeline.js";
 import * as tour from "./tour.js";
 
+const NEAR = 12;  // frames
+
 const at = (id) => document.getElementById(id);
-let send, state = null, seeking = false, loops = false;
+let send, showMoment, state = null, seeking = false, loops = false;
 
 export const isOpen = () => state !== null;
 
@@ -10,14 +15,14 @@ export function show(next) {
   const last = Math.max(0, (next.frame_count ?? next.frame + 1) - 1);
   const hasEnded = state?.playing && !next.playing && next.frame === last && next.index === state.index;
   state = next;
-  at("recording").hidden = at("files").hidden = false;
+  at("recording").hidden = at("files").hidden = at("again").hidden = false;
   at("pause").hidden = true;
-  if (tour.show(next.index)) setLoop(tour.hasSteps());
+  if (tour.show(next.index)) { timeline.clear(); setLoop(tour.hasSteps()); }
+  timeline.setRecording(next.frame_count ?? null, 1000 * next.seconds / next.frame);
   at("play-word").textContent = next.playing ? "Pause" : "Play";
   at("play").dataset.playing = next.playing;
   at("seek").max = last;
-  if (!seeking) { at("seek").value = next.frame; showFrame(next.frame); }
-  at("time").textContent = time(next.seconds);
+  showPosition();
   at("speed").value = String(next.rate);
   at("save").disabled = !next.can_save;
   at("load").disabled = !next.target_file;
@@ -30,28 +35,68 @@ export function show(next) {
 const showFrame = (frame) => { at("frame").textContent = `${Math.max(0, frame)} / ${at("seek").max}`; };
 const time = (seconds) => `${Math.floor(seconds / 60)}:${(seconds % 60).toFixed(2).padStart(5, "0")}`;
 
-export function toggle() { send({ type: "play", playing: !state.playing }); }
-export function step() { send({ type: "step" }); }
-export function back() { pauseAt(state.frame - 1); }
-export function first() { pauseAt(0); }
+// The frame that is looked at, or else the newest one.
+const frame = () => timeline.looked()?.index ?? state.frame;
 
-function pauseAt(frame) {
-  send({ type: "play", playing: false });
-  seek(frame);
+// Frame and time of the picture.
+export function showPosition() {
+  if (!state || seeking) return;
+  const moment = timeline.looked(), since = moment ? timeline.last().time - moment.time : 0;
+  at("seek").value = frame();
+  showFrame(frame());
+  at("time").textContent = time(state.seconds - since / 1000);
 }
 
-function seek(frame) { send({ type: "seek", frame: Math.max(0, frame) }); }
+// Plays on from the frame that is looked at.
+export function toggle() {
+  const playing = Boolean(timeline.looked()) || !state.playing;
+  if (timeline.looked()) seek(frame());
+  send({ type: "play", playing });
+}
+
+export function step() {
+  if (timeline.looked()) look(frame() + 1, known(frame() + 1, timeline.next(frame(), 1)));
+  else send({ type: "step" });
+}
+
+export function back() { look(frame() - 1, known(frame() - 1, timeline.next(frame(), -1))); }
+
+// What the page has of a frame. On a busy machine it lacks some. Those come by a seek, which starts the drawn targets again,
+// but none of a detector: then it is the nearest one.
+function known(position, nearest) {
+  const loses = targets.hasDetector() && timeline.last()?.targets.length;
+  return timeline.find(position) ?? (loses ? nearest : undefined);
+}
+
+export function first() {
+  send({ type: "play", playing: false });
+  seek(0);
+}
+
+// Shows a frame as it was, if the page still has it; only a seek starts the tracker again.
+export function look(position, moment = known(position, timeline.find(position, NEAR))) {
+  if (state.playing) send({ type: "play", playing: false });
+  if (moment?.index === state.frame) stage.live();
+  else if (moment?.data) showMoment(moment);
+  else seek(position);
+}
+
+function seek(frame) {
+  stage.live();
+  send({ type: "seek", frame: Math.max(0, frame) });
+}
 
 function setLoop(on) {
   loops = on;
   at("loop").setAttribute("aria-pressed", on);
 }
 
-export function init(sender) {
-  send = sender;
+export function init(sender, show) {
+  [send, showMoment] = [sender, show];
   at("first").addEventListener("click", first);
   at("back").addEventListener("click", back);
   at("play").addEventListener("click", toggle);
+  at("again").addEventListener("click", () => seek(frame()));
   at("forward").addEventListener("click", step);
   at("loop").addEventListener("click", () => setLoop(!loops));
   at("seek").addEventListener("input", () => { seeking = true; showFrame(at("seek").valueAsNumber); });

@@ -3,16 +3,20 @@ import * as editor from "./box_editor.js";
 import * as heatmap from "./heatmap.js";
 import * as recording from "./recording.js";
 import * as targets from "./targets.js";
+import * as timeline from "./timeline.js";
+import * as zoom from "./zoom.js";
 
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay"), picture = at("picture"), context = picture.getContext("2d", { alpha: false });
 const { place, set } = editor;
 const TRAIL_SECONDS = 3;
+const DOUBLE_CLICK = 300;  // milliseconds in which a zoomed picture waits for a second click
 const ELLIPSE = Math.sqrt(5.991);  // 95 % region of a normal distribution in two dimensions
 
-let send, note;
+let send, note, showNewest;
 let frame = null;        // the displayed frame
 let newest = null;       // [frame, bitmap] received while the picture is frozen
+let past = false;        // whether an earlier frame is shown, to look at it again
 let mode = "live";       // live, drawing (the pointer is down), editing, or sent
 let last = null;         // the last box sent, [x, y, width, height]
 let trail = [], selected = "";  // path of the selected target, and its id
@@ -20,15 +24,31 @@ let paused = false;
 let blank = false;       // no overlay, as there is no current status
 let blankState = "";     // the state while blank
 let suggested = null;    // box to suggest for the first target, null for one in the middle
-let hasDetector = false;
+let before = null;       // mode and box before the pointer went down
+let clicked = null;      // timer of a click
+let space = "";          // the space key: "held", "panned" if the picture was moved with it, else ""
 let hadTarget = false;   // whether there was a target, so that the user needs no hint
 
 export function show(next, bitmap) {
-  if (mode !== "live") {
+  if (mode !== "live" || past) {
     newest?.[1].close();
     newest = [next, bitmap];
     return;
   }
+  paint(next, bitmap);
+}
+
+export const isPast = () => past;
+
+// Shows an earlier frame again, until `live`; targets can be drawn on it.
+export function showPast(earlier, bitmap) {
+  if (mode !== "live") { bitmap.close(); return; }
+  past = true;
+  at("past").hidden = false;
+  paint(earlier, bitmap);
+}
+
+function paint(next, bitmap) {
   frame = next;
   blank = false;
   at("missing").hidden = true;
@@ -43,12 +63,14 @@ export function show(next, bitmap) {
     overlay.setAttribute("viewBox", viewBox);
     at("stage").style.setProperty("--ratio", frame.width / frame.height);
     trail = [];
+    zoom.fit();
   }
   drawOverlay();
 }
 
 // Begins a recording: the user is told what to do until its first target, unless a tour does.
 export function begin(box, hasHint) {
+  past = false;
   live();
   // The picture of the last recording stays, but nothing can be drawn on it.
   frame = null;
@@ -59,7 +81,7 @@ export function begin(box, hasHint) {
 // Shows what to do, and a ghost of the box to draw.
 function showHint(state) {
   hadTarget ||= Boolean(state) && !["idle", "skipped"].includes(state);
-  const shown = !hadTarget && mode === "live" && state === "idle" && (!hasDetector || suggested);
+  const shown = !hadTarget && mode === "live" && state === "idle" && (!targets.hasDetector() || suggested);
   at("hint").hidden = !shown;
   at("ghost").toggleAttribute("hidden", !shown);
   if (!shown) return;
@@ -78,9 +100,6 @@ export function setBlank(now, state) {
   trail = [];
   if (frame && mode === "live") drawOverlay();
 }
-
-// With a detector nobody has to draw.
-export function setDetector(now) { hasDetector = now; }
 
 export function setPaused(now) {
   paused = now;
@@ -102,11 +121,11 @@ export function showOutcome(outcome, text = "") {
 }
 
 function drawOverlay() {
-  const { stamp, width, height } = frame, known = blank ? { stamp, width, height } : frame;
+  const { stamp, width, height } = frame, known = blank && !past ? { stamp, width, height } : frame;
   const values = known.status?.values ?? {}, box = boxIn(known), chosen = known.status?.selected ?? "";
   // Read before any change, as it would trigger another layout afterwards.
   const unit = frame.width / overlay.clientWidth || 1;
-  overlay.dataset.state = values.state ?? (blank ? blankState : "");
+  overlay.dataset.state = values.state ?? (blank && !past ? blankState : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
   overlay.dataset.selected = chosen;
@@ -123,7 +142,7 @@ function drawOverlay() {
   const seconds = Number(BigInt(frame.stamp) / 1000000n) / 1000;
   // A skipped frame has no results.
   if (values.state !== "skipped" && chosen !== selected) [trail, selected] = [[], chosen];
-  trail = trail.filter(([time]) => time <= seconds && seconds - time < TRAIL_SECONDS);
+  trail = trail.filter(([time]) => time < seconds && seconds - time < TRAIL_SECONDS);
   if (box) trail.push([seconds, box[0] + box[2] / 2, box[1] + box[3] / 2]);
   set(at("trail"), { points: trail.map(([, x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ") });
 }
@@ -148,6 +167,8 @@ function drawCovariance({ covariance_xx: xx, covariance_xy: xy, covariance_yy: y
 function setMode(next, box = editor.box()) {
   mode = next;
   const editing = mode === "editing";
+  // Its buttons disappear.
+  if (!editing && at("decide").contains(document.activeElement)) at("draw").focus();
   at("draw").setAttribute("aria-pressed", editing);
   at("decide").hidden = !editing;
   if (frame) showHint(overlay.dataset.state);
@@ -157,13 +178,19 @@ function setMode(next, box = editor.box()) {
   editor.show(box, editing);
 }
 
-function live() {
+// Shows the newest frame again, and all that come.
+export function live() {
+  const wasPast = past;
+  past = false;
+  at("past").hidden = true;
+  timeline.look(null);
   setMode("live", null);
   if (newest) {
     const [next, bitmap] = newest;
     newest = null;
     show(next, bitmap);
   }
+  if (wasPast) showNewest();
 }
 
 const edit = (box) => setMode("editing", box);
@@ -184,8 +211,17 @@ function request(message) {
 function onDown(event) {
   if (!frame || event.button || mode === "sent" || !event.isPrimary) return;
   event.preventDefault();
+  before = [mode, editor.box()];
   editor.grab(event);
   setMode("drawing");
+}
+
+// A second finger pans and zooms; what the first one has begun is no box.
+function cancelDrawing() {
+  if (mode !== "drawing") return;
+  if (before[0] === "editing") edit(before[1]);
+  else if (past) setMode("live", null);
+  else live();
 }
 
 function onMove(event) {
@@ -200,10 +236,19 @@ function onUp(event) {
     sendBox();
     return;
   }
-  const point = editor.point(event), id = targets.idAt(frame, point), chosen = frame.status?.selected ?? "";
+  const point = editor.point(event), on = frame;
+  if (!zoom.isZoomed()) { click(point, on); return; }
+  // A double click fits the picture, and starts nothing.
+  if (past) setMode("live", null); else live();
+  clearTimeout(clicked);
+  clicked = setTimeout(() => { if (mode === "live") click(point, on); }, DOUBLE_CLICK);
+}
+
+function click(point, on) {
+  const id = targets.idAt(on, point), chosen = on.status?.selected ?? "";
   if (targets.isMultiTarget() && (id || chosen)) { live(); targets.select(id, chosen); }
   else if (id) { live(); note("this target is selected; to follow something else, drag a box around it"); }
-  else request({ type: "click", point, stamp: frame.stamp });
+  else request({ type: "click", point, stamp: on.stamp });
 }
 
 function startDrawing() {
@@ -215,21 +260,44 @@ function startDrawing() {
 }
 
 function onKey(event) {
-  if (event.ctrlKey || event.metaKey) return;
+  if (event.ctrlKey || event.metaKey || at("keys").open) return;
   const key = event.key.toLowerCase(), typing = event.target.matches("input, select, textarea");
   if (event.key === "Escape" && mode !== "live") discard();
+  else if (event.key === "Escape" && past) live();
   else if (event.key === "Enter" && mode === "editing" && (!typing || event.target.closest("#numbers")) && !event.target.matches("button")) sendBox();
   else if (typing) return;
+  else if (key === "?") at("keys").showModal();
   else if (event.key.startsWith("Arrow") && mode === "editing") editor.move(event);
   else if (event.key === "ArrowLeft" && recording.isOpen()) recording.back();
   else if (event.key === "Home" && recording.isOpen()) recording.first();
-  else if (event.key === " " && !event.target.matches("button, summary")) pause();
+  else if (event.key === " " && !event.target.matches("button, summary")) holdSpace(event);
+  else if (key === "+" || key === "=") zoom.zoomIn();
+  else if (key === "-") zoom.zoomOut();
+  else if (key === "0") zoom.fit();
   else if (key === "s") stop();
   else if (key === "r") startDrawing();
   else if (key === "h") heatmap.toggle();
   else if ((key === "n" || event.key === "ArrowRight") && recording.isOpen()) recording.step();
   else return;
   event.preventDefault();
+}
+
+// The space key pauses when it is released, as a drag with it moves the picture.
+function holdSpace({ repeat }) {
+  if (!repeat) space = "held";
+  at("stage").classList.add("grab");
+}
+
+function releaseSpace(isPress) {
+  if (isPress && space === "held") pause();
+  space = "";
+  at("stage").classList.remove("grab");
+}
+
+// Whether a pointer that goes down pans.
+function pansWithSpace() {
+  space &&= "panned";
+  return Boolean(space);
 }
 
 function pause() {
@@ -261,18 +329,30 @@ function freeKeys() {
   document.addEventListener("change", ({ target }) => { if (byPointer && target.matches("select, [type=range], [type=checkbox]")) target.blur(); });
 }
 
-export function init(sender, notes) {
-  [send, note] = [sender, notes];
+export function init(sender, notes, newest) {
+  [send, note, showNewest] = [sender, notes, newest];
   editor.init(() => frame && [frame.width, frame.height]);
   overlay.addEventListener("pointerdown", onDown);
   overlay.addEventListener("pointermove", onMove);
   overlay.addEventListener("pointerup", onUp);
   overlay.addEventListener("pointercancel", live);
+  overlay.addEventListener("dblclick", () => { if (zoom.isZoomed()) { clearTimeout(clicked); zoom.fit(); } });
+  zoom.init(pansWithSpace, cancelDrawing);
+  // Handles, labels and particles keep their size on the screen.
+  new ResizeObserver(() => { if (frame) { drawOverlay(); editor.show(editor.box(), mode === "editing"); } }).observe(overlay);
   document.addEventListener("keydown", onKey);
+  document.addEventListener("keyup", ({ key }) => { if (key === " ") releaseSpace(true); });
+  addEventListener("blur", () => releaseSpace(false));
   freeKeys();
-  at("draw").addEventListener("click", startDrawing);
+  at("keys-button").addEventListener("click", () => at("keys").showModal());
+  at("draw").addEventListener("click", (event) => {
+    startDrawing();
+    // By key, the next Enter tracks the box instead of discarding it.
+    if (!event.detail && mode === "editing") at("send").focus();
+  });
   at("pause").addEventListener("click", pause);
   at("stop").addEventListener("click", stop);
+  at("now").addEventListener("click", live);
   at("send").addEventListener("click", sendBox);
   at("discard").addEventListener("click", discard);
   at("more-button").addEventListener("click", showMore);

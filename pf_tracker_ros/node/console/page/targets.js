@@ -9,7 +9,7 @@ const at = (id) => document.getElementById(id);
 const DETECTED = 1000;   // milliseconds for which detections are shown
 const rows = new Map();    // id to the elements of its row
 const colors = new Map();  // id to the color that the tracker gave it
-let send, maxTargets = 1, detected = null;
+let send, maxTargets = 1, count = 0, isBuiltIn = false, detected = null;
 
 const title = ({ id, label }) => label ? `${id} ${label}` : id;
 
@@ -34,28 +34,43 @@ export function reason(one, { boxes = {}, status, width, height }) {
   return one.confidence >= 0.5 ? "not certain yet: just found again, or a similar object is near" : "hardly seen";
 }
 
+// Id, state, confidence, and why it is out of sight.
+function inWords(one, frame) {
+  const why = reason(one, frame);
+  return `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${Math.round(100 * one.confidence)} %` : ""}${why ? `, ${why}` : ""}`;
+}
+
+// The targets of a frame for the timeline, the selected one first.
+export function describe(frame) {
+  const { targets, selected } = frame.status;
+  return targets.map((one) => ({ ...one, color: frame.boxes?.[one.id]?.color ?? colors.get(one.id), words: inWords(one, frame) }))
+    .sort((one, other) => (other.id === selected) - (one.id === selected));
+}
+
 // The labels, without covering each other: one that would goes up, or, at the edge, below its box.
-function placeLabels(boxes, unit) {
+function placeLabels(boxes, unit, frame) {
   const taken = [];
-  return boxes.map(({ box: [x, y, , height], caption }) => {
+  return boxes.map(({ box: [left, y, , height], caption }) => {
     const size = TEXT * unit, across = 0.62 * size * caption.length;
+    const x = Math.max(0, Math.min(left, frame.width - across));
     const isTaken = (top) => taken.some((other) => x < other.x + other.across && other.x < x + across && Math.abs(top - other.top) < size);
     let top = Math.max(size, y - 4 * unit);
     while (isTaken(top) && top > size) top = Math.max(size, top - size);
     if (isTaken(top)) top = y + height + size;
+    top = Math.min(top, frame.height - unit);
     taken.push({ x, across, top });
-    return top;
+    return { x, y: top };
   });
 }
 
-function draw(parent, boxes, unit) {
-  const tops = placeLabels(boxes, unit);
+function draw(parent, boxes, unit, frame) {
+  const places = placeLabels(boxes, unit, frame);
   fit(parent, boxes.length, labeledBox).forEach((group, i) => {
     const [rect, text] = group.children, { box: [x, y, width, height], stroke, state, caption } = boxes[i];
     set(rect, { x, y, width, height });
     if (stroke) rect.setAttribute("stroke", stroke);
     rect.dataset.state = state ?? "";
-    set(text, { x, y: tops[i], "font-size": TEXT * unit });
+    set(text, { ...places[i], "font-size": TEXT * unit });
     text.textContent = caption;
   });
 }
@@ -67,9 +82,9 @@ export function show(frame, unit) {
   const boxes = frame.boxes ?? {}, found = frame.status?.targets ?? [];
   for (const [id, { color }] of Object.entries(boxes)) colors.set(id, color);
   draw(at("targets"), found.filter(({ id }) => boxes[id] && maxTargets > 1).map((one) =>
-    ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, caption: title(one) })), unit);
+    ({ box: boxes[one.id].box, stroke: boxes[one.id].color, state: one.state, caption: title(one) })), unit, frame);
   const isNew = detected && Math.abs(milliseconds(frame.stamp) - milliseconds(detected.stamp)) < DETECTED;
-  draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, caption: label })), unit);
+  draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, caption: label })), unit, frame);
   if (isNew) showDetections();
   list(found, frame);
 }
@@ -90,6 +105,11 @@ export const select = (id, selected) => send({ type: "select", id: id === select
 
 export function setDetections(message) { detected = message; }
 
+export function setDetector(now) { isBuiltIn = now; }
+
+// Whether targets start by themselves, so that nobody has to draw.
+export const hasDetector = () => isBuiltIn || Boolean(detected);
+
 function list(found, frame) {
   const selected = frame.status?.selected;
   const ids = new Set(found.map(({ id }) => id));
@@ -98,15 +118,17 @@ function list(found, frame) {
     if (!rows.has(one.id)) add(one.id);
     const { mark, choose, stop } = rows.get(one.id);
     mark.style.background = colors.get(one.id) ?? "";
-    const why = reason(one, frame);
-    const caption = `${title(one)} · ${one.state}${typeof one.confidence === "number" ? ` ${Math.round(100 * one.confidence)} %` : ""}${why ? `, ${why}` : ""}`;
+    const caption = inWords(one, frame);
     if (choose.textContent !== caption) choose.textContent = caption;
     choose.setAttribute("aria-pressed", one.id === selected);
     choose.onclick = () => select(one.id, selected);
     stop.ariaLabel = `Stop ${title(one)}`;
   }
-  at("target-count").textContent = `${found.length} of ${maxTargets}`;
+  count = found.length;
+  showCount();
 }
+
+function showCount() { at("target-count").textContent = `${count} of ${maxTargets}`; }
 
 function add(id) {
   const [row, mark, choose, stop] = ["li", "i", "button", "button"].map((name) => document.createElement(name));
@@ -119,8 +141,9 @@ function add(id) {
   rows.set(id, { row, mark, choose, stop });
 }
 
-export function setMaxTargets(count) {
-  maxTargets = count;
+export function setMaxTargets(most) {
+  maxTargets = most;
+  showCount();
   at("targets-card").hidden = maxTargets < 2;
 }
 

@@ -1,0 +1,206 @@
+"""Zoom and pan of the picture, and boxes drawn on the zoomed picture."""
+
+import pytest
+from geometry_msgs.msg import PointStamped, PolygonStamped
+
+from pf_tracker_ros.boxes import bounding_box
+
+CENTER = (80.0, 60.0)
+
+
+@pytest.fixture
+def sent(tracker, console, client):
+    """Targets and clicks that the console sends to the tracker."""
+    messages = []
+    client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
+    client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
+    senders = [one for one in console.publishers if one.topic.endswith(("/target", "/click"))]
+    client.wait_for(
+        lambda: all(sender.get_subscription_count() == 2 for sender in senders), "subscriptions"
+    )
+    return messages
+
+
+@pytest.fixture
+def shown(tracker, camera, page):
+    """A page with the camera's pictures, and a tracker without a target."""
+    camera.show_on(page)
+    return page
+
+
+def zoom_of(page):
+    """The width of the picture relative to that of the stage."""
+    widths = (page.locator(f"#{name}").bounding_box()["width"] for name in ("view", "stage"))
+    return next(widths) / next(widths)
+
+
+def pixel_at(page, x, y):
+    """The pixel of the picture at a position of the page."""
+    area, (width, height) = page.locator("#overlay").bounding_box(), page.size
+    return (x - area["x"]) * width / area["width"], (y - area["y"]) * height / area["height"]
+
+
+def wheel_at(page, place, steps):
+    """Turn the wheel over a pixel of the picture, up for positive steps."""
+    x, y = page.to_screen(*place)
+    page.mouse.move(x, y)
+    for _ in range(abs(steps)):
+        before = zoom_of(page)
+        page.mouse.wheel(0, -200 if steps > 0 else 200)
+        page.wait_until(lambda: zoom_of(page) != before, "other zoom")  # noqa: B023
+    return x, y
+
+
+def box_of(message):
+    return bounding_box([(point.x, point.y) for point in message.polygon.points])
+
+
+def test_the_wheel_zooms_around_the_pointer(shown):
+    x, y = wheel_at(shown, (40, 90), 3)
+    assert zoom_of(shown) == pytest.approx(2.718281828**1.2, rel=0.01)
+    assert pixel_at(shown, x, y) == pytest.approx((40, 90), abs=0.2)
+    # The page itself does not scroll.
+    assert shown.evaluate("() => scrollY") == 0
+    assert shown.text("zoom-fit") == "3.3 x"
+
+
+def test_the_zoomed_picture_always_fills_the_stage(shown):
+    wheel_at(shown, (5, 5), 3)
+    x, y = shown.to_screen(20, 20)
+    shown.mouse.move(x, y)
+    shown.mouse.down(button="middle")
+    shown.mouse.move(x + 3000, y + 3000, steps=3)
+    shown.mouse.up(button="middle")
+    view, stage = (shown.locator(f"#{name}").bounding_box() for name in ("view", "stage"))
+    assert (view["x"], view["y"]) == pytest.approx((stage["x"], stage["y"]), abs=0.5)
+    # Out again from a corner, nothing beside the picture is shown.
+    wheel_at(shown, (5, 5), -2)
+    shown.keyboard.press("0")
+    view, stage = (shown.locator(f"#{name}").bounding_box() for name in ("view", "stage"))
+    assert view == pytest.approx(stage, abs=0.5)
+
+
+def test_a_box_drawn_on_the_zoomed_picture_is_right_to_the_pixel(shown, client, sent):
+    wheel_at(shown, (50, 40), 4)
+    assert zoom_of(shown) > 4
+    # Pan, so that the corner of the view is anywhere.
+    x, y = shown.to_screen(50, 40)
+    shown.mouse.move(x, y)
+    shown.mouse.down(button="middle")
+    shown.mouse.move(x + 37, y - 21, steps=2)
+    shown.mouse.up(button="middle")
+    assert pixel_at(shown, x + 37, y - 21) == pytest.approx((50, 40), abs=0.2)
+    assert sent == []
+    shown.drag((45, 35, 12, 9))
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert box_of(target) == pytest.approx((45, 35, 12, 9), abs=0.25)
+
+
+def test_space_pans_and_does_not_pause(shown, client, sent, camera):
+    wheel_at(shown, (50, 40), 3)
+    x, y = shown.to_screen(50, 40)
+    shown.mouse.move(x, y)
+    shown.keyboard.down("Space")
+    shown.mouse.down()
+    shown.mouse.move(x + 40, y + 30, steps=3)
+    shown.mouse.up()
+    shown.keyboard.up("Space")
+    assert pixel_at(shown, x + 40, y + 30) == pytest.approx((50, 40), abs=0.2)
+    assert camera.show().values["frame"] == "waiting"
+    # The left button draws again.
+    shown.drag((45, 35, 12, 9))
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert box_of(target) == pytest.approx((45, 35, 12, 9), abs=0.4)
+
+
+def test_a_double_click_fits_the_picture_and_starts_nothing(shown, client, sent):
+    wheel_at(shown, (60, 50), 3)
+    shown.mouse.dblclick(*shown.to_screen(60, 50))
+    shown.wait_until(lambda: zoom_of(shown) == pytest.approx(1), "whole picture")
+    # An earlier click would arrive before this one.
+    shown.mouse.click(*shown.to_screen(30, 20))
+    (click,) = client.wait_for(lambda: sent, "click")
+    assert (click.point.x, click.point.y) == pytest.approx((30, 20), abs=0.5)
+
+
+def test_a_click_on_the_zoomed_picture_starts_a_target_there(shown, client, sent):
+    wheel_at(shown, (60, 50), 3)
+    shown.mouse.click(*shown.to_screen(62, 51))
+    (click,) = client.wait_for(lambda: sent, "click")
+    assert (click.point.x, click.point.y) == pytest.approx((62, 51), abs=0.3)
+
+
+def test_buttons_and_keys_zoom_around_the_middle_and_arrow_keys_move(shown):
+    shown.get_by_role("button", name="Zoom in").click()
+    shown.keyboard.press("+")
+    assert zoom_of(shown) == pytest.approx(2.25)
+    middle = shown.locator("#stage").bounding_box()
+    x, y = middle["x"] + middle["width"] / 2, middle["y"] + middle["height"] / 2
+    assert pixel_at(shown, x, y) == pytest.approx(CENTER, abs=0.2)
+    shown.keyboard.press("-")
+    assert zoom_of(shown) == pytest.approx(1.5)
+    # By key, with a focused button.
+    button = shown.locator("#zoom-in")
+    button.focus()
+    button.press("Enter")
+    button.press("ArrowRight")
+    button.press("ArrowDown")
+    assert pixel_at(shown, x, y) == pytest.approx((80 + 16 / 2.25, 60 + 12 / 2.25), abs=0.2)
+    shown.locator("#zoom-fit").press("Enter")
+    assert zoom_of(shown) == pytest.approx(1)
+
+
+@pytest.mark.usefixtures("tracker")
+def test_two_fingers_zoom_and_pan_and_draw_nothing(console, camera, open_page, sent, client):
+    page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
+    camera.show_on(page)
+    touch = page.context.new_cdp_session(page.page).send
+
+    def fingers(kind, *places):
+        points = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
+        touch("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+    x, y = page.to_screen(*CENTER)
+    fingers("touchStart", (x - 30, y))
+    fingers("touchMove", (x - 32, y + 5))
+    # The first finger has begun a box.
+    fingers("touchStart", (x - 32, y), (x + 32, y))
+    fingers("touchMove", (x - 64, y), (x + 64, y))
+    page.wait_until(lambda: zoom_of(page) == pytest.approx(2, rel=0.05), "zoom")
+    assert pixel_at(page, x, y) == pytest.approx(CENTER, abs=1.0)
+    fingers("touchMove", (x - 44, y + 10), (x + 84, y + 10))
+    page.wait_until(lambda: pixel_at(page, x + 20, y + 10) == pytest.approx(CENTER, abs=1.5), "pan")
+    fingers("touchEnd", (x - 44, y + 10))
+    fingers("touchMove", (x - 10, y + 60))
+    fingers("touchEnd")
+    assert page.locator("#drawn").is_hidden()
+    assert sent == []
+    # One finger draws again.
+    places = [page.to_screen(*place) for place in ((70, 50), (80, 60), (90, 70))]
+    for kind, place in zip(("touchStart", "touchMove", "touchMove"), places, strict=True):
+        fingers(kind, place)
+    fingers("touchEnd")
+    (target,) = client.wait_for(lambda: sent, "target")
+    assert box_of(target) == pytest.approx((70, 50, 20, 20), abs=1.0)
+
+
+def test_more_pixels_are_sent_for_a_zoomed_picture(console, camera, open_page, tracker):
+    page = open_page(console.url, viewport={"width": 360, "height": 700})
+    camera.show_on(page)
+    narrow = int(page.evaluate("() => document.querySelector('#overlay').clientWidth"))
+    assert narrow > 160
+    page.evaluate(
+        """() => {
+          const send = WebSocket.prototype.send;
+          window.widths = [];
+          WebSocket.prototype.send = function (text) {
+            const message = JSON.parse(text);
+            if (message.type === "view") window.widths.push(message.width);
+            return send.call(this, text);
+          };
+        }"""
+    )
+    page.keyboard.press("+")
+    page.wait_until(
+        lambda: page.evaluate("() => window.widths.at(-1) ?? 0") > 1.4 * narrow, "width"
+    )
