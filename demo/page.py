@@ -1,4 +1,4 @@
-"""Writes the page that ends the demo: videos, figures, bags, commands, and a view from above."""
+"""Writes the page that ends the demo: videos, figures, bags, commands and plots."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from clips import Clip
+from follower import NARROW, WIDE, FollowerResult
 from jinja2 import ChoiceLoader, Environment, FileSystemLoader, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from processes import ros_arguments
 from report import Summary
-from room import RoomResult
 
 from pf_tracker_ros import __version__
 
@@ -36,12 +36,14 @@ class ClipResult(NamedTuple):
     track_arguments: Sequence[str]
 
 
-def write_page(results: Sequence[ClipResult], room: RoomResult | None, folder: Path) -> Path:
+def write_page(
+    results: Sequence[ClipResult], follower: FollowerResult | None, folder: Path
+) -> Path:
     """Write index.html beside the folders of the clips; its links are relative.
 
     Args:
         results: The tracked clips.
-        room: The located room; None if it is still to come.
+        follower: The robot's run; None if it is still to come.
         folder: Folder of the folders of the clips.
 
     Returns:
@@ -61,11 +63,18 @@ def write_page(results: Sequence[ClipResult], room: RoomResult | None, folder: P
     text = environment.get_template(f"{PAGE}.jinja").render(
         version=__version__,
         clips=[(result.clip, result.summary, _commands(result, folder)) for result in results],
-        room=room,
-        view_from_above=Markup(room.view_from_above) if room else "",
-        room_commands={
+        follower=follower,
+        wide=WIDE,
+        narrow=NARROW,
+        plots=[
+            (Markup(follower.error_plot), "Error of the position."),
+            (Markup(follower.view_from_above), "From above: ways and 90 % regions."),
+        ]
+        if follower
+        else [],
+        follower_commands={
             made: shlex.join(map(_shown_if_path, command))
-            for made, command in (room.commands if room else {}).items()
+            for made, command in (follower.commands if follower else {}).items()
         },
     )
     path.write_text(text, encoding="utf-8")

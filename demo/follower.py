@@ -1,0 +1,367 @@
+"""The end of the demo: a robot that follows a person through a drawn room, in a closed loop.
+
+1. `benchmarks/follow_parts` draws the room. In each frame, tracker and localizer find the person,
+   and the robot drives by the pose that they publish.
+2. The camera's image and a map become a video, in two shapes, and the sensors' messages a bag.
+3. `track --world` locates the person in the bag, and writes the report.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from failure import DemoError
+from matplotlib.font_manager import findfont
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from processes import run_to_end
+
+from pf_tracker_ros.evaluation.reports import svg_plots
+from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
+from pf_tracker_ros.footage.bag_writing import BagWriter
+from pf_tracker_ros.footage.video_encoding import open_encoder
+from pf_tracker_ros.messages import IMAGE_TYPE, image_message
+from pf_tracker_ros.overlay import STATE_COLORS, draw_box
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+
+from follow_parts.chain import LibraryChain, camera_info, stamp_at
+from follow_parts.layout import Layout
+from follow_parts.loop import Moment, moments
+from follow_parts.metrics import Row, row_of, spans
+from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
+from follow_parts.robot import Pose2D
+from follow_parts.scenarios import SCENARIOS
+from follow_parts.world import RATE, World
+
+NAME = "follower"
+WIDE, NARROW = "follower.mp4", "follower_narrow.mp4"
+_SCENARIO, _SEED, _SECONDS = "depth_hand", 6, 16.0
+_IMAGES, _DEPTH, _INFO = "/camera/image_raw", "/camera/depth/image", "/camera/camera_info"
+_ODOMETRY, _TRUTH = "/odom", "/truth/person"
+_FRAME, _FIXED_FRAME = "camera_optical_frame", "odom"
+_MOUNTING = {"camera.height": CAMERA_HEIGHT, "camera.pitch": CAMERA_PITCH}
+# Width of the map beside the image, pixels.
+_PANEL = 500
+# Row of the map's panel where the legend begins, pixels.
+_LEGEND = 326
+# Error that the graph below the map can show, meters.
+_LARGEST = 0.5
+
+Picture = NDArray[np.uint8]
+_Color = tuple[int, int, int]
+# Red, green and blue, on white.
+_INK, _QUIET, _FAINT = (27, 36, 48), (110, 120, 130), (214, 220, 226)
+_ROBOT, _PERSON, _POSE = (11, 92, 173), (23, 125, 55), (200, 30, 30)
+
+
+@dataclass(frozen=True)
+class FollowerResult:
+    """The robot's run.
+
+    Attributes:
+        name: Name of its folder.
+        error_plot: SVG: error of the position over the time.
+        view_from_above: SVG of the report, in the colors of the page.
+        commands: What a command makes, to its arguments.
+        errors: Distances of the published from the true positions, as a sentence.
+    """
+
+    name: str
+    error_plot: str
+    view_from_above: str
+    commands: Mapping[str, list[str]]
+    errors: str
+
+
+def drive(folder: Path) -> list[Row]:
+    """Run the robot, and write its videos and its bag.
+
+    Args:
+        folder: Of the results.
+
+    Returns:
+        What was true and what was published, frame by frame.
+
+    Raises:
+        FootageError: A file cannot be written.
+    """
+    scenario = SCENARIOS[_SCENARIO]
+    world = World.draw(_SEED, scenario, _SECONDS)
+    chain = LibraryChain(scenario, _SEED, has_imu=False)
+    scene = _Map(world.layout)
+    rows: list[Row] = []
+    height, width = CAMERA.height, CAMERA.width
+    wide = open_encoder(folder / WIDE, RATE, (width + _PANEL, height))
+    narrow = open_encoder(folder / NARROW, RATE, (width, 2 * height))
+    side = (width - _PANEL) // 2
+    with BagWriter(folder / "input.mcap") as bag:
+        _add_topics(bag)
+        for moment in moments(world, scenario, _SEED, _SECONDS, chain):
+            rows.append(row_of(moment))
+            _write(bag, moment)
+            image = _annotated(moment.truth.view.image, rows[-1])
+            beside = scene.draw(rows, moment.truth.positions[1:])
+            wide.write(np.hstack([image, beside]))
+            padded = np.pad(beside, ((0, 0), (side, side), (0, 0)), constant_values=255)
+            narrow.write(np.vstack([image, padded]))
+    wide.close()
+    narrow.close()
+    return rows
+
+
+def locate(folder: Path, rows: Sequence[Row]) -> FollowerResult:
+    """Locate the person of the bag without ROS, for the report.
+
+    Args:
+        folder: With the bag.
+        rows: Of the robot's run.
+
+    Raises:
+        DemoError: It failed.
+    """
+    box = rows[0].true_box
+    if box is None:
+        raise DemoError("the person is out of sight in the first frame")
+    arguments = [str(folder / "input.mcap"), "--bag-topic", _IMAGES, "--world"]
+    arguments += ["--box", ",".join(f"{value:.0f}" for value in box)]
+    arguments += [f"--parameter={name}={value}" for name, value in _MOUNTING.items()]
+    arguments += ["--output", str(folder / "tracked"), "--bag", "--video", "--report"]
+    run_to_end("track", arguments, folder / "log" / "track.log")
+    page = (folder / "tracked" / REPORT_FILE).read_text(encoding="utf-8")
+    found = re.search(r"From above.*?(<svg.*?</svg>)", page, re.DOTALL)
+    if found is None:
+        raise DemoError(f"{folder / 'tracked' / REPORT_FILE} has no view from above")
+    again = ["python", "benchmarks/follow.py", "--scenario", _SCENARIO, "--seeds", str(_SEED), "1"]
+    commands = {
+        "report, boxes.csv and topics.mcap": ["track", *arguments],
+        "the run again, measured": [*again, "--seconds", f"{_SECONDS:g}", "--video", "run.mp4"],
+    }
+    return FollowerResult(NAME, _error_plot(rows), found[1], commands, errors_in_words(rows))
+
+
+def errors_in_words(rows: Sequence[Row]) -> str:
+    """The distances between the published and the true positions, as a sentence."""
+    errors = np.array([row.error for row in rows])
+    posed = np.isfinite(errors)
+    if not posed.any():
+        return f"{NAME}: no position was published"
+    middle, most = np.percentile(errors[posed], (50, 90))
+    return (
+        f"{NAME}: positions are {middle:.2f} m off the true ones in the median, 90 % less than "
+        f"{most:.2f} m; {posed.mean():.0%} of the frames have one"
+    )
+
+
+def _error_plot(rows: Sequence[Row]) -> str:
+    """The error over the time, with the spans without a position; SVG."""
+    times = np.array([row.time for row in rows])
+    errors = np.array([row.error for row in rows])
+    figure, axes = svg_plots._figure(svg_plots._SQUARE, "time, s", "error of the position, m")
+    for begin, end in spans(~np.isfinite(errors)):
+        axes.axvspan(
+            times[begin],
+            times[end - 1] + 1.0 / RATE,
+            color=svg_plots._DOUBTFUL,
+            alpha=0.25,
+            linewidth=0,
+        )
+    svg_plots._line(axes, times, errors, "error")
+    axes.set_xlim(0.0, _SECONDS)
+    axes.set_ylim(0.0, None)
+    return svg_plots._svg(figure, "Error of the position over the time")
+
+
+def _add_topics(bag: BagWriter) -> None:
+    for topic, message_type in {
+        _IMAGES: IMAGE_TYPE,
+        _DEPTH: IMAGE_TYPE,
+        _INFO: "sensor_msgs/msg/CameraInfo",
+        _ODOMETRY: "nav_msgs/msg/Odometry",
+        _TRUTH: "geometry_msgs/msg/PoseStamped",
+    }.items():
+        bag.add_topic(topic, message_type)
+
+
+def _write(bag: BagWriter, moment: Moment) -> None:
+    """Write the messages of a frame."""
+    truth, new = moment.truth, bag.new
+    stamp = stamp_at(truth.time)
+    header, fixed = bag.header(stamp, _FRAME), bag.header(stamp, _FIXED_FRAME)
+    info = camera_info()
+    values = {name: np.array(getattr(info, name), float) for name in "dkp"}
+    messages = {
+        _ODOMETRY: new(
+            "nav_msgs/msg/Odometry",
+            header=fixed,
+            child_frame_id="base_link",
+            pose=_pose(bag, truth.odometry, "geometry_msgs/msg/PoseWithCovariance"),
+            twist=new("geometry_msgs/msg/TwistWithCovariance", covariance=np.zeros(36)),
+        ),
+        _INFO: new(
+            "sensor_msgs/msg/CameraInfo",
+            header=header,
+            height=info.height,
+            width=info.width,
+            distortion_model=info.distortion_model,
+            r=np.eye(3).ravel(),
+            **values,
+        ),
+        _DEPTH: image_message(new, header, truth.view.depth),
+        _IMAGES: image_message(new, header, truth.view.image),
+        _TRUTH: new(
+            "geometry_msgs/msg/PoseStamped",
+            header=fixed,
+            pose=_pose(bag, Pose2D(*truth.in_odometry(truth.positions[0]).tolist(), 0.0)),
+        ),
+    }
+    for topic, message in messages.items():
+        bag.write_message(topic, stamp, message)
+
+
+def _pose(bag: BagWriter, pose: Pose2D, kind: str = "") -> Any:
+    """A geometry_msgs/Pose, or one with a covariance of zeros."""
+    made = bag.new(
+        "geometry_msgs/msg/Pose",
+        position=bag.new("geometry_msgs/msg/Point", x=float(pose.x), y=float(pose.y)),
+        orientation=bag.new(
+            "geometry_msgs/msg/Quaternion",
+            z=math.sin(pose.yaw / 2.0),
+            w=math.cos(pose.yaw / 2.0),
+        ),
+    )
+    return bag.new(kind, pose=made, covariance=np.zeros(36)) if kind else made
+
+
+def _annotated(image: Picture, row: Row) -> Picture:
+    """The image with box and state."""
+    canvas = image.copy()
+    color = STATE_COLORS.get(row.state, (200, 200, 200))
+    if row.box:
+        draw_box(canvas, np.array(row.box), color, 2)
+    text = row.state if row.state == "lost" else f"{row.state} {row.confidence:.2f}"
+    for shade, width in (((0, 0, 0), 4), (color, 1)):
+        cv2.putText(
+            canvas, text, (10, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.7, shade, width, cv2.LINE_AA
+        )
+    return canvas
+
+
+class _Map:
+    """Draws the room from above, with a legend and a graph of the error.
+
+    Args:
+        layout: The room.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._low = layout.outline.min(axis=0)
+        extent = layout.outline.max(axis=0) - self._low
+        self._scale = min((_PANEL - 40) / extent[0], (_LEGEND - 26.0) / extent[1])
+        self._left = (_PANEL - self._scale * extent[0]) / 2.0
+        self._bottom = 18.0 + self._scale * extent[1]
+        letters = findfont("DejaVu Sans")  # comes with Matplotlib
+        self._font = ImageFont.truetype(letters, 15)
+        self._large = ImageFont.truetype(letters, 22)
+        self._walls = [
+            [self._place(*begin), self._place(*end)] for begin, end in layout.walls.tolist()
+        ]
+
+    def draw(self, rows: Sequence[Row], others: NDArray[np.float64]) -> Picture:
+        """The panel at the last row, (480, 500, 3) BGR."""
+        # Twice as large, then reduced: Pillow's lines have no smooth edges.
+        large = Image.new("RGB", (2 * _PANEL, 2 * CAMERA.height), "white")
+        self._draw_room(ImageDraw.Draw(large), rows, others)
+        self._draw_graph(ImageDraw.Draw(large), rows)
+        picture = large.resize((_PANEL, CAMERA.height), Image.Resampling.LANCZOS)
+        self._write(ImageDraw.Draw(picture), rows[-1])
+        return np.ascontiguousarray(np.asarray(picture)[..., ::-1])
+
+    def _place(self, x: float, y: float) -> tuple[float, float]:
+        return (
+            self._left + self._scale * (x - self._low[0]),
+            self._bottom - self._scale * (y - self._low[1]),
+        )
+
+    def _draw_room(
+        self, drawing: ImageDraw.ImageDraw, rows: Sequence[Row], others: NDArray[np.float64]
+    ) -> None:
+        row = rows[-1]
+        half = math.atan2(CAMERA.width / 2.0, CAMERA.fx)
+        sides = [row.robot_yaw - half + share * half / 8.0 for share in range(17)]
+        reach = 2.6
+        rim = [
+            (row.robot_x + reach * math.cos(side), row.robot_y + reach * math.sin(side))
+            for side in sides
+        ]
+        sector = [_doubled(self._place(*one)) for one in [(row.robot_x, row.robot_y), *rim]]
+        drawing.polygon(sector, fill=(226, 236, 247))
+        for wall in self._walls:
+            drawing.line([_doubled(one) for one in wall], fill=_INK, width=5)
+        for color, xs in (
+            (_ROBOT, [(one.robot_x, one.robot_y) for one in rows]),
+            (_PERSON, [(one.x, one.y) for one in rows]),
+        ):
+            if len(xs) > 1:
+                drawing.line([_doubled(self._place(*one)) for one in xs], fill=color, width=3)
+        for x, y in others.tolist():
+            self._dot(drawing, x, y, 14, (176, 184, 192))
+        self._dot(drawing, row.robot_x, row.robot_y, 18, _ROBOT)
+        self._dot(drawing, row.x, row.y, 18, _PERSON)
+        if math.isfinite(row.said_x):
+            self._dot(drawing, row.said_x, row.said_y, 9, _POSE)
+
+    def _dot(
+        self, drawing: ImageDraw.ImageDraw, x: float, y: float, radius: int, color: _Color
+    ) -> None:
+        column, line = _doubled(self._place(x, y))
+        drawing.ellipse((column - radius, line - radius, column + radius, line + radius), color)
+
+    def _draw_graph(self, drawing: ImageDraw.ImageDraw, rows: Sequence[Row]) -> None:
+        left, right, top, bottom = 2 * 66, 2 * (_PANEL - 20), 2 * 405, 2 * 462
+        # Walls may go on below the outline.
+        drawing.rectangle((0, 2 * _LEGEND, 2 * _PANEL, 2 * CAMERA.height), fill="white")
+        for share in (0.0, 0.5, 1.0):
+            level = bottom - share * (bottom - top)
+            drawing.line([(left, level), (right, level)], fill=_FAINT, width=2)
+        points: list[tuple[float, float]] = []
+        for row in rows:
+            x = left + (right - left) * row.time / _SECONDS
+            if math.isfinite(row.error):
+                points.append((x, bottom - min(row.error / _LARGEST, 1.0) * (bottom - top)))
+            else:
+                drawing.rectangle((x - 2, top, x + 2, bottom), fill=(250, 226, 200))
+                self._curve(drawing, points)
+                points = []
+        self._curve(drawing, points)
+
+    def _curve(self, drawing: ImageDraw.ImageDraw, points: list[tuple[float, float]]) -> None:
+        if len(points) > 1:
+            drawing.line(points, fill=_POSE, width=4)
+
+    def _write(self, drawing: ImageDraw.ImageDraw, row: Row) -> None:
+        for index, (text, color) in enumerate(
+            (("robot", _ROBOT), ("person", _PERSON), ("published position", _POSE))
+        ):
+            x, y = (20, 110, 210)[index], _LEGEND + 10
+            drawing.ellipse((x, y + 4, x + 11, y + 15), fill=color)
+            drawing.text((x + 18, y), text, fill=_INK, font=self._font)
+        if math.isfinite(row.error):
+            drawing.text((20, 366), f"error {row.error:.2f} m", fill=_POSE, font=self._large)
+        else:
+            drawing.text((20, 366), "no position", fill=(168, 91, 0), font=self._large)
+        drawing.text((210, 371), f"distance {row.distance:.1f} m", fill=_INK, font=self._font)
+        drawing.text((20, 396), f"{_LARGEST} m", fill=_QUIET, font=self._font)
+        drawing.text((20, 453), "0 m", fill=_QUIET, font=self._font)
+
+
+def _doubled(place: tuple[float, float]) -> tuple[float, float]:
+    return 2.0 * place[0], 2.0 * place[1]
