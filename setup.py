@@ -42,6 +42,8 @@ EXTRAS = {
     "ros": [
         "ros-jazzy-rclpy[fastrtps]==7.1.6",
         "ros-jazzy-common-interfaces==5.3.6",
+        # Its generators, which tools/make_vision_msgs.py runs, need it.
+        "catkin-pkg>=1.0",
         "pyyaml",
         *OPENCV,
         *BAGS,

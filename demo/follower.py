@@ -153,11 +153,11 @@ def errors_in_words(rows: Sequence[Row]) -> str:
     errors = np.array([row.error for row in rows])
     posed = np.isfinite(errors)
     if not posed.any():
-        return f"{NAME}: no position was published"
+        return "no position was published"
     middle, most = np.percentile(errors[posed], (50, 90))
     return (
-        f"{NAME}: positions are {middle:.2f} m off the true ones in the median, 90 % less than "
-        f"{most:.2f} m; {posed.mean():.0%} of the frames have one"
+        f"the published positions are {middle:.2f} m off the true ones in the median, 90 % less "
+        f"than {most:.2f} m; {100.0 * posed.mean():.0f} % of the frames have one"
     )
 
 

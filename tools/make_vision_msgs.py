@@ -106,6 +106,11 @@ def check(target: Path) -> None:
             "this environment has no ROS from PyPI; with ROS from apt, run "
             "`apt install ros-jazzy-vision-msgs`"
         )
+    if find_spec("catkin_pkg") is None:
+        raise BuildError(
+            "the generators of ROS need catkin_pkg; run "
+            f"`{sys.executable} -m pip install catkin-pkg`"
+        )
     if shutil.which("g++") is None:
         raise BuildError("there is no C++ compiler; run `apt install g++`")
     if not (Path(sysconfig.get_path("include")) / "Python.h").exists():

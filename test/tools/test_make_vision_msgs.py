@@ -71,6 +71,11 @@ def test_what_is_missing_is_named(tool, tmp_path, monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(tool.BuildError, match=r"run `apt install g\+\+`"):
         tool.check(tmp_path)
+    monkeypatch.setattr(
+        tool, "find_spec", lambda name: None if name == "catkin_pkg" else find_spec(name)
+    )
+    with pytest.raises(tool.BuildError, match=r"-m pip install catkin-pkg`"):
+        tool.check(tmp_path)
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     with pytest.raises(tool.BuildError, match="this environment has no ROS from PyPI"):
         tool.check(tmp_path)
