@@ -19,7 +19,8 @@ from pathlib import Path
 from clips import TOUR_CLIPS, Clip, open_clip
 from failure import DemoError
 from processes import NodeProcess
-from run import CACHE, FOLDER, LOGS, ros_domain
+from rich.console import Console
+from run import CACHE, FOLDER, LOGS, StepFailed, ros_domain, step
 
 from pf_tracker_ros.footage import FootageError, write_footage
 from pf_tracker_ros.node.console.playlist import read_tour
@@ -45,13 +46,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     folder = FOLDER / given.clip
     try:
-        recordings = {clip.name: _recording_of(clip) for clip in TOUR_CLIPS}
+        console = Console()
+        recordings = {clip.name: _recording_of(clip, console) for clip in TOUR_CLIPS}
         recording = recordings[given.clip]
         first = next(entry for entry in read_tour(TOUR) if entry.path == recording)
         with ros_domain(folder):
             tracker = NodeProcess("tracker", folder / LOGS / "tracker.log", **first.parameters)
             with tracker:
                 return _serve(recording, given.port)
+    except StepFailed as failure:
+        print(f"error: {failure.step}: {failure}", file=sys.stderr)
+        return 1
     except (DemoError, FootageError, RecordingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -59,13 +64,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
 
 
-def _recording_of(clip: Clip) -> Path:
+def _recording_of(clip: Clip, console: Console) -> Path:
     """The bag of a clip, written if missing."""
     folder = FOLDER / clip.name
     (folder / LOGS).mkdir(parents=True, exist_ok=True)
     recording = folder / "input.mcap"
     if not recording.exists():
-        write_footage(open_clip(clip, CACHE), recording)
+        with step(console, f"{clip.name}: fetching the clip"):
+            write_footage(open_clip(clip, CACHE), recording)
     return recording
 
 

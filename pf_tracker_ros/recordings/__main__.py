@@ -24,7 +24,7 @@ from pf_tracker_ros.recordings.archives.sources import errors_name_source, local
 from pf_tracker_ros.recordings.archives.stores import is_url, parse_path_or_url
 from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import RecordingError, unwritable
-from pf_tracker_ros.recordings.output_files import output_files
+from pf_tracker_ros.recordings.output_files import output_files, report_folder
 from pf_tracker_ros.recordings.plan import SIDECAR, apply_parameter_file, check_request
 from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.run import RunSummary, Stop, check_packages, run_recording
@@ -96,7 +96,10 @@ def _print_summary(options: argparse.Namespace, summary: RunSummary) -> None:
         print(f"track: {warning}", file=sys.stderr)
     if not summary.errors:
         first, *others = summary.lines
-        lines = (f"{options.source}: {first}; results in {options.output}", *others)
+        place = options.output
+        if options.report is not None:
+            place = f"{place}, report {report_folder(options) / REPORT_FILE}"
+        lines = (f"{options.source}: {first}; results in {place}", *others)
         print(*lines, sep="\n", flush=True)
 
 

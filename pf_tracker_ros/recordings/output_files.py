@@ -238,12 +238,15 @@ def output_files(options: argparse.Namespace) -> dict[Path, list[str]]:
     return {options.output: names, options.report: [REPORT_FILE]}
 
 
+def report_folder(options: argparse.Namespace) -> Path:
+    """The folder of the report."""
+    is_beside = options.report is None or options.report is SIDECAR
+    return options.output if is_beside else options.report
+
+
 def _video_address(options: argparse.Namespace) -> str:
     """Address of the video, relative to the report."""
-    folder = (
-        options.output if options.report is None or options.report is SIDECAR else options.report
-    )
-    return quote(os.path.relpath(options.output / VIDEO, folder))
+    return quote(os.path.relpath(options.output / VIDEO, report_folder(options)))
 
 
 def _writer_factories(
