@@ -258,7 +258,7 @@ def test_shares_of_a_target_that_ended_and_returned():
     ]
     assert [float(share) for _, share in found[5:]] == 2 * [1, 0, 0, 0, 0]
     text = " ".join(re.sub("<[^>]*>", " ", page).split())
-    assert "Tracked in frames 4 to 11. Lost in frames 8. Absent in frames 5 to 6." in text
+    assert "Tracked in frames 4 to 11. Lost in frame 8. Absent in frames 5 to 6." in text
     assert "Tracked in frames 0 to 1. Never lost." in text
     assert "Tracked in frames 3 to 4, where it ended. Never lost." in text
 
