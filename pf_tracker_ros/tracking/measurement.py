@@ -9,7 +9,8 @@
 `SearchingMeasurer` also finds a target that the motion model does not predict:
 
 1. Compute the cues' responses on a grid around the predicted box, and the fused likelihood there.
-2. Draw a share of the particles from this likelihood, with weights times p / q (`Search`).
+2. Draw a share of the particles from this likelihood, with weights times p / q (`Search`), and let
+   all grow or shrink as the cues tell.
 3. Weigh, with more weight on the cues that respond to the target more than to its surroundings.
 4. Estimate the mean of the mode around the maximum a posteriori particle.
 """
@@ -49,6 +50,8 @@ from pf_tracker_ros.tracking.search import Search, mode_mean
 ExternalLikelihood = Callable[[BoxesByAxis], NDArray[np.float64]]
 # Similarity to the target, 0 to 1, of a distractor: the geometric mean over the cues.
 _DISTRACTOR_ABOVE = 0.5
+# Share of the growth that the cues tell by which the particles grow.
+_GROWTH_GAIN = 0.25
 
 
 class FramePrediction(NamedTuple):
@@ -409,6 +412,14 @@ class SearchingMeasurer(Measurer):
                 generator=frame_prediction.generator,
             )
         boxes = motion.boxes(predicted.states)
+        likeliest = search.boxes[int(grid_log_likelihood.argmax())]
+        growth = self._fusion.log_growth(region, likeliest, templates) * (1.0 - doubt)
+        if growth:
+            # Sizes of the transition prior alone stay behind those of somebody who comes near.
+            boxes = _grown(boxes, math.exp(_GROWTH_GAIN * growth))
+            states = motion.with_boxes(predicted.states, boxes)
+            predicted = predicted.move(motion.constrain(states, frame_prediction.frame.size))
+            boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
         return WeightedParticles(
             frame_prediction,
@@ -458,3 +469,9 @@ class SearchingMeasurer(Measurer):
             return box_covariance(box, box_features(box, confidence))
         random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
         return box_covariance(box, box_features(box, 0.0), random_walk_std)
+
+
+def _grown(boxes: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """(N, 4) boxes around the same centers, with sides that are longer by a factor."""
+    sizes = factor * boxes[:, 2:]
+    return np.hstack([boxes[:, :2] + (boxes[:, 2:] - sizes) / 2, sizes])

@@ -5,7 +5,11 @@
 2. Search each window for the likeliest box of the last seen size.
 3. If the confidence in this box suffices, search again in the window around it: a distractor seldom
    has a high confidence in both.
-4. Take the most confident box if its confidence is above 0.84.
+4. Take the most confident box if its confidence is above 0.84; a lost target on a known ground, of
+   which fewer boxes are possible, if it could be tracked there.
+
+Before a robot, sizes change faster than the filter follows. So where the ground is known, the box
+of a target in doubt is tried in another size, and a challenger keeps its own.
 
 Otherwise the likeliest box elsewhere challenges the current one, see `Challenger`: without a claim
 that it is the target, the filter goes on from there once it has been likelier for long enough.
@@ -32,13 +36,17 @@ from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
 _OVERLAP = 0.5
-# Confidence above which a candidate is the target.
-_ACCEPT_ABOVE = 0.84
+ACCEPT_ABOVE = 0.84
+"""Confidence above which a candidate is the target."""
 DOUBTFUL_BELOW = 0.3
 """Confidence below which a box is too unlike the target to be taken for it."""
 # Seconds out of sight before another box can challenge the current one, and of the time constant of
 # its lead; lead with which it wins; largest change of odds by one frame.
 _CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
+# Logarithm of the factor of another size; log odds by which a box of that has to be likelier.
+_LOG_RESIZE, _RESIZED_LEAD = 0.15, 0.5
+# Frames until the other size takes its turn; of several targets, half of them estimate sizes.
+_RESIZE_INTERVAL = 2
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Heights of standing targets that are searched for, in heights of the image.
@@ -240,6 +248,7 @@ class Redetector:
         candidates: Sequence[Candidate],
         box: NDArray[np.float64],
         tracked_confidence: float = 0.0,
+        least: float = ACCEPT_ABOVE,
     ) -> Candidate | None:
         """The candidate that is the target, if one is.
 
@@ -248,11 +257,12 @@ class Redetector:
             box: (4,) current box, pixels.
             tracked_confidence: Confidence of this frame in the current box, which a candidate has
                 to exceed; 0 if the target is not tracked.
+            least: Confidence that it has to exceed in any case.
         """
         if tracked_confidence:
             candidates = [one for one in candidates if not are_same_place(one.box, box)]
         best = max(candidates, key=lambda one: one.confidence, default=None)
-        is_found = best and best.confidence > max(_ACCEPT_ABOVE, tracked_confidence)
+        is_found = best and best.confidence > max(least, tracked_confidence)
         return best if is_found else None
 
     def challenger(
@@ -280,10 +290,11 @@ class Redetector:
         if self._windows == 0 or assessment.status.hidden_for < _CHALLENGED_AFTER:
             return None
         last = state.challenger
-        places = [one for one in (measurement.second_peak, last and last.box) if one is not None]
-        at = np.array(places).reshape(-1, 4)
-        size = np.array(state.last_seen_box[2:])
+        peaks = [] if measurement.second_peak is None else [measurement.second_peak]
+        at, size = np.array(peaks).reshape(-1, 4), np.array(state.last_seen_box[2:])
         boxes = _boxes_around(at[:, :2] + at[:, 2:] / 2, size)
+        if last:
+            boxes = np.vstack([boxes, last.box])
         others = [*candidates, *self._search_in(state, measurement, assessment, boxes)]
         others = [one for one in others if not are_same_place(one.box, assessment.box)]
         rate = min(interval / _LEAD_TIME, 1.0)
@@ -296,6 +307,26 @@ class Redetector:
         lead += rate * (log_ratio - lead)
         wins = lead >= _WINS_ABOVE and best.confidence >= DOUBTFUL_BELOW
         return Challenger(as_box(best.box), lead, wins=wins)
+
+    def resized(
+        self, state: FilterState, measurement: Measurement, confidence: float
+    ) -> NDArray[np.float64] | None:
+        """(4,) box of another size in the same place that is likelier to be the target, if any.
+
+        A larger and a smaller one take turns.
+
+        Args:
+            state: State before this frame.
+            measurement: Measurement of this frame.
+            confidence: Confidence of this frame in its box, 0 to 1.
+        """
+        box, is_larger = measurement.box, state.followed_frames // _RESIZE_INTERVAL % 2
+        size = box[2:] * math.exp(_LOG_RESIZE if is_larger else -_LOG_RESIZE)
+        (around,) = _boxes_around((box[:2] + box[2:] / 2)[None], size)
+        candidate = self.search_around(state, measurement.frame, measurement.cue_weights, around)
+        lead = _log_odds(candidate.confidence) - _log_odds(confidence)
+        is_better = lead > _RESIZED_LEAD and are_same_place(candidate.box, box)
+        return candidate.box if is_better else None
 
     def search_around(
         self,

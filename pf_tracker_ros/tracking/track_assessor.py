@@ -5,8 +5,9 @@
 2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
    (`assessment.recognition_odds`).
 3. While the target is not tracked, let the occlusion policy choose the reported box.
-4. Search for the target where it was last seen and, once it is lost, all over the image.
-5. Redraw the particles around the box that the policy or the redetection returns.
+4. On a known ground, try the box of a target in doubt in another size.
+5. Search for the target where it was last seen and, once it is lost, all over the image.
+6. Redraw the particles around the box that steps 3 to 5 return.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.tracking.assessment import (
@@ -26,11 +28,18 @@ from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
-from pf_tracker_ros.tracking.redetection import DOUBTFUL_BELOW, Candidate, Redetector
+from pf_tracker_ros.tracking.redetection import (
+    ACCEPT_ABOVE,
+    DOUBTFUL_BELOW,
+    Candidate,
+    Redetector,
+)
 from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
 _LEARN_ABOVE = 0.01
+# Confidence of a single frame below which, on a known ground, the box is tried in another size.
+_RESIZED_BELOW = 0.8
 # Similarity to the current templates from which on a target is not lost.
 _RECOGNIZED_ABOVE = 0.52
 
@@ -69,6 +78,7 @@ class TrackAssessor:
         *,
         searches_everywhere: bool = True,
         is_challenged: bool = True,
+        estimates_size: bool = True,
     ) -> Assessment:
         """Assessment of the target in a frame.
 
@@ -80,6 +90,7 @@ class TrackAssessor:
             searches_everywhere: Whether a lost target is searched all over the image.
             is_challenged: Whether another box may challenge the current one; not where a detector
                 tells where targets are, nor beside other targets, whose boxes would do so.
+            estimates_size: Whether the size comes from the image.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
@@ -98,10 +109,16 @@ class TrackAssessor:
         )
         status = self._status(state, assessment.recognized_confidence, similarity, interval)
         assessment = assessment._replace(status=status)
+        if not status.is_settled:
+            assessment = assessment._replace(known_distractor=known_distractor)
+        is_size_doubtful = status.state != "lost" and frame_confidence < _RESIZED_BELOW
+        if self._redetector and estimates_size and state.standing and is_size_doubtful:
+            box = self._redetector.resized(state, measurement, frame_confidence)
+            if box is not None:
+                return self._redrawn(state, measurement, assessment, box, generator)
         if status.is_settled:
             return assessment
         is_seen, box = status.state == "tracking", None
-        assessment = assessment._replace(known_distractor=known_distractor)
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
             box = self._occlusion_policy.redraw_box(state, assessment)
@@ -119,7 +136,9 @@ class TrackAssessor:
                 searches_everywhere=searches_everywhere and status.state != "occluded",
             )
             tracked_confidence = frame_confidence if is_seen else 0.0
-            found = self._redetector.find(candidates, assessment.box, tracked_confidence)
+            is_simple = status.state == "lost" and state.standing is not None
+            least = self._thresholds.tracked_above if is_simple else ACCEPT_ABOVE
+            found = self._redetector.find(candidates, assessment.box, tracked_confidence, least)
             if found:
                 box = found.box
                 assessment = self._redetected(found, assessment)
@@ -137,6 +156,17 @@ class TrackAssessor:
                 assessment = assessment._replace(challenger=challenger)
         if box is None:
             return assessment
+        return self._redrawn(state, measurement, assessment, box, generator)
+
+    def _redrawn(
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        assessment: Assessment,
+        box: NDArray[np.float64],
+        generator: np.random.Generator,
+    ) -> Assessment:
+        """The assessment with another (4,) box, which is not learned from this frame."""
         particles, boxes = self._initializer.redraw_particles(
             state, box, measurement.frame.size, generator
         )

@@ -96,6 +96,41 @@ def test_a_lost_target_comes_back_by_itself_or_by_confirmation(mode):
     assert last.reacquired_for == pytest.approx((len(again) - 1 - found) * 0.1)
 
 
+def test_a_lost_target_is_found_at_a_lower_confidence_where_the_caller_allows_it(
+    make_target_filter,
+):
+    redetector = make_target_filter("default")._redetector
+    box = np.array([10.0, 10.0, 20.0, 20.0])
+    candidates = [Candidate(box + 50.0, 0.5), Candidate(box + 100.0, 0.7)]
+    assert redetector.find(candidates, box) is None
+    assert redetector.find(candidates, box, least=0.64) is candidates[1]
+    assert redetector.find(candidates, box, 0.75, least=0.64) is None
+
+
+@pytest.mark.parametrize(
+    ("found", "is_taken"), [((0.7, 4.0), True), ((0.55, 4.0), False), ((0.7, 60.0), False)]
+)
+def test_a_box_in_doubt_takes_a_clearly_likelier_size_in_its_place(
+    make_target_filter, couple, monkeypatch, found, is_taken
+):
+    """The box has a confidence of 0.5; a larger and a smaller one take turns."""
+    redetector = make_target_filter("default")._redetector
+    state = make_target_filter("default").start(couple.images[0], couple.first[0])
+    box = np.array(couple.first[0])
+    (confidence, offset), tried = found, []
+
+    def search_around(state, frame, cue_weights, around):
+        tried.append(around[2] / box[2])
+        return Candidate(around + [offset, 0, 0, 0], confidence)
+
+    monkeypatch.setattr(redetector, "search_around", search_around)
+    measurement = SimpleNamespace(frame=None, cue_weights={}, box=box)
+    for frames in range(4):
+        of_frame = replace(state, followed_frames=frames)
+        assert (redetector.resized(of_frame, measurement, 0.5) is not None) == is_taken
+    assert tried == pytest.approx([math.exp(one) for one in (-0.15, -0.15, 0.15, 0.15)])
+
+
 @pytest.fixture
 def challenge(make_target_filter, couple, monkeypatch):
     """A function that runs a frame of 0.1 s in which the box has a confidence of 0.1.
