@@ -108,6 +108,11 @@ README = [
 ]
 
 FIRST_STEPS = [
+    Elsewhere(
+        ".venv/bin/track demo/carphone/input.mcap --box 62,31,53,70 --output tracked --video "
+        "--report",
+        "test/recordings",
+    ),
     *INSTALL,
     Elsewhere("python3 -m venv ~/pf_tracker", INSTALLED),
     Elsewhere("~/pf_tracker/bin/pip install '.[ros,console,recordings,evaluation]'", INSTALLED),
@@ -211,6 +216,11 @@ THERMAL_CAMERA = [
 
 YOLO = [
     GoesOn(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
+    Elsewhere(
+        "tracker --ros-args -r image:=/camera/image_raw -r detections:=/yolo/detections "
+        "-p max_targets:=32 -p \"detector.labels:=['person', 'car']\"",
+        "for an environment without the command ros2",
+    ),
 ]
 
 BAG = [
