@@ -102,10 +102,9 @@ class KeepTracking(OcclusionPolicy):
     def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
         """See `OcclusionPolicy.redraw_box`.
 
-        A lost target keeps its last seen size, which would else adapt to any other object. Where
-        the ground is known, it is searched for in other sizes, too.
+        A lost target keeps its last seen size, which would else adapt to any other object.
         """
-        if assessment.status.state != "lost" or state.standing:
+        if assessment.status.state != "lost":
             return None
         size = np.array(state.last_seen_box[2:])
         return np.hstack([assessment.box[:2] + (assessment.box[2:] - size) / 2, size])

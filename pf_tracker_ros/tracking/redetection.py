@@ -8,8 +8,8 @@
 4. Take the most confident box if its confidence is above 0.84; a lost target on a known ground, of
    which fewer boxes are possible, if it could be tracked there.
 
-Before a robot, sizes change faster than the filter follows. So where the ground is known, the box
-of a target in doubt is tried in another size, and a challenger keeps its own.
+Before a robot, sizes change faster than the filter follows. So where the ground is known and there
+is no detector, the box of a target in doubt is tried in another size. A challenger keeps its own.
 
 Otherwise the likeliest box elsewhere challenges the current one, see `Challenger`: without a claim
 that it is the target, the filter goes on from there once it has been likelier for long enough.
@@ -45,7 +45,7 @@ DOUBTFUL_BELOW = 0.3
 _CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
 # Logarithm of the factor of another size; log odds by which a box of that has to be likelier.
 _LOG_RESIZE, _RESIZED_LEAD = 0.15, 0.5
-# Frames until the other size takes its turn; of several targets, half of them estimate sizes.
+# Frames until the other size takes its turn.
 _RESIZE_INTERVAL = 2
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3

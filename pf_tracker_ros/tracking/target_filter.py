@@ -259,7 +259,6 @@ class TargetFilter:
             generator,
             searches_everywhere=searches_everywhere,
             is_challenged=is_challenged,
-            estimates_size=frame_prediction.region.estimates_size,
         )
         # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
         learned = self._learn(state, frame_prediction.prediction, measurement, assessment, interval)

@@ -5,7 +5,7 @@
 2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
    (`assessment.recognition_odds`).
 3. While the target is not tracked, let the occlusion policy choose the reported box.
-4. On a known ground, try the box of a target in doubt in another size.
+4. On a known ground without a detector, try the box of a target in doubt in another size.
 5. Search for the target where it was last seen and, once it is lost, all over the image.
 6. Redraw the particles around the box that steps 3 to 5 return.
 """
@@ -78,7 +78,6 @@ class TrackAssessor:
         *,
         searches_everywhere: bool = True,
         is_challenged: bool = True,
-        estimates_size: bool = True,
     ) -> Assessment:
         """Assessment of the target in a frame.
 
@@ -90,7 +89,6 @@ class TrackAssessor:
             searches_everywhere: Whether a lost target is searched all over the image.
             is_challenged: Whether another box may challenge the current one; not where a detector
                 tells where targets are, nor beside other targets, whose boxes would do so.
-            estimates_size: Whether the size comes from the image.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
@@ -111,8 +109,9 @@ class TrackAssessor:
         assessment = assessment._replace(status=status)
         if not status.is_settled:
             assessment = assessment._replace(known_distractor=known_distractor)
-        is_size_doubtful = status.state != "lost" and frame_confidence < _RESIZED_BELOW
-        if self._redetector and estimates_size and state.standing and is_size_doubtful:
+        # Somebody in front is larger: beside a detector, which tells sizes, no other one is tried.
+        is_resized = is_challenged and state.standing is not None
+        if self._redetector and is_resized and _is_size_doubtful(status, frame_confidence):
             box = self._redetector.resized(state, measurement, frame_confidence)
             if box is not None:
                 return self._redrawn(state, measurement, assessment, box, generator)
@@ -121,7 +120,8 @@ class TrackAssessor:
         is_seen, box = status.state == "tracking", None
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
-            box = self._occlusion_policy.redraw_box(state, assessment)
+            # A lost target of any size is searched for where the ground is known.
+            box = None if is_resized else self._occlusion_policy.redraw_box(state, assessment)
         if status.state != "occluded" or status.probation:
             # The box may be another object, and a similar object elsewhere may be the target.
             assessment = assessment._replace(learns=False)
@@ -136,7 +136,7 @@ class TrackAssessor:
                 searches_everywhere=searches_everywhere and status.state != "occluded",
             )
             tracked_confidence = frame_confidence if is_seen else 0.0
-            is_simple = status.state == "lost" and state.standing is not None
+            is_simple = is_resized and status.state == "lost"
             least = self._thresholds.tracked_above if is_simple else ACCEPT_ABOVE
             found = self._redetector.find(candidates, assessment.box, tracked_confidence, least)
             if found:
@@ -222,6 +222,11 @@ class TrackAssessor:
                 recognition_odds=0.0,
             )
         return assessment
+
+
+def _is_size_doubtful(status: TrackStatus, confidence: float) -> bool:
+    """Whether a box may have the wrong size, given the confidence of its frame."""
+    return status.state != "lost" and confidence < _RESIZED_BELOW
 
 
 def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:

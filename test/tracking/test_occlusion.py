@@ -12,7 +12,6 @@ from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.estimate import TrackStatus
-from pf_tracker_ros.tracking.hints import Standing
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES, Coast, KeepTracking
 
@@ -61,16 +60,6 @@ def test_with_keep_tracking_the_assessment_stays(state, measurement, status):
     seen = measured_assessment(measurement, status)
     assert KeepTracking().assess(state, measurement, seen) is seen
     assert seen.learns is True
-
-
-@pytest.mark.parametrize("standing", [None, Standing(horizon=100.0, slope=2.0)])
-def test_a_lost_target_may_change_its_size_where_the_ground_is_known(state, measurement, standing):
-    lost = measured_assessment(measurement, TrackStatus("lost", 2.0))
-    box = KeepTracking().redraw_box(replace(state, standing=standing), lost)
-    if standing:
-        assert box is None
-    else:
-        assert tuple(box[2:]) == state.last_seen_box[2:]
 
 
 @pytest.mark.parametrize("policy", [Coast(), KeepTracking()])
