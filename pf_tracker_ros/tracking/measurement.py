@@ -10,7 +10,7 @@
 
 1. Compute the cues' responses on a grid around the predicted box, and the fused likelihood there.
 2. Draw a share of the particles from this likelihood, with weights times p / q (`Search`), and let
-   all grow or shrink as the cues tell.
+   all grow or shrink as the cues tell, where there is nothing but the image.
 3. Weigh, with more weight on the cues that respond to the target more than to its surroundings.
 4. Estimate the mean of the mode around the maximum a posteriori particle.
 """
@@ -412,8 +412,11 @@ class SearchingMeasurer(Measurer):
                 generator=frame_prediction.generator,
             )
         boxes = motion.boxes(predicted.states)
-        likeliest = search.boxes[int(grid_log_likelihood.argmax())]
-        growth = self._fusion.log_growth(region, likeliest, templates) * (1.0 - doubt)
+        growth = 0.0
+        if external_likelihood is None:
+            # The image alone tells the size; beside others, it would grow onto who is in front.
+            likeliest = search.boxes[int(grid_log_likelihood.argmax())]
+            growth = self._fusion.log_growth(region, likeliest, templates) * (1.0 - doubt)
         if growth:
             # Sizes of the transition prior alone stay behind those of somebody who comes near.
             boxes = _grown(boxes, math.exp(_GROWTH_GAIN * growth))
