@@ -141,8 +141,8 @@ class FilterState:
         last_seen_box: Last box with the state "tracking", pixels.
         second_peak: Likeliest box beside the target in the last frame, pixels; None without a
             search.
-        known_distractor: Second peak that the estimate has jumped to, pixels: not the target while
-            this is out of sight.
+        known_distractor: Box of a distractor that was seen beside the target, pixels; kept while
+            the target is out of sight.
         frames_since_seen: Consecutive frames without the state "tracking".
         followed_frames: Frames since the first one.
         generator_state: The target's own source of random numbers.

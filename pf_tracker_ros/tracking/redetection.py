@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, are_same_place, as_box
+from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
@@ -327,6 +327,27 @@ class Redetector:
         lead = _log_odds(candidate.confidence) - _log_odds(confidence)
         is_better = lead > _RESIZED_LEAD and are_same_place(candidate.box, box)
         return candidate.box if is_better else None
+
+    def known_distractor(self, state: FilterState, measurement: Measurement) -> Box | None:
+        """Distractor beside the target, in the frame in which the target goes out of sight.
+
+        It is the second peak of the last frame, if it could be taken for the target now. It is
+        None if this box is as confident as the last estimate, or overlaps it: it may be the target.
+
+        Args:
+            state: State before this frame.
+            measurement: Measurement of this frame.
+        """
+        if self._windows == 0 or state.second_peak is None:
+            return None
+        candidate = self.search_around(
+            state, measurement.frame, measurement.cue_weights, np.array(state.second_peak)
+        )
+        if not DOUBTFUL_BELOW <= candidate.confidence < state.confidence:
+            return None
+        is_clear = relative_center_distances(candidate.box, state.estimate.box) >= 1.0
+        is_second_peak = are_same_place(candidate.box, state.second_peak)
+        return as_box(candidate.box) if is_clear and is_second_peak else None
 
     def search_around(
         self,

@@ -118,6 +118,10 @@ class TrackAssessor:
         if status.is_settled:
             return assessment
         is_seen, box = status.state == "tracking", None
+        disappears = state.status.state == "tracking" and not is_seen
+        if self._redetector and known_distractor is None and disappears:
+            known_distractor = self._redetector.known_distractor(state, measurement)
+        assessment = assessment._replace(known_distractor=known_distractor)
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
             # A lost target of any size is searched for where the ground is known.
