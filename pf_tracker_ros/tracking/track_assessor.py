@@ -108,6 +108,7 @@ class TrackAssessor:
         status = self._status(state, assessment.recognized_confidence, similarity, interval)
         assessment = assessment._replace(status=status)
         if not status.is_settled:
+            known_distractor = known_distractor or self._distractor(state, measurement, status)
             assessment = assessment._replace(known_distractor=known_distractor)
         # Somebody in front is larger: beside a detector, which tells sizes, no other one is tried.
         is_resized = is_challenged and state.standing is not None
@@ -118,10 +119,6 @@ class TrackAssessor:
         if status.is_settled:
             return assessment
         is_seen, box = status.state == "tracking", None
-        disappears = state.status.state == "tracking" and not is_seen
-        if self._redetector and known_distractor is None and disappears:
-            known_distractor = self._redetector.known_distractor(state, measurement)
-        assessment = assessment._replace(known_distractor=known_distractor)
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
             # A lost target of any size is searched for where the ground is known.
@@ -161,6 +158,15 @@ class TrackAssessor:
         if box is None:
             return assessment
         return self._redrawn(state, measurement, assessment, box, generator)
+
+    def _distractor(
+        self, state: FilterState, measurement: Measurement, status: TrackStatus
+    ) -> Box | None:
+        """The distractor beside a target that goes out of sight in this frame; None if none is."""
+        disappears = state.status.state == "tracking" and status.state != "tracking"
+        if self._redetector is None or not disappears:
+            return None
+        return self._redetector.known_distractor(state, measurement)
 
     def _redrawn(
         self,
