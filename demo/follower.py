@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from processes import run_to_end
 
-from pf_tracker_ros.evaluation.reports import svg_plots
 from pf_tracker_ros.evaluation.reports.page import REPORT_FILE
 from pf_tracker_ros.footage.bag_writing import BagWriter
 from pf_tracker_ros.footage.video_encoding import open_encoder
@@ -34,9 +33,10 @@ from pf_tracker_ros.overlay import STATE_COLORS, draw_box
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 from follow_parts.chain import LibraryChain, camera_info, stamp_at
+from follow_parts.drawing import PERSON_COLOR, POSE_COLOR, ROBOT_COLOR, RoomMap
 from follow_parts.layout import Layout
 from follow_parts.loop import Moment, moments
-from follow_parts.metrics import Row, row_of, spans
+from follow_parts.metrics import Row, row_of
 from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
 from follow_parts.robot import Pose2D
 from follow_parts.scenarios import SCENARIOS
@@ -57,10 +57,8 @@ _LEGEND = 326
 _LARGEST = 0.5
 
 Picture = NDArray[np.uint8]
-_Color = tuple[int, int, int]
 # Red, green and blue, on white.
-_INK, _QUIET, _FAINT = (27, 36, 48), (110, 120, 130), (214, 220, 226)
-_ROBOT, _PERSON, _POSE = (11, 92, 173), (23, 125, 55), (200, 30, 30)
+_INK, _QUIET, _FAINT, _DOUBT = (27, 36, 48), (110, 120, 130), (214, 220, 226), (168, 91, 0)
 
 
 @dataclass(frozen=True)
@@ -69,14 +67,12 @@ class FollowerResult:
 
     Attributes:
         name: Name of its folder.
-        error_plot: SVG: error of the position over the time.
         view_from_above: SVG of the report, in the colors of the page.
         commands: What a command makes, to its arguments.
         errors: Distances of the published from the true positions, as a sentence.
     """
 
     name: str
-    error_plot: str
     view_from_above: str
     commands: Mapping[str, list[str]]
     errors: str
@@ -97,7 +93,7 @@ def drive(folder: Path) -> list[Row]:
     scenario = SCENARIOS[_SCENARIO]
     world = World.draw(_SEED, scenario, _SECONDS)
     chain = LibraryChain(scenario, _SEED, has_imu=False)
-    scene = _Map(world.layout)
+    panel = _Panel(world.layout)
     rows: list[Row] = []
     height, width = CAMERA.height, CAMERA.width
     wide = open_encoder(folder / WIDE, RATE, (width + _PANEL, height))
@@ -109,7 +105,7 @@ def drive(folder: Path) -> list[Row]:
             rows.append(row_of(moment))
             _write(bag, moment)
             image = _annotated(moment.truth.view.image, rows[-1])
-            beside = scene.draw(rows, moment.truth.positions[1:])
+            beside = panel.draw(rows, moment.truth.positions[1:])
             wide.write(np.hstack([image, beside]))
             padded = np.pad(beside, ((0, 0), (side, side), (0, 0)), constant_values=255)
             narrow.write(np.vstack([image, padded]))
@@ -145,7 +141,7 @@ def locate(folder: Path, rows: Sequence[Row]) -> FollowerResult:
         "report, boxes.csv and topics.mcap": ["track", *arguments],
         "the run again, measured": [*again, "--seconds", f"{_SECONDS:g}", "--video", "run.mp4"],
     }
-    return FollowerResult(NAME, _error_plot(rows), found[1], commands, errors_in_words(rows))
+    return FollowerResult(NAME, found[1], commands, errors_in_words(rows))
 
 
 def errors_in_words(rows: Sequence[Row]) -> str:
@@ -159,25 +155,6 @@ def errors_in_words(rows: Sequence[Row]) -> str:
         f"the published positions are {middle:.2f} m off the true ones in the median, 90 % less "
         f"than {most:.2f} m; {100.0 * posed.mean():.0f} % of the frames have one"
     )
-
-
-def _error_plot(rows: Sequence[Row]) -> str:
-    """The error over the time, with the spans without a position; SVG."""
-    times = np.array([row.time for row in rows])
-    errors = np.array([row.error for row in rows])
-    figure, axes = svg_plots._figure(svg_plots._SQUARE, "time, s", "error of the position, m")
-    for begin, end in spans(~np.isfinite(errors)):
-        axes.axvspan(
-            times[begin],
-            times[end - 1] + 1.0 / RATE,
-            color=svg_plots._DOUBTFUL,
-            alpha=0.25,
-            linewidth=0,
-        )
-    svg_plots._line(axes, times, errors, "error")
-    axes.set_xlim(0.0, _SECONDS)
-    axes.set_ylim(0.0, None)
-    return svg_plots._svg(figure, "Error of the position over the time")
 
 
 def _add_topics(bag: BagWriter) -> None:
@@ -255,7 +232,7 @@ def _annotated(image: Picture, row: Row) -> Picture:
     return canvas
 
 
-class _Map:
+class _Panel:
     """Draws the room from above, with a legend and a graph of the error.
 
     Args:
@@ -263,72 +240,31 @@ class _Map:
     """
 
     def __init__(self, layout: Layout) -> None:
-        self._low = layout.outline.min(axis=0)
-        extent = layout.outline.max(axis=0) - self._low
-        self._scale = min((_PANEL - 40) / extent[0], (_LEGEND - 26.0) / extent[1])
-        self._left = (_PANEL - self._scale * extent[0]) / 2.0
-        self._bottom = 18.0 + self._scale * extent[1]
+        self._map = RoomMap(layout)
         letters = findfont("DejaVu Sans")  # comes with Matplotlib
         self._font = ImageFont.truetype(letters, 15)
         self._large = ImageFont.truetype(letters, 22)
-        self._walls = [
-            [self._place(*begin), self._place(*end)] for begin, end in layout.walls.tolist()
-        ]
 
     def draw(self, rows: Sequence[Row], others: NDArray[np.float64]) -> Picture:
-        """The panel at the last row, (480, 500, 3) BGR."""
+        """The panel at the last of all rows so far, (480, 500, 3) BGR."""
+        self._map.line([(one.robot_x, one.robot_y) for one in rows[-2:]], ROBOT_COLOR)
+        self._map.line([(one.x, one.y) for one in rows[-2:]], PERSON_COLOR)
+        scene = self._map.copy()
+        scene.people(rows[-1], others)
         # Twice as large, then reduced: Pillow's lines have no smooth edges.
         large = Image.new("RGB", (2 * _PANEL, 2 * CAMERA.height), "white")
-        self._draw_room(ImageDraw.Draw(large), rows, others)
         self._draw_graph(ImageDraw.Draw(large), rows)
         picture = large.resize((_PANEL, CAMERA.height), Image.Resampling.LANCZOS)
+        height, width = scene.image.shape[:2]
+        scale = min((_PANEL - 20) / width, (_LEGEND - 10) / height)
+        size = round(scale * width), round(scale * height)
+        small = cv2.resize(scene.image, size, interpolation=cv2.INTER_AREA)
+        picture.paste(Image.fromarray(small[..., ::-1]), ((_PANEL - size[0]) // 2, 5))
         self._write(ImageDraw.Draw(picture), rows[-1])
         return np.ascontiguousarray(np.asarray(picture)[..., ::-1])
 
-    def _place(self, x: float, y: float) -> tuple[float, float]:
-        return (
-            self._left + self._scale * (x - self._low[0]),
-            self._bottom - self._scale * (y - self._low[1]),
-        )
-
-    def _draw_room(
-        self, drawing: ImageDraw.ImageDraw, rows: Sequence[Row], others: NDArray[np.float64]
-    ) -> None:
-        row = rows[-1]
-        half = math.atan2(CAMERA.width / 2.0, CAMERA.fx)
-        sides = [row.robot_yaw - half + share * half / 8.0 for share in range(17)]
-        reach = 2.6
-        rim = [
-            (row.robot_x + reach * math.cos(side), row.robot_y + reach * math.sin(side))
-            for side in sides
-        ]
-        sector = [_doubled(self._place(*one)) for one in [(row.robot_x, row.robot_y), *rim]]
-        drawing.polygon(sector, fill=(226, 236, 247))
-        for wall in self._walls:
-            drawing.line([_doubled(one) for one in wall], fill=_INK, width=5)
-        for color, xs in (
-            (_ROBOT, [(one.robot_x, one.robot_y) for one in rows]),
-            (_PERSON, [(one.x, one.y) for one in rows]),
-        ):
-            if len(xs) > 1:
-                drawing.line([_doubled(self._place(*one)) for one in xs], fill=color, width=3)
-        for x, y in others.tolist():
-            self._dot(drawing, x, y, 14, (176, 184, 192))
-        self._dot(drawing, row.robot_x, row.robot_y, 18, _ROBOT)
-        self._dot(drawing, row.x, row.y, 18, _PERSON)
-        if math.isfinite(row.said_x):
-            self._dot(drawing, row.said_x, row.said_y, 9, _POSE)
-
-    def _dot(
-        self, drawing: ImageDraw.ImageDraw, x: float, y: float, radius: int, color: _Color
-    ) -> None:
-        column, line = _doubled(self._place(x, y))
-        drawing.ellipse((column - radius, line - radius, column + radius, line + radius), color)
-
     def _draw_graph(self, drawing: ImageDraw.ImageDraw, rows: Sequence[Row]) -> None:
         left, right, top, bottom = 2 * 66, 2 * (_PANEL - 20), 2 * 405, 2 * 462
-        # Walls may go on below the outline.
-        drawing.rectangle((0, 2 * _LEGEND, 2 * _PANEL, 2 * CAMERA.height), fill="white")
         for share in (0.0, 0.5, 1.0):
             level = bottom - share * (bottom - top)
             drawing.line([(left, level), (right, level)], fill=_FAINT, width=2)
@@ -345,23 +281,21 @@ class _Map:
 
     def _curve(self, drawing: ImageDraw.ImageDraw, points: list[tuple[float, float]]) -> None:
         if len(points) > 1:
-            drawing.line(points, fill=_POSE, width=4)
+            drawing.line(points, fill=POSE_COLOR[::-1], width=4)
 
     def _write(self, drawing: ImageDraw.ImageDraw, row: Row) -> None:
         for index, (text, color) in enumerate(
-            (("robot", _ROBOT), ("person", _PERSON), ("published position", _POSE))
+            (("robot", ROBOT_COLOR), ("person", PERSON_COLOR), ("published position", POSE_COLOR))
         ):
             x, y = (20, 110, 210)[index], _LEGEND + 10
-            drawing.ellipse((x, y + 4, x + 11, y + 15), fill=color)
+            drawing.ellipse((x, y + 4, x + 11, y + 15), fill=color[::-1])
             drawing.text((x + 18, y), text, fill=_INK, font=self._font)
         if math.isfinite(row.error):
-            drawing.text((20, 366), f"error {row.error:.2f} m", fill=_POSE, font=self._large)
+            drawing.text(
+                (20, 366), f"error {row.error:.2f} m", fill=POSE_COLOR[::-1], font=self._large
+            )
         else:
-            drawing.text((20, 366), "no position", fill=(168, 91, 0), font=self._large)
+            drawing.text((20, 366), "no position", fill=_DOUBT, font=self._large)
         drawing.text((210, 371), f"distance {row.distance:.1f} m", fill=_INK, font=self._font)
         drawing.text((20, 396), f"{_LARGEST} m", fill=_QUIET, font=self._font)
         drawing.text((20, 453), "0 m", fill=_QUIET, font=self._font)
-
-
-def _doubled(place: tuple[float, float]) -> tuple[float, float]:
-    return 2.0 * place[0], 2.0 * place[1]

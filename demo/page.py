@@ -66,12 +66,7 @@ def write_page(
         follower=follower,
         wide=WIDE,
         narrow=NARROW,
-        plots=[
-            (Markup(follower.error_plot), "Error of the position."),
-            (Markup(follower.view_from_above), "From above: ways and 90 % regions."),
-        ]
-        if follower
-        else [],
+        view_from_above=Markup(follower.view_from_above if follower else ""),
         follower_commands={
             made: shlex.join(map(_shown_if_path, command))
             for made, command in (follower.commands if follower else {}).items()

@@ -22,14 +22,15 @@ Image = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
 _WHITE, _BLACK, _GRAY = (255, 255, 255), (0, 0, 0), (160, 160, 160)
-_TRUE, _ROBOT, _WRONG = (80, 180, 60), (200, 110, 30), (40, 40, 220)
+PERSON_COLOR, ROBOT_COLOR, POSE_COLOR = (80, 180, 60), (200, 110, 30), (40, 40, 220)
+"""Blue, green, red of what the map shows; of poses, those that are off."""
 _STATES: dict[str, Color] = {"tracking": (0, 220, 255), "occluded": (255, 80, 200)}
 # Pixels in a meter of the map.
 _SCALE = 60
 _SECONDS = 10.0
 
 
-class _Map:
+class RoomMap:
     """The walls of a room, seen from above; pixels of its image.
 
     Attributes:
@@ -43,7 +44,7 @@ class _Map:
         for begin, end in layout.walls.tolist():
             self.line([begin, end], _BLACK, 3)
 
-    def copy(self) -> _Map:
+    def copy(self) -> RoomMap:
         """One to draw on."""
         copied = copy.copy(self)
         copied.image = self.image.copy()
@@ -63,6 +64,23 @@ class _Map:
         if math.isfinite(x):
             cv2.circle(self.image, self.place(x, y), radius, color, -1, cv2.LINE_AA)
 
+    def people(self, row: Row, others: NDArray[np.float64]) -> None:
+        """Draw the robot with its field of view, the person, the pose and the others.
+
+        Args:
+            row: Of the frame.
+            others: (N, 2) positions of the others, meters.
+        """
+        for x, y in others.tolist():
+            self.dot(x, y, 10, _GRAY)
+        x, y, half = row.robot_x, row.robot_y, math.atan2(CAMERA.width / 2.0, CAMERA.fx)
+        sides = [row.robot_yaw + half, row.robot_yaw - half]
+        left, right = ([x + 2 * math.cos(side), y + 2 * math.sin(side)] for side in sides)
+        self.line([left, [x, y], right], ROBOT_COLOR)
+        self.dot(x, y, 12, ROBOT_COLOR)
+        self.dot(row.x, row.y, 12, PERSON_COLOR)
+        self.dot(row.said_x, row.said_y, 6, POSE_COLOR)
+
 
 class RunVideo:
     """A video of a run: the image with the true box (green) and that of the tracker, and the map.
@@ -76,7 +94,7 @@ class RunVideo:
     """
 
     def __init__(self, path: Path, layout: Layout) -> None:
-        self._map = _Map(layout)
+        self._map = RoomMap(layout)
         rows, columns = self._map.image.shape[:2]
         self._size = CAMERA.height * columns // rows // 2 * 2, CAMERA.height
         size = CAMERA.width + self._size[0], CAMERA.height
@@ -105,20 +123,12 @@ class RunVideo:
             others: (N, 2) positions of the others, meters.
         """
         image, scene = image.copy(), self._map.copy()
-        _rectangle(image, row.true_box, _TRUE, 1)
+        _rectangle(image, row.true_box, PERSON_COLOR, 1)
         _rectangle(image, row.box, _STATES.get(row.state, _GRAY), 2)
         text = f"{row.time:.2f} s  {row.distance:.2f} m  {row.state} {row.confidence:.2f}"
         for line, part in enumerate((text, row.silence[:80], row.doing)):
             _text(image, part, (6, 16 + 16 * line))
-        for x, y in others.tolist():
-            scene.dot(x, y, 10, _GRAY)
-        x, y, half = row.robot_x, row.robot_y, math.atan2(CAMERA.width / 2.0, CAMERA.fx)
-        sides = [row.robot_yaw + half, row.robot_yaw - half]
-        left, right = ([x + 2 * math.cos(side), y + 2 * math.sin(side)] for side in sides)
-        scene.line([left, [x, y], right], _ROBOT)
-        scene.dot(x, y, 12, _ROBOT)
-        scene.dot(row.x, row.y, 12, _TRUE)
-        scene.dot(row.said_x, row.said_y, 6, _WRONG)
+        scene.people(row, others)
         small = cv2.resize(scene.image, self._size, interpolation=cv2.INTER_AREA)
         self._writer.write(np.hstack([image, small]))
 
@@ -134,11 +144,11 @@ def draw_map(path: Path, layout: Layout, rows: Sequence[Row]) -> None:
     Raises:
         OSError: It cannot be written.
     """
-    scene = _Map(layout)
-    scene.line([(row.robot_x, row.robot_y) for row in rows], _ROBOT)
-    scene.line([(row.x, row.y) for row in rows], _TRUE)
+    scene = RoomMap(layout)
+    scene.line([(row.robot_x, row.robot_y) for row in rows], ROBOT_COLOR)
+    scene.line([(row.x, row.y) for row in rows], PERSON_COLOR)
     for row in rows:
-        scene.dot(row.said_x, row.said_y, 2, _WRONG if row.error > OFF else _BLACK)
+        scene.dot(row.said_x, row.said_y, 2, POSE_COLOR if row.error > OFF else _BLACK)
     for row in rows[:: round(_SECONDS * RATE)]:
         for x, y in ((row.x, row.y), (row.robot_x, row.robot_y)):
             _text(scene.image, f"{row.time:.0f}", scene.place(x, y))

@@ -25,7 +25,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxesByAxis
+from pf_tracker_ros.boxes import BoxesByAxis, grown
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
     CueWeights,
@@ -419,7 +419,7 @@ class SearchingMeasurer(Measurer):
             growth = self._fusion.log_growth(region, likeliest, templates) * (1.0 - doubt)
         if growth:
             # Sizes of the transition prior alone stay behind those of somebody who comes near.
-            boxes = _grown(boxes, math.exp(_GROWTH_GAIN * growth))
+            boxes = grown(boxes, math.exp(_GROWTH_GAIN * growth))
             states = motion.with_boxes(predicted.states, boxes)
             predicted = predicted.move(motion.constrain(states, frame_prediction.frame.size))
             boxes = motion.boxes(predicted.states)
@@ -472,9 +472,3 @@ class SearchingMeasurer(Measurer):
             return box_covariance(box, box_features(box, confidence))
         random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
         return box_covariance(box, box_features(box, 0.0), random_walk_std)
-
-
-def _grown(boxes: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-    """(N, 4) boxes around the same centers, with sides that are longer by a factor."""
-    sizes = factor * boxes[:, 2:]
-    return np.hstack([boxes[:, :2] + (boxes[:, 2:] - sizes) / 2, sizes])

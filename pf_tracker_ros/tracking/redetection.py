@@ -5,14 +5,13 @@
 2. Search each window for the likeliest box of the last seen size.
 3. If the confidence in this box suffices, search again in the window around it: a distractor seldom
    has a high confidence in both.
-4. Take the most confident box if its confidence is above 0.84; a lost target on a known ground, of
-   which fewer boxes are possible, if it could be tracked there.
-
-Before a robot, sizes change faster than the filter follows. So where the ground is known and there
-is no detector, the box of a target in doubt is tried in another size. A challenger keeps its own.
+4. Take the most confident box if it is confident enough (`TrackAssessor`).
 
 Otherwise the likeliest box elsewhere challenges the current one, see `Challenger`: without a claim
 that it is the target, the filter goes on from there once it has been likelier for long enough.
+
+Before a robot, a target changes its size fast and out of sight. The box of one in doubt is tried in
+another size (`Redetector.resized`).
 """
 
 from __future__ import annotations
@@ -25,7 +24,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
+from pf_tracker_ros.boxes import (
+    Box,
+    are_same_place,
+    as_box,
+    grown,
+    relative_center_distances,
+)
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
@@ -36,17 +41,13 @@ from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
 _OVERLAP = 0.5
-ACCEPT_ABOVE = 0.84
-"""Confidence above which a candidate is the target."""
 DOUBTFUL_BELOW = 0.3
 """Confidence below which a box is too unlike the target to be taken for it."""
 # Seconds out of sight before another box can challenge the current one, and of the time constant of
 # its lead; lead with which it wins; largest change of odds by one frame.
 _CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
-# Logarithm of the factor of another size; log odds by which a box of that has to be likelier.
-_LOG_RESIZE, _RESIZED_LEAD = 0.15, 0.5
-# Frames until the other size takes its turn.
-_RESIZE_INTERVAL = 2
+# Factor of another size; log odds by which a box of that has to be likelier.
+_RESIZE_FACTOR, _RESIZED_LEAD = 1.16, 0.5
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Heights of standing targets that are searched for, in heights of the image.
@@ -247,17 +248,17 @@ class Redetector:
         self,
         candidates: Sequence[Candidate],
         box: NDArray[np.float64],
+        least: float,
         tracked_confidence: float = 0.0,
-        least: float = ACCEPT_ABOVE,
     ) -> Candidate | None:
         """The candidate that is the target, if one is.
 
         Args:
             candidates: From `search`.
             box: (4,) current box, pixels.
-            tracked_confidence: Confidence of this frame in the current box, which a candidate has
-                to exceed; 0 if the target is not tracked.
-            least: Confidence that it has to exceed in any case.
+            least: Confidence that the candidate has to exceed, 0 to 1.
+            tracked_confidence: Confidence of this frame in the current box, which it has to exceed
+                as well; 0 if the target is not tracked.
         """
         if tracked_confidence:
             candidates = [one for one in candidates if not are_same_place(one.box, box)]
@@ -320,9 +321,9 @@ class Redetector:
             measurement: Measurement of this frame.
             confidence: Confidence of this frame in its box, 0 to 1.
         """
-        box, is_larger = measurement.box, state.followed_frames // _RESIZE_INTERVAL % 2
-        size = box[2:] * math.exp(_LOG_RESIZE if is_larger else -_LOG_RESIZE)
-        (around,) = _boxes_around((box[:2] + box[2:] / 2)[None], size)
+        box, is_larger = measurement.box, state.followed_frames % 2
+        factor = _RESIZE_FACTOR if is_larger else 1.0 / _RESIZE_FACTOR
+        (around,) = grown(box[None], factor)
         candidate = self.search_around(state, measurement.frame, measurement.cue_weights, around)
         lead = _log_odds(candidate.confidence) - _log_odds(confidence)
         is_better = lead > _RESIZED_LEAD and are_same_place(candidate.box, box)

@@ -4,10 +4,13 @@
    jumped to the second peak of the last frame.
 2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
    (`assessment.recognition_odds`).
-3. While the target is not tracked, let the occlusion policy choose the reported box.
-4. On a known ground without a detector, try the box of a target in doubt in another size.
+3. Where sizes are free, try the box of a target in doubt in another size.
+4. While the target is not tracked, let the occlusion policy choose the reported box.
 5. Search for the target where it was last seen and, once it is lost, all over the image.
 6. Redraw the particles around the box that steps 3 to 5 return.
+
+Sizes are free where the ground is known, as before a robot, and the image alone tells where the
+target is. Beside a detector or other targets, somebody in front, who is larger, would be taken.
 """
 
 from __future__ import annotations
@@ -29,7 +32,6 @@ from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
 from pf_tracker_ros.tracking.redetection import (
-    ACCEPT_ABOVE,
     DOUBTFUL_BELOW,
     Candidate,
     Redetector,
@@ -38,7 +40,9 @@ from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
 _LEARN_ABOVE = 0.01
-# Confidence of a single frame below which, on a known ground, the box is tried in another size.
+# Confidence above which a candidate of the redetection is the target.
+_ACCEPT_ABOVE = 0.84
+# Confidence of a single frame below which the box is tried in another size.
 _RESIZED_BELOW = 0.8
 # Similarity to the current templates from which on a target is not lost.
 _RECOGNIZED_ABOVE = 0.52
@@ -87,8 +91,9 @@ class TrackAssessor:
             interval: Seconds since the last frame.
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
-            is_challenged: Whether another box may challenge the current one; not where a detector
-                tells where targets are, nor beside other targets, whose boxes would do so.
+            is_challenged: Whether another box may challenge the current one, and its size may be
+                free; not where a detector tells where targets are, nor beside other targets, whose
+                boxes would challenge it.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
@@ -110,9 +115,8 @@ class TrackAssessor:
         if not status.is_settled:
             known_distractor = known_distractor or self._distractor(state, measurement, status)
             assessment = assessment._replace(known_distractor=known_distractor)
-        # Somebody in front is larger: beside a detector, which tells sizes, no other one is tried.
-        is_resized = is_challenged and state.standing is not None
-        if self._redetector and is_resized and _is_size_doubtful(status, frame_confidence):
+        is_size_free = is_challenged and state.standing is not None
+        if self._redetector and is_size_free and _is_size_doubtful(status, frame_confidence):
             box = self._redetector.resized(state, measurement, frame_confidence)
             if box is not None:
                 return self._redrawn(state, measurement, assessment, box, generator)
@@ -121,8 +125,8 @@ class TrackAssessor:
         is_seen, box = status.state == "tracking", None
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
-            # A lost target of any size is searched for where the ground is known.
-            box = None if is_resized else self._occlusion_policy.redraw_box(state, assessment)
+            # The policy keeps the last seen size of a lost target.
+            box = None if is_size_free else self._occlusion_policy.redraw_box(state, assessment)
         if status.state != "occluded" or status.probation:
             # The box may be another object, and a similar object elsewhere may be the target.
             assessment = assessment._replace(learns=False)
@@ -137,9 +141,10 @@ class TrackAssessor:
                 searches_everywhere=searches_everywhere and status.state != "occluded",
             )
             tracked_confidence = frame_confidence if is_seen else 0.0
-            is_simple = is_resized and status.state == "lost"
-            least = self._thresholds.tracked_above if is_simple else ACCEPT_ABOVE
-            found = self._redetector.find(candidates, assessment.box, tracked_confidence, least)
+            # A lost target goes on from a box of a free size, without a claim that it is there.
+            may_go_on = is_size_free and status.state == "lost"
+            least = self._thresholds.tracked_above if may_go_on else _ACCEPT_ABOVE
+            found = self._redetector.find(candidates, assessment.box, least, tracked_confidence)
             if found:
                 box = found.box
                 assessment = self._redetected(found, assessment)

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
+from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.frames import Frame, Region
 
 # Arguments of a command, where the tracker does not matter.
@@ -65,3 +66,8 @@ def full_disk(size):
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def box_of(message):
+    """The bounding box of a PolygonStamped."""
+    return bounding_box([(point.x, point.y) for point in message.polygon.points])

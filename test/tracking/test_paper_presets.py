@@ -11,8 +11,8 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation.sequences import read_sequences
 
 BOXES = json.loads((Path(__file__).parent / "paper_presets.json").read_text())
-# Pixels. A particle that is drawn at the border of two, by rounding, moves single boxes by more.
-TOLERANCE, ROUNDED = 1e-3, 0.5
+# Pixels.
+TOLERANCE = 1e-3
 # Measured with the kernels for AVX-512 and AVX2; those of older processors differ after occlusions.
 is_alike = pytest.mark.skipif(
     "AVX2" not in cv2.getCPUFeaturesLine(), reason="this processor rounds otherwise"
@@ -34,6 +34,10 @@ def test_a_preset_of_a_paper_gives_the_same_boxes(name, sequences_directory):
         tracker.update(image, 0.04).box
         for image, _ in zip(frames, range(len(expected) * every), strict=False)
     ]
-    errors = np.abs(np.array(boxes)[every - 1 :: every] - expected).max(axis=1)
-    assert errors.max() < ROUNDED
-    assert np.count_nonzero(errors > TOLERANCE) <= 1
+    found = np.array(boxes)[every - 1 :: every]
+    errors = np.abs(found - expected).max(axis=1)
+    # AMD's Zen rounds so that another particle is drawn there.
+    for number, box in BOXES[name].get("on_zen", {}).items():
+        other = np.abs(found[int(number)] - box).max()
+        errors[int(number)] = min(errors[int(number)], other)
+    assert errors.max() <= TOLERANCE

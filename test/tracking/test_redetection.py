@@ -98,15 +98,13 @@ def test_a_lost_target_comes_back_by_itself_or_by_confirmation(mode):
     assert last.reacquired_for == pytest.approx((len(again) - 1 - found) * 0.1)
 
 
-def test_a_lost_target_is_found_at_a_lower_confidence_where_the_caller_allows_it(
-    make_target_filter,
-):
+def test_the_most_confident_candidate_is_found_if_it_is_confident_enough(make_target_filter):
     redetector = make_target_filter("default")._redetector
     box = np.array([10.0, 10.0, 20.0, 20.0])
     candidates = [Candidate(box + 50.0, 0.5), Candidate(box + 100.0, 0.7)]
-    assert redetector.find(candidates, box) is None
-    assert redetector.find(candidates, box, least=0.64) is candidates[1]
-    assert redetector.find(candidates, box, 0.75, least=0.64) is None
+    assert redetector.find(candidates, box, 0.84) is None
+    assert redetector.find(candidates, box, 0.64) is candidates[1]
+    assert redetector.find(candidates, box, 0.64, tracked_confidence=0.75) is None
 
 
 @pytest.mark.parametrize(
@@ -130,7 +128,7 @@ def test_a_box_in_doubt_takes_a_clearly_likelier_size_in_its_place(
     for frames in range(4):
         of_frame = replace(state, followed_frames=frames)
         assert (redetector.resized(of_frame, measurement, 0.5) is not None) == is_taken
-    assert tried == pytest.approx([math.exp(one) for one in (-0.15, -0.15, 0.15, 0.15)])
+    assert tried == pytest.approx([1.0 / 1.16, 1.16, 1.0 / 1.16, 1.16])
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
+from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.parameter import Parameter
 
 pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
@@ -55,6 +56,23 @@ def tracker(graph, client):
 def console(start_console):
     """A console of the tracker `pf_tracker`."""
     return start_console()
+
+
+@pytest.fixture
+def sent(tracker, console, client):
+    """Targets and clicks that the console sends to the tracker."""
+    messages = []
+    client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
+    client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
+    senders = [one for one in console.publishers if one.topic.endswith(("/target", "/click"))]
+    assert len(senders) == 2
+
+    def are_discovered():
+        # By the tracker and by this client; earlier messages are lost.
+        return all(sender.get_subscription_count() == 2 for sender in senders)
+
+    client.wait_for(are_discovered, "subscriptions")
+    return messages
 
 
 class Page:
@@ -252,3 +270,12 @@ class Camera:
 def camera(client, moving_square):
     """A camera with the moving square."""
     return Camera(client, moving_square)
+
+
+@pytest.fixture
+def shown(tracker, camera, page):
+    """A page with the camera's pictures, and a tracker without a target."""
+    status = camera.show_on(page)
+    assert status.values["state"] == "idle"
+    assert page.size == (160, 120)
+    return page

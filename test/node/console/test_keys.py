@@ -1,9 +1,7 @@
 """Every action by keyboard, and the list of the keys."""
 
 import pytest
-from geometry_msgs.msg import PolygonStamped
-
-from pf_tracker_ros.boxes import bounding_box
+from common import box_of
 
 FOCUS = """() => {
   const focused = document.activeElement, style = getComputedStyle(focused);
@@ -13,13 +11,6 @@ FOCUS = """() => {
 SHORTCUTS = """() => [...document.querySelectorAll("[aria-keyshortcuts]")]
   .flatMap(it => it.getAttribute("aria-keyshortcuts").split(" "))"""
 SIGNS = {"arrowleft": "\u2190", "arrowright": "\u2192", "-": "\u2212"}
-
-
-@pytest.fixture
-def shown(tracker, camera, page):
-    """A page with the camera's pictures, and a tracker without a target."""
-    camera.show_on(page)
-    return page
 
 
 def test_the_list_of_keys_names_every_shortcut_and_takes_no_other_key(shown):
@@ -44,11 +35,7 @@ def test_the_list_of_keys_names_every_shortcut_and_takes_no_other_key(shown):
     assert shown.evaluate("() => document.activeElement.id") == "keys-button"
 
 
-def test_a_box_is_drawn_from_the_button_by_keys_alone(shown, console, client):
-    sent = []
-    client.create_subscription(PolygonStamped, "pf_tracker/target", sent.append, 10)
-    (sender,) = [one for one in console.publishers if one.topic.endswith("/target")]
-    client.wait_for(lambda: sender.get_subscription_count() == 2, "subscriptions")
+def test_a_box_is_drawn_from_the_button_by_keys_alone(shown, sent, client):
     shown.locator("#draw").press("Enter")
     x, y, width, height = (
         float(shown.locator(f"#box-{name}").input_value()) for name in ("x", "y", "width", "height")
@@ -57,7 +44,7 @@ def test_a_box_is_drawn_from_the_button_by_keys_alone(shown, console, client):
         shown.keyboard.press(key)
     shown.keyboard.press("Enter")
     (target,) = client.wait_for(lambda: sent, "target")
-    box = bounding_box([(point.x, point.y) for point in target.polygon.points])
+    box = box_of(target)
     assert box == pytest.approx((x + 2, y - 1, width + 1, height + 2))
     assert shown.evaluate("() => document.activeElement.id") == "draw"
 

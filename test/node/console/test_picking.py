@@ -3,47 +3,15 @@
 import itertools
 
 import pytest
-from common import overlap
-from geometry_msgs.msg import PointStamped, PolygonStamped
+from common import box_of, overlap
 from std_srvs.srv import SetBool
 
-from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import stamp_of
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 HEIGHT, WIDTH = 120, 160
-
-
-def box_of(message):
-    return bounding_box([(point.x, point.y) for point in message.polygon.points])
-
-
-@pytest.fixture
-def sent(tracker, console, client):
-    """Targets and clicks that the console sends to the tracker."""
-    messages = []
-    client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
-    client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
-    senders = [one for one in console.publishers if one.topic.endswith(("/target", "/click"))]
-    assert len(senders) == 2
-
-    def are_discovered():
-        # By the tracker and by this client; earlier messages are lost.
-        return all(sender.get_subscription_count() == 2 for sender in senders)
-
-    client.wait_for(are_discovered, "subscriptions")
-    return messages
-
-
-@pytest.fixture
-def shown(tracker, camera, page):
-    """A page with the camera's pictures, and a tracker without a target."""
-    status = camera.show_on(page)
-    assert status.values["state"] == "idle"
-    assert page.size == (WIDTH, HEIGHT)
-    return page
 
 
 def test_a_dragged_box_starts_the_target_on_the_frame_it_was_drawn_on(shown, camera, client, sent):

@@ -1,31 +1,9 @@
 """Zoom and pan of the picture, and boxes drawn on the zoomed picture."""
 
 import pytest
-from geometry_msgs.msg import PointStamped, PolygonStamped
-
-from pf_tracker_ros.boxes import bounding_box
+from common import box_of
 
 CENTER = (80.0, 60.0)
-
-
-@pytest.fixture
-def sent(tracker, console, client):
-    """Targets and clicks that the console sends to the tracker."""
-    messages = []
-    client.create_subscription(PolygonStamped, "pf_tracker/target", messages.append, 10)
-    client.create_subscription(PointStamped, "pf_tracker/click", messages.append, 10)
-    senders = [one for one in console.publishers if one.topic.endswith(("/target", "/click"))]
-    client.wait_for(
-        lambda: all(sender.get_subscription_count() == 2 for sender in senders), "subscriptions"
-    )
-    return messages
-
-
-@pytest.fixture
-def shown(tracker, camera, page):
-    """A page with the camera's pictures, and a tracker without a target."""
-    camera.show_on(page)
-    return page
 
 
 def zoom_of(page):
@@ -49,10 +27,6 @@ def wheel_at(page, place, steps):
         page.mouse.wheel(0, -200 if steps > 0 else 200)
         page.wait_until(lambda: zoom_of(page) != before, "other zoom")  # noqa: B023
     return x, y
-
-
-def box_of(message):
-    return bounding_box([(point.x, point.y) for point in message.polygon.points])
 
 
 def test_the_wheel_zooms_around_the_pointer(shown):
