@@ -9,8 +9,7 @@
 `SearchingMeasurer` also finds a target that the motion model does not predict:
 
 1. Compute the cues' responses on a grid around the predicted box, and the fused likelihood there.
-2. Draw a share of the particles from this likelihood, with weights times p / q (`Search`), and let
-   all grow or shrink as the cues tell, where there is nothing but the image.
+2. Draw a share of the particles from this likelihood, with weights times p / q (`Search`).
 3. Weigh, with more weight on the cues that respond to the target more than to its surroundings.
 4. Estimate the mean of the mode around the maximum a posteriori particle.
 """
@@ -25,7 +24,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxesByAxis, grown
+from pf_tracker_ros.boxes import BoxesByAxis
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
     CueWeights,
@@ -50,8 +49,6 @@ from pf_tracker_ros.tracking.search import Search, mode_mean
 ExternalLikelihood = Callable[[BoxesByAxis], NDArray[np.float64]]
 # Similarity to the target, 0 to 1, of a distractor: the geometric mean over the cues.
 _DISTRACTOR_ABOVE = 0.5
-# Share of the growth that the cues tell by which the particles grow.
-_GROWTH_GAIN = 0.25
 
 
 class FramePrediction(NamedTuple):
@@ -412,17 +409,6 @@ class SearchingMeasurer(Measurer):
                 generator=frame_prediction.generator,
             )
         boxes = motion.boxes(predicted.states)
-        growth = 0.0
-        if external_likelihood is None:
-            # The image alone tells the size; beside others, it would grow onto who is in front.
-            likeliest = search.boxes[int(grid_log_likelihood.argmax())]
-            growth = self._fusion.log_growth(region, likeliest, templates) * (1.0 - doubt)
-        if growth:
-            # Sizes of the transition prior alone stay behind those of somebody who comes near.
-            boxes = grown(boxes, math.exp(_GROWTH_GAIN * growth))
-            states = motion.with_boxes(predicted.states, boxes)
-            predicted = predicted.move(motion.constrain(states, frame_prediction.frame.size))
-            boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
         return WeightedParticles(
             frame_prediction,

@@ -5,13 +5,10 @@
 2. Search each window for the likeliest box of the last seen size.
 3. If the confidence in this box suffices, search again in the window around it: a distractor seldom
    has a high confidence in both.
-4. Take the most confident box if it is confident enough (`TrackAssessor`).
+4. Take the most confident box if its confidence is above 0.84.
 
 Otherwise the likeliest box elsewhere challenges the current one, see `Challenger`: without a claim
 that it is the target, the filter goes on from there once it has been likelier for long enough.
-
-Before a robot, a target changes its size fast and out of sight. The box of one in doubt is tried in
-another size (`Redetector.resized`).
 """
 
 from __future__ import annotations
@@ -24,13 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import (
-    Box,
-    are_same_place,
-    as_box,
-    grown,
-    relative_center_distances,
-)
+from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
@@ -41,13 +32,13 @@ from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
 _OVERLAP = 0.5
+# Confidence above which a candidate is the target.
+_ACCEPT_ABOVE = 0.84
 DOUBTFUL_BELOW = 0.3
 """Confidence below which a box is too unlike the target to be taken for it."""
 # Seconds out of sight before another box can challenge the current one, and of the time constant of
 # its lead; lead with which it wins; largest change of odds by one frame.
 _CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
-# Factor of another size; log odds by which a box of that has to be likelier.
-_RESIZE_FACTOR, _RESIZED_LEAD = 1.16, 0.5
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Heights of standing targets that are searched for, in heights of the image.
@@ -248,7 +239,6 @@ class Redetector:
         self,
         candidates: Sequence[Candidate],
         box: NDArray[np.float64],
-        least: float,
         tracked_confidence: float = 0.0,
     ) -> Candidate | None:
         """The candidate that is the target, if one is.
@@ -256,14 +246,13 @@ class Redetector:
         Args:
             candidates: From `search`.
             box: (4,) current box, pixels.
-            least: Confidence that the candidate has to exceed, 0 to 1.
-            tracked_confidence: Confidence of this frame in the current box, which it has to exceed
-                as well; 0 if the target is not tracked.
+            tracked_confidence: Confidence of this frame in the current box, which a candidate has
+                to exceed; 0 if the target is not tracked.
         """
         if tracked_confidence:
             candidates = [one for one in candidates if not are_same_place(one.box, box)]
         best = max(candidates, key=lambda one: one.confidence, default=None)
-        is_found = best and best.confidence > max(least, tracked_confidence)
+        is_found = best and best.confidence > max(_ACCEPT_ABOVE, tracked_confidence)
         return best if is_found else None
 
     def challenger(
@@ -291,11 +280,10 @@ class Redetector:
         if self._windows == 0 or assessment.status.hidden_for < _CHALLENGED_AFTER:
             return None
         last = state.challenger
-        peaks = [] if measurement.second_peak is None else [measurement.second_peak]
-        at, size = np.array(peaks).reshape(-1, 4), np.array(state.last_seen_box[2:])
+        places = [one for one in (measurement.second_peak, last and last.box) if one is not None]
+        at = np.array(places).reshape(-1, 4)
+        size = np.array(state.last_seen_box[2:])
         boxes = _boxes_around(at[:, :2] + at[:, 2:] / 2, size)
-        if last:
-            boxes = np.vstack([boxes, last.box])
         others = [*candidates, *self._search_in(state, measurement, assessment, boxes)]
         others = [one for one in others if not are_same_place(one.box, assessment.box)]
         rate = min(interval / _LEAD_TIME, 1.0)
@@ -308,26 +296,6 @@ class Redetector:
         lead += rate * (log_ratio - lead)
         wins = lead >= _WINS_ABOVE and best.confidence >= DOUBTFUL_BELOW
         return Challenger(as_box(best.box), lead, wins=wins)
-
-    def resized(
-        self, state: FilterState, measurement: Measurement, confidence: float
-    ) -> NDArray[np.float64] | None:
-        """(4,) box of another size in the same place that is likelier to be the target, if any.
-
-        A larger and a smaller one take turns.
-
-        Args:
-            state: State before this frame.
-            measurement: Measurement of this frame.
-            confidence: Confidence of this frame in its box, 0 to 1.
-        """
-        box, is_larger = measurement.box, state.followed_frames % 2
-        factor = _RESIZE_FACTOR if is_larger else 1.0 / _RESIZE_FACTOR
-        (around,) = grown(box[None], factor)
-        candidate = self.search_around(state, measurement.frame, measurement.cue_weights, around)
-        lead = _log_odds(candidate.confidence) - _log_odds(confidence)
-        is_better = lead > _RESIZED_LEAD and are_same_place(candidate.box, box)
-        return candidate.box if is_better else None
 
     def known_distractor(self, state: FilterState, measurement: Measurement) -> Box | None:
         """Distractor beside the target, in the frame in which the target goes out of sight.

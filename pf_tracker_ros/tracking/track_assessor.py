@@ -4,13 +4,9 @@
    jumped to the second peak of the last frame.
 2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
    (`assessment.recognition_odds`).
-3. Where sizes are free, try the box of a target in doubt in another size.
-4. While the target is not tracked, let the occlusion policy choose the reported box.
-5. Search for the target where it was last seen and, once it is lost, all over the image.
-6. Redraw the particles around the box that steps 3 to 5 return.
-
-Sizes are free where the ground is known, as before a robot, and the image alone tells where the
-target is. Beside a detector or other targets, somebody in front, who is larger, would be taken.
+3. While the target is not tracked, let the occlusion policy choose the reported box.
+4. Search for the target where it was last seen and, once it is lost, all over the image.
+5. Redraw the particles around the box that the policy or the redetection returns.
 """
 
 from __future__ import annotations
@@ -18,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.tracking.assessment import (
@@ -31,19 +26,11 @@ from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
-from pf_tracker_ros.tracking.redetection import (
-    DOUBTFUL_BELOW,
-    Candidate,
-    Redetector,
-)
+from pf_tracker_ros.tracking.redetection import DOUBTFUL_BELOW, Candidate, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
 _LEARN_ABOVE = 0.01
-# Confidence above which a candidate of the redetection is the target.
-_ACCEPT_ABOVE = 0.84
-# Confidence of a single frame below which the box is tried in another size.
-_RESIZED_BELOW = 0.8
 # Similarity to the current templates from which on a target is not lost.
 _RECOGNIZED_ABOVE = 0.52
 
@@ -91,9 +78,8 @@ class TrackAssessor:
             interval: Seconds since the last frame.
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
-            is_challenged: Whether another box may challenge the current one, and its size may be
-                free; not where a detector tells where targets are, nor beside other targets, whose
-                boxes would challenge it.
+            is_challenged: Whether another box may challenge the current one; not where a detector
+                tells where targets are, nor beside other targets, whose boxes would do so.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
@@ -112,21 +98,16 @@ class TrackAssessor:
         )
         status = self._status(state, assessment.recognized_confidence, similarity, interval)
         assessment = assessment._replace(status=status)
-        if not status.is_settled:
-            known_distractor = known_distractor or self._distractor(state, measurement, status)
-            assessment = assessment._replace(known_distractor=known_distractor)
-        is_size_free = is_challenged and state.standing is not None
-        if self._redetector and is_size_free and _is_size_doubtful(status, frame_confidence):
-            box = self._redetector.resized(state, measurement, frame_confidence)
-            if box is not None:
-                return self._redrawn(state, measurement, assessment, box, generator)
         if status.is_settled:
             return assessment
         is_seen, box = status.state == "tracking", None
+        disappears = state.status.state == "tracking" and not is_seen
+        if self._redetector and known_distractor is None and disappears:
+            known_distractor = self._redetector.known_distractor(state, measurement)
+        assessment = assessment._replace(known_distractor=known_distractor)
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
-            # The policy keeps the last seen size of a lost target.
-            box = None if is_size_free else self._occlusion_policy.redraw_box(state, assessment)
+            box = self._occlusion_policy.redraw_box(state, assessment)
         if status.state != "occluded" or status.probation:
             # The box may be another object, and a similar object elsewhere may be the target.
             assessment = assessment._replace(learns=False)
@@ -141,10 +122,7 @@ class TrackAssessor:
                 searches_everywhere=searches_everywhere and status.state != "occluded",
             )
             tracked_confidence = frame_confidence if is_seen else 0.0
-            # A lost target goes on from a box of a free size, without a claim that it is there.
-            may_go_on = is_size_free and status.state == "lost"
-            least = self._thresholds.tracked_above if may_go_on else _ACCEPT_ABOVE
-            found = self._redetector.find(candidates, assessment.box, least, tracked_confidence)
+            found = self._redetector.find(candidates, assessment.box, tracked_confidence)
             if found:
                 box = found.box
                 assessment = self._redetected(found, assessment)
@@ -162,26 +140,6 @@ class TrackAssessor:
                 assessment = assessment._replace(challenger=challenger)
         if box is None:
             return assessment
-        return self._redrawn(state, measurement, assessment, box, generator)
-
-    def _distractor(
-        self, state: FilterState, measurement: Measurement, status: TrackStatus
-    ) -> Box | None:
-        """The distractor beside a target that goes out of sight in this frame; None if none is."""
-        disappears = state.status.state == "tracking" and status.state != "tracking"
-        if self._redetector is None or not disappears:
-            return None
-        return self._redetector.known_distractor(state, measurement)
-
-    def _redrawn(
-        self,
-        state: FilterState,
-        measurement: Measurement,
-        assessment: Assessment,
-        box: NDArray[np.float64],
-        generator: np.random.Generator,
-    ) -> Assessment:
-        """The assessment with another (4,) box, which is not learned from this frame."""
         particles, boxes = self._initializer.redraw_particles(
             state, box, measurement.frame.size, generator
         )
@@ -237,11 +195,6 @@ class TrackAssessor:
                 recognition_odds=0.0,
             )
         return assessment
-
-
-def _is_size_doubtful(status: TrackStatus, confidence: float) -> bool:
-    """Whether a box may have the wrong size, given the confidence of its frame."""
-    return status.state != "lost" and confidence < _RESIZED_BELOW
 
 
 def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:
