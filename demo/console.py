@@ -1,6 +1,6 @@
 """Run the console on the clips of the demo, without a camera.
 
-1. Write each clip to a bag, once.
+1. Draw each clip into a bag, once.
 2. Start the executable `tracker`.
 3. Start the executable `console`, which plays the bags to the tracker. Its tour, `tour.yaml`, says
    what to try with each of them.
@@ -16,18 +16,18 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from clips import TOUR_CLIPS, Clip, open_clip
+from clips import CLIPS, Clip
 from failure import DemoError
 from processes import NodeProcess
 from rich.console import Console
-from run import CACHE, FOLDER, LOGS, StepFailed, ros_domain, step
+from run import FOLDER, LOGS, StepFailed, ros_domain, step
 
 from pf_tracker_ros.footage import FootageError, write_footage
 from pf_tracker_ros.node.console.playlist import read_tour
 from pf_tracker_ros.recordings import RecordingError
 
 TOUR = FOLDER / "tour.yaml"
-_NAMES = [clip.name for clip in TOUR_CLIPS]
+_NAMES = [clip.name for clip in CLIPS]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = FOLDER / given.clip
     try:
         console = Console()
-        recordings = {clip.name: _recording_of(clip, console) for clip in TOUR_CLIPS}
+        recordings = {clip.name: _recording_of(clip, console) for clip in CLIPS}
         recording = recordings[given.clip]
         first = next(entry for entry in read_tour(TOUR) if entry.path == recording)
         with ros_domain(folder):
@@ -70,8 +70,8 @@ def _recording_of(clip: Clip, console: Console) -> Path:
     (folder / LOGS).mkdir(parents=True, exist_ok=True)
     recording = folder / "input.mcap"
     if not recording.exists():
-        with step(console, f"{clip.name}: fetching the clip"):
-            write_footage(open_clip(clip, CACHE), recording)
+        with step(console, f"{clip.name}: drawing the bag"):
+            write_footage(clip.draw(), recording)
     return recording
 
 

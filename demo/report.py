@@ -199,7 +199,7 @@ def write_video(overlays: list[Picture], frame_rate: float, path: Path) -> None:
     encoder.close()
 
 
-def write_contact_sheet(overlays: list[Picture], first_frame: int, path: Path) -> None:
+def write_contact_sheet(overlays: list[Picture], path: Path) -> None:
     """Write equally spaced overlays, with the first and the last one, to one image.
 
     Raises:
@@ -209,8 +209,7 @@ def write_contact_sheet(overlays: list[Picture], first_frame: int, path: Path) -
     columns = 3 if width / height > _WIDE else 4
     chosen = np.linspace(0, len(overlays) - 1, min(len(overlays), _SHEET_TILES)).round().astype(int)
     tiles = [
-        _captioned(overlays[index], f"frame {first_frame + index}", _SHEET_WIDTH // columns)
-        for index in chosen
+        _captioned(overlays[index], f"frame {index}", _SHEET_WIDTH // columns) for index in chosen
     ]
     tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
     rows = [np.hstack(tiles[start : start + columns]) for start in range(0, len(tiles), columns)]

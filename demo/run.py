@@ -25,7 +25,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import follower
-from clips import CLIPS, Clip, open_clip
+from clips import CLIPS, Clip
 from failure import DemoError
 from follower import FollowerResult
 from page import PAGE, ClipResult, write_page
@@ -49,7 +49,6 @@ from pf_tracker_ros.ros_domains import unused_domain
 
 FOLDER = Path(__file__).resolve().parent
 DDS_PROFILE = FOLDER.parent / "config" / "fastdds_large_images.xml"
-CACHE = FOLDER / "cache"
 LOGS = "log"
 _MEETING_TIMEOUT = 30.0
 _REPLAY_TIMEOUT = 120.0
@@ -145,7 +144,7 @@ def run_clip(console: Console, clip: Clip, folder: Path) -> Summary:
     with step(console, f"{clip.name}: drawing the bag"):
         shutil.rmtree(folder, ignore_errors=True)
         (folder / LOGS).mkdir(parents=True)
-        footage = open_clip(clip, CACHE)
+        footage = clip.draw()
         write_footage(footage, folder / "input.mcap")
         stamps = [frame.stamp for frame in footage.frames()]
     with ros_domain(folder), Recorder(several=clip.box is None) as recorder:
@@ -242,7 +241,7 @@ def write_results(
     write_json(clip.name, results, folder / "result.json")
     overlays = read_overlays(recorder, stamps)
     write_video(overlays, 1.0 / footage.nominal_interval, folder / "overlay.mp4")
-    write_contact_sheet(overlays, clip.first_frame, folder / "contact_sheet.png")
+    write_contact_sheet(overlays, folder / "contact_sheet.png")
     return Summary.of(results)
 
 

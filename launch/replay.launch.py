@@ -2,7 +2,7 @@
 
 For example, a video whose target is drawn as a box in its first frame::
 
-    ros2 launch pf_tracker_ros replay.launch.py source:=clip.mp4 target_box:="[62, 31, 53, 70]"
+    ros2 launch pf_tracker_ros replay.launch.py source:=clip.mp4 target_box:="[42, 188, 44, 132]"
 
 The launch ends with the recording, and fails if the recording cannot be played.
 """

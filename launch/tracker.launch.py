@@ -3,7 +3,7 @@
 For example, for a target drawn as a box in the first frame::
 
     ros2 launch pf_tracker_ros tracker.launch.py image:=/camera/image_raw \
-        target_box:="[62, 31, 53, 70]"
+        target_box:="[42, 188, 44, 132]"
 """
 
 from launch import LaunchContext, LaunchDescription

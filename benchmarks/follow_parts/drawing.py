@@ -33,6 +33,9 @@ _SECONDS = 10.0
 class RoomMap:
     """The walls of a room, seen from above; pixels of its image.
 
+    Args:
+        layout: Walls of the room.
+
     Attributes:
         image: (H, W, 3) BGR.
     """

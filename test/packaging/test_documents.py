@@ -100,9 +100,9 @@ def test_the_examples_of_the_library_run_as_they_are_written(
     (clip,) = re.findall(r'VideoCapture\("(\S+\.mp4)"\)', EXAMPLES[number])
     path = tmp_path / clip
     path.parent.mkdir(parents=True, exist_ok=True)
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, (160, 120))
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 25.0, (640, 480))
     for image in moving_square.images:
-        video.write(image)
+        video.write(cv2.resize(image, (640, 480)))
     video.release()
     monkeypatch.chdir(tmp_path)
     exec(EXAMPLES[number], {})

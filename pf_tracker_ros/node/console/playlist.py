@@ -2,13 +2,13 @@
 
 A tour is a YAML file with an entry for each recording, in the order of the page:
 
-    - recording: carphone/input.mcap       # relative to the folder of the tour
-      title: A face
-      target: [62, 31, 53, 70]             # box to suggest in the first frame, pixels
+    - recording: hidden/input.mcap         # relative to the folder of the tour
+      title: A person
+      target: [42, 188, 44, 132]           # box to suggest in the first frame, pixels
       speed: 0.25                          # to play at, relative to the recording's own
       parameters: {max_targets: 8}         # of the tracker, set by the page
       steps:                               # what to try, one at a time
-        - Drag a box around the face.
+        - Drag a box around the person in red.
         - text: Does a smaller window help?
           parameters: {correlation_response.window: 2.5}   # set by a button of the step
 

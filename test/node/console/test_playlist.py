@@ -119,7 +119,7 @@ def test_the_tour_of_the_demo_sets_what_it_promises():
     from pf_tracker_ros.tracking.presets import preset_parameters
 
     listed = read_tour(TOUR)
-    assert [one.path.parent.name for one in listed] == ["carphone", "bikes", "street"]
+    assert [one.path.parent.name for one in listed] == ["hidden", "people"]
     of_node = declarations(NodeParameters)
     known = {*of_node, *preset_parameters("default"), *preset_parameters("li2007")}
     for one in listed:

@@ -185,7 +185,7 @@ def heard(ros_domain):
 
 @pytest.fixture
 def record_drive(tmp_path):
-    """A function that records 4 s at 25 Hz, a textured box going right from (62, 31, 53, 70).
+    """A function that records 4 s at 25 Hz, a textured box going right from (42, 188, 44, 132).
 
     It takes the name of the file or folder, and returns its path; the topic is /camera/image_raw.
     """
@@ -211,11 +211,11 @@ def drive(record_drive):
 def _drive():
     generator = np.random.default_rng(5)
     ground = cv2.resize(generator.integers(40, 90, (12, 16, 3), dtype=np.uint8), (640, 480))
-    target = cv2.resize(generator.integers(0, 255, (8, 11, 3), dtype=np.uint8), (53, 70))
+    target = cv2.resize(generator.integers(0, 255, (17, 6, 3), dtype=np.uint8), (44, 132))
     for index in range(100):
         image = ground.copy()
-        left = 62 + 2 * index
-        image[31 : 31 + 70, left : left + 53] = target
+        left = 42 + 2 * index
+        image[188 : 188 + 132, left : left + 44] = target
         yield image
 
 

@@ -66,13 +66,13 @@ class GoesOn:
 
 INSTALLED = "test_installations.py installs in this way without the network"
 POLYGON = (
-    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 62, y: 31}, {x: 115, y: 101}]}}"'
+    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 42, y: 188}, {x: 86, y: 320}]}}"'
 )
-BOW_TIE = (
-    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 81, y: 101}, {x: 128, y: 120}]}}"'
+BLUE_COAT = (
+    'geometry_msgs/msg/PolygonStamped "{polygon: {points: [{x: 230, y: 180}, {x: 272, y: 322}]}}"'
 )
 RUN, LAUNCH = "ros2 run pf_tracker_ros", "ros2 launch pf_tracker_ros"
-TARGET_TAKEN = "target 1 started on the box (62, 31, 53, 70)"
+TARGET_TAKEN = "target 1 started on the box (42, 188, 44, 132)"
 SHARE = "$(ros2 pkg prefix --share pf_tracker_ros)"
 
 SEVERAL = f"{LAUNCH} detector.launch.py image:=/camera/image_raw detections:=/yolo/detections"
@@ -94,7 +94,7 @@ README = [
     *INSTALL,
     GoesOn(TRACK_CONSOLE, node="/console", prints="images on /camera/image_raw"),
     Ends(
-        f"{RUN} track drive.mcap --box 62,31,53,70 --output tracked --video --report",
+        f"{RUN} track drive.mcap --box 42,188,44,132 --output tracked --video --report",
         "tracked",
     ),
     GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
@@ -109,7 +109,7 @@ README = [
 
 FIRST_STEPS = [
     Elsewhere(
-        ".venv/bin/track demo/carphone/input.mcap --box 62,31,53,70 --output tracked --video "
+        ".venv/bin/track demo/hidden/input.mcap --box 42,188,44,132 --output tracked --video "
         "--report",
         "test/recordings",
     ),
@@ -119,14 +119,14 @@ FIRST_STEPS = [
     GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
     GoesOn(
         f"{RUN} replay drive.mcap --ros-args -r image:=/camera/image_raw -p loop:=true "
-        '-p target_box:="[62, 31, 53, 70]"',
+        '-p target_box:="[42, 188, 44, 132]"',
         box="/pf_tracker/box",
     ),
     Ends(f"{RUN} watch --once", "target 1  tracking"),
-    Ends(f"ros2 topic pub --once /pf_tracker/target {BOW_TIE}", "publishing #1"),
+    Ends(f"ros2 topic pub --once /pf_tracker/target {BLUE_COAT}", "publishing #1"),
     Ends("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
     GoesOn(
-        f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[62, 31, 53, 70]"',
+        f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[42, 188, 44, 132]"',
         prints=TARGET_TAKEN,
         ends=(f"{RUN} tracker", f"{RUN} replay"),
     ),
@@ -238,7 +238,7 @@ BAG = [
     GoesOn(f"{RUN} console rosbag2_2026_01_01", node="/console"),
     GoesOn(
         f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
-        'lockstep:=true target_box:="[62, 31, 53, 70]"',
+        'lockstep:=true target_box:="[42, 188, 44, 132]"',
         prints=TARGET_TAKEN,
         ends=(f"{LAUNCH} tracker", f"{RUN} console"),
     ),
@@ -251,7 +251,7 @@ DOCKER = [
         "docker run --rm --network host --ipc host -e ROS_DOMAIN_ID pf_tracker",
         f"docker run --rm --network host --ipc host pf_tracker {RUN} watch",
         f"docker run --rm -v $PWD:/data pf_tracker {RUN} track /data/drive.mcap "
-        "--box 62,31,53,70 --output /data/tracked",
+        "--box 42,188,44,132 --output /data/tracked",
     )
 ]
 

@@ -14,7 +14,7 @@ REPLAY = "ros2 launch pf_tracker_ros replay.launch.py"
 DETECTOR = "ros2 launch pf_tracker_ros detector.launch.py"
 FOLLOW = "ros2 launch pf_tracker_ros follow.launch.py"
 RUN_REPLAY = "ros2 run pf_tracker_ros replay"
-TARGET = 'target_box:="[62, 31, 53, 70]"'
+TARGET = 'target_box:="[42, 188, 44, 132]"'
 
 each_launch_file = pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
 
@@ -201,7 +201,7 @@ def test_a_replay_is_tracked_and_ends_with_its_recording(shell, drive):
         assert launch.wait(60.0) == 0
     for told in (
         "preset default; images on /image",
-        "target 1 started on the box (62, 31, 53, 70)",
+        "target 1 started on the box (42, 188, 44, 132)",
         "published 100 frames of drive (/camera/image_raw)",
         "was required: shutting down",
     ):

@@ -12,7 +12,7 @@ REPOSITORY = Path(__file__).resolve().parents[3]
 def launch_test(shell, drive):
     """Runs the example on a recording and the boxes that `track` finds in it."""
     pytest.importorskip("launch_testing", reason="comes with a ROS from apt, and PyPI has none")
-    (shell.folder / "drive.target.yaml").write_text("target_box: [62, 31, 53, 70]\n")
+    (shell.folder / "drive.target.yaml").write_text("target_box: [42, 188, 44, 132]\n")
     assert shell.run("track drive.mcap --output tracked").returncode == 0
 
     def run(boxes):
