@@ -213,9 +213,10 @@ def recording_page(
         ground: Target and camera from above, None without positions.
         recording_video: For the timeline; None without one.
     """
-    content = _content(recording.path.name, frames, true_boxes)
+    content = _content("target", frames, true_boxes)
     content = _with_scores(content, np.array([each.seconds for each in frames]))
-    header: dict[str, Any] = {"preset": preset, "facts": facts, "mean": content.scores}
+    header: dict[str, Any] = {"preset": preset, "facts": facts, "kind": "target"}
+    header["mean"] = content.scores
     header |= {"ground": ground, "recording_video": recording_video}
     return _page(recording, [content], **header)
 

@@ -119,7 +119,7 @@ def test_a_loss_is_listed_with_its_cause_and_how_it_ended(
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<figcaption>frame 0, idle</figcaption>" in page
     assert re.search(r"Lost in frames \d+ to 29\.", page)
-    (row,) = re.findall(r"<tr><td>gone</td>.*?</tr>", page)
+    (row,) = re.findall(r"<tr><td>target</td>.*?</tr>", page)
     assert re.search(r'data-frame="1\d">1\d to 29</button></td><td>lost</td>', row)
     assert "the confidence fell from" in row
     assert "not found again" in row

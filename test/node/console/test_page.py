@@ -221,12 +221,12 @@ def test_the_state_is_marked_as_old_when_images_stop(tracker, client, camera, pa
 
 def test_a_killed_tracker_is_reported_and_found_again(graph, page):
     tracker = graph.process("-p", "seed:=0")
-    page.wait_until(lambda: page.text("connection") == "live", "the tracker")
+    page.wait_until(lambda: page.text("connection") == "connected", "the tracker")
     tracker.kill()
     page.wait_until(lambda: "is silent" in page.text("health"), "that it is reported")
     assert page.text("state") == "silent"
     graph.process("-p", "seed:=0")
-    page.wait_until(lambda: page.text("connection") == "live", "the tracker again")
+    page.wait_until(lambda: page.text("connection") == "connected", "the tracker again")
 
 
 def free_port():
@@ -256,7 +256,7 @@ def killable(graph, start_console, camera, open_page):
         # The port may be in use until the killed console has ended.
         console.wait()
         start_console(port=port)
-        page.wait_until(lambda: page.text("connection") == "live", "the tracker")
+        page.wait_until(lambda: page.text("connection") == "connected", "the tracker")
 
     return page, console, restart
 

@@ -550,4 +550,4 @@ def test_a_broken_recording_is_reported_and_the_page_stays_usable(
     page.wait_until(lambda: "3.png" in page.text("problem"), "why it ends")
     assert "restart the console" in page.text("problem")
     page.locator("#seek").fill("0")
-    page.wait_until(lambda: page.text("connection") == "live", "the tracker")
+    page.wait_until(lambda: page.text("connection") == "connected", "the tracker")

@@ -225,7 +225,7 @@ function showHealth() {
   healthDue = null;
   const alive = health.tracker === "alive", isStale = isStatusOld();
   if (!alive) clearAccepted();
-  text("connection", alive ? "live" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
+  text("connection", alive ? "connected" : socket.readyState === WebSocket.OPEN ? "no tracker" : "no console");
   at("connection").dataset.level = alive ? "ok" : "error";
   // An old picture is gray.
   at("stage").classList.toggle("old", lacksImages() || !alive);
