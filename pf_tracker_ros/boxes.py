@@ -137,6 +137,12 @@ def pairwise_coverage(boxes: NDArray[np.float64], by: NDArray[np.float64]) -> ND
     )
 
 
+def grown(boxes: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """(N, 4) boxes of the same centers, with sides that are a factor as long, above 0; pixels."""
+    sizes = factor * boxes[:, 2:]
+    return np.hstack([boxes[:, :2] + (boxes[:, 2:] - sizes) / 2, sizes])
+
+
 def is_truncated(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:
     """Whether a (4,) box reaches the border of an image of (width, height)."""
     ends, limits = box[:2] + box[2:], np.array(image_size) - _TRUNCATED_WITHIN

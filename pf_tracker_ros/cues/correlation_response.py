@@ -55,6 +55,9 @@ _MIN_COLOR_DIFFERENCE = 2.0
 _SHARPNESS = 100.0
 # Largest shift, cells, and relative growth of a window that serves for training at another box.
 _LARGEST_SHIFT, _LARGEST_GROWTH = 1.0, 0.03
+# Standard deviation of the response over the logarithm of the size, measured on sequences; the
+# largest logarithm of a growth that it tells.
+_SIZE_STD, _LARGEST_LOG_GROWTH = 0.21, 0.1
 # Side of the window of the coarse response, box sizes.
 _COARSE_WINDOW = 2.5
 
@@ -266,6 +269,22 @@ class CorrelationResponse(SearchableCue):
         share = self._shares(grid.size[None], region.center_box)
         responses = maps.read_grid(grid.left + width / 2, grid.top + height / 2, share)
         return _relative(responses.ravel(), maps, template)
+
+    def log_growth(
+        self, region: Region, box: NDArray[np.float64], template: CorrelationTemplate
+    ) -> float:
+        """See `SearchableCue.log_growth`: from the responses of the larger and the smaller window.
+
+        Over the logarithm of the size, a response is about a Gaussian.
+        """
+        if not (self._log_span and region.estimates_size):
+            return 0.0
+        maps = self._response_maps(region, template)
+        centers = np.repeat((box[:2] + box[2:] / 2)[None], 2, axis=0)
+        smaller, larger = maps.read(centers, np.array([0.0, 1.0])).tolist()
+        log_ratio = math.log(max(larger, SMALLEST_RESPONSE) / max(smaller, SMALLEST_RESPONSE))
+        growth = _SIZE_STD**2 / self._log_span * log_ratio
+        return min(max(growth, -_LARGEST_LOG_GROWTH), _LARGEST_LOG_GROWTH)
 
     def _shares(
         self, sizes: NDArray[np.float64], center_box: NDArray[np.float64]

@@ -265,6 +265,10 @@ class SearchableCue(Cue, Protocol):
         """(M,) responses at the boxes of a grid; a cue can override it to save time."""
         return self.response(region, grid.boxes, template)
 
+    def log_growth(self, region: Region, box: NDArray[np.float64], template: Any) -> float:
+        """Logarithm of the target's size over that of a (4,) box at it, 0 where nothing tells."""
+        return 0.0
+
     @abstractmethod
     def log_likelihood_of(
         self, response: NDArray[np.float64], template: Any

@@ -252,6 +252,15 @@ class CueFusion:
                 fused += cue_weights[name] * cue.log_likelihood_on_grid(region, grid, template)
         return fused
 
+    def log_growth(self, region: Region, box: NDArray[np.float64], templates: Templates) -> float:
+        """See `SearchableCue.log_growth`; that of the first cue that tells one."""
+        growths = (
+            cue.log_growth(region, box, templates[name])
+            for name, cue in self._searchable.items()
+            if name in templates
+        )
+        return next((one for one in growths if one), 0.0)
+
     def propose(self, region: Region, templates: Templates) -> ProposedBoxes | None:
         """Boxes that the first cue with any proposes; None without one."""
         for _, cue, template in self._with_template(templates):

@@ -158,6 +158,7 @@ class FilterState:
         standing: Heights of boxes in the image; None where nobody says.
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
+        growth: Logarithm of the target's size over that of the last box, as far as the cues tell.
         missed_factor: Factor, up to 1, of the odds that the box shows the target, since a detector
             has looked and not seen it.
     """
@@ -185,6 +186,7 @@ class FilterState:
     challenger: Challenger | None = None
     standing: Standing | None = None
     place_factor: float = 1.0
+    growth: float = 0.0
     missed_factor: float = 1.0
 
     @property

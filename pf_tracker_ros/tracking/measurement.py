@@ -24,7 +24,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxesByAxis
+from pf_tracker_ros.boxes import BoxesByAxis, grown
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
     CueWeights,
@@ -49,6 +49,8 @@ from pf_tracker_ros.tracking.search import Search, mode_mean
 ExternalLikelihood = Callable[[BoxesByAxis], NDArray[np.float64]]
 # Similarity to the target, 0 to 1, of a distractor: the geometric mean over the cues.
 _DISTRACTOR_ABOVE = 0.5
+# Share of the growth that the cues tell by which the particles grow in a frame.
+_GROWTH_GAIN = 0.25
 
 
 class FramePrediction(NamedTuple):
@@ -200,6 +202,12 @@ class Measurer:
         last_box = np.asarray(state.estimate.box)
         region = self._region(frame, boxes, last_box, estimates_size=estimates_size)
         return FramePrediction(state, frame, interval, prediction, generator, boxes, region)
+
+    def log_growth(self, frame_prediction: FramePrediction, box: NDArray[np.float64]) -> float:
+        """See `SearchableCue.log_growth`, of a (4,) box in this frame."""
+        return self._fusion.log_growth(
+            frame_prediction.region, box, frame_prediction.filter_state.templates
+        )
 
     def weigh(
         self,
@@ -363,6 +371,7 @@ class SearchingMeasurer(Measurer):
             return super().predict_frame(
                 state, frame, interval, prediction, generator, estimates_size=estimates_size
             )
+        prediction = _grown(state, prediction, frame.size)
         boxes = state.motion.boxes(prediction.particles.states)
         search = Search(prediction.particles.weights @ boxes, self._parameters, frame.size)
         region = self._region(
@@ -458,3 +467,17 @@ class SearchingMeasurer(Measurer):
             return box_covariance(box, box_features(box, confidence))
         random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
         return box_covariance(box, box_features(box, 0.0), random_walk_std)
+
+
+def _grown(state: FilterState, prediction: Prediction, image_size: tuple[int, int]) -> Prediction:
+    """The prediction, grown or shrunk as the last frame told, where it left no doubt.
+
+    Sizes of the transition prior alone stay behind those of somebody who comes near.
+    """
+    log_growth = _GROWTH_GAIN * state.growth * (1.0 - state.doubt)
+    if log_growth == 0.0:
+        return prediction
+    motion, particles = cast(SearchableMotion, state.motion), prediction.particles
+    boxes = grown(motion.boxes(particles.states), math.exp(log_growth))
+    states = motion.constrain(motion.with_boxes(particles.states, boxes), image_size)
+    return prediction._replace(particles=particles.move(states))

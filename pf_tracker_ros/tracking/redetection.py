@@ -5,7 +5,7 @@
 2. Search each window for the likeliest box of the last seen size.
 3. If the confidence in this box suffices, search again in the window around it: a distractor seldom
    has a high confidence in both.
-4. Take the most confident box if its confidence is above 0.84.
+4. Take the most confident box if it is confident enough (`TrackAssessor`).
 
 Otherwise the likeliest box elsewhere challenges the current one, see `Challenger`: without a claim
 that it is the target, the filter goes on from there once it has been likelier for long enough.
@@ -32,8 +32,6 @@ from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
 _OVERLAP = 0.5
-# Confidence above which a candidate is the target.
-_ACCEPT_ABOVE = 0.84
 DOUBTFUL_BELOW = 0.3
 """Confidence below which a box is too unlike the target to be taken for it."""
 # Seconds out of sight before another box can challenge the current one, and of the time constant of
@@ -42,7 +40,7 @@ _CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Heights of standing targets that are searched for, in heights of the image.
-_SCALES = (0.25, 0.33, 0.43, 0.56, 0.72, 0.94)
+_SCALES = (0.25, 0.33, 0.43, 0.56, 0.72, 0.94, 1.22, 1.58)
 # Stride of the window sequence as a share of its length: consecutive windows are far apart.
 _GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 
@@ -239,6 +237,7 @@ class Redetector:
         self,
         candidates: Sequence[Candidate],
         box: NDArray[np.float64],
+        least: float,
         tracked_confidence: float = 0.0,
     ) -> Candidate | None:
         """The candidate that is the target, if one is.
@@ -246,13 +245,14 @@ class Redetector:
         Args:
             candidates: From `search`.
             box: (4,) current box, pixels.
-            tracked_confidence: Confidence of this frame in the current box, which a candidate has
-                to exceed; 0 if the target is not tracked.
+            least: Confidence that the candidate has to exceed, 0 to 1.
+            tracked_confidence: Confidence of this frame in the current box, which it has to exceed
+                as well; 0 if the target is not tracked.
         """
         if tracked_confidence:
             candidates = [one for one in candidates if not are_same_place(one.box, box)]
         best = max(candidates, key=lambda one: one.confidence, default=None)
-        is_found = best and best.confidence > max(_ACCEPT_ABOVE, tracked_confidence)
+        is_found = best and best.confidence > max(least, tracked_confidence)
         return best if is_found else None
 
     def challenger(
@@ -280,10 +280,11 @@ class Redetector:
         if self._windows == 0 or assessment.status.hidden_for < _CHALLENGED_AFTER:
             return None
         last = state.challenger
-        places = [one for one in (measurement.second_peak, last and last.box) if one is not None]
-        at = np.array(places).reshape(-1, 4)
-        size = np.array(state.last_seen_box[2:])
+        peaks = [] if measurement.second_peak is None else [measurement.second_peak]
+        at, size = np.array(peaks).reshape(-1, 4), np.array(state.last_seen_box[2:])
         boxes = _boxes_around(at[:, :2] + at[:, 2:] / 2, size)
+        if last:
+            boxes = np.vstack([boxes, last.box])
         others = [*candidates, *self._search_in(state, measurement, assessment, boxes)]
         others = [one for one in others if not are_same_place(one.box, assessment.box)]
         rate = min(interval / _LEAD_TIME, 1.0)

@@ -161,6 +161,7 @@ class StateOperations:
             distractor_box=None,
             occlusion_evidence=state.occlusion_evidence.advance(interval),
             place_factor=1.0,
+            growth=0.0,
         )
 
     def _decayed_confidence(self, state: FilterState, interval: float) -> float:

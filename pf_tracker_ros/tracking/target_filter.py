@@ -266,7 +266,11 @@ class TargetFilter:
         particles = self._resampler.resample(
             assessment.particles, self.parameters.particles, generator
         )
-        return self._next_state(frame_prediction, measurement, assessment, learned, particles)
+        following = self._next_state(frame_prediction, measurement, assessment, learned, particles)
+        if is_challenged and state.standing is not None:
+            growth = self._measurer.log_growth(frame_prediction, measurement.box)
+            return replace(following, growth=growth)
+        return following
 
     def _learn(
         self,
@@ -348,6 +352,7 @@ class TargetFilter:
             occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
             challenger=assessment.challenger,
             place_factor=1.0,
+            growth=0.0,
         )
 
     def search_around(

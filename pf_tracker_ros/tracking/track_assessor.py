@@ -7,6 +7,9 @@
 3. While the target is not tracked, let the occlusion policy choose the reported box.
 4. Search for the target where it was last seen and, once it is lost, all over the image.
 5. Redraw the particles around the box that the policy or the redetection returns.
+
+The size of a lost target is free where the ground is known, as before a robot, and nothing but the
+image tells where the target is: the search tries other sizes, and goes on in them.
 """
 
 from __future__ import annotations
@@ -31,6 +34,8 @@ from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
 _LEARN_ABOVE = 0.01
+# Confidence above which a candidate of the redetection is the target.
+_ACCEPT_ABOVE = 0.84
 # Similarity to the current templates from which on a target is not lost.
 _RECOGNIZED_ABOVE = 0.52
 
@@ -78,8 +83,9 @@ class TrackAssessor:
             interval: Seconds since the last frame.
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
-            is_challenged: Whether another box may challenge the current one; not where a detector
-                tells where targets are, nor beside other targets, whose boxes would do so.
+            is_challenged: Whether another box may challenge the current one, and the size of a lost
+                target may be free; not where a detector tells where targets are, nor beside other
+                targets, whose boxes would challenge it.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
@@ -101,13 +107,15 @@ class TrackAssessor:
         if status.is_settled:
             return assessment
         is_seen, box = status.state == "tracking", None
+        is_size_free = is_challenged and state.standing is not None
         disappears = state.status.state == "tracking" and not is_seen
         if self._redetector and known_distractor is None and disappears:
             known_distractor = self._redetector.known_distractor(state, measurement)
         assessment = assessment._replace(known_distractor=known_distractor)
         if not is_seen:
             assessment = self._occlusion_policy.assess(state, measurement, assessment)
-            box = self._occlusion_policy.redraw_box(state, assessment)
+            # The policy keeps the last seen size of a lost target.
+            box = None if is_size_free else self._occlusion_policy.redraw_box(state, assessment)
         if status.state != "occluded" or status.probation:
             # The box may be another object, and a similar object elsewhere may be the target.
             assessment = assessment._replace(learns=False)
@@ -122,7 +130,10 @@ class TrackAssessor:
                 searches_everywhere=searches_everywhere and status.state != "occluded",
             )
             tracked_confidence = frame_confidence if is_seen else 0.0
-            found = self._redetector.find(candidates, assessment.box, tracked_confidence)
+            # After seconds, looks alone lower the confidence in a lost target below 0.84.
+            is_lost = is_size_free and status.state == "lost"
+            least = self._thresholds.tracked_above if is_lost else _ACCEPT_ABOVE
+            found = self._redetector.find(candidates, assessment.box, least, tracked_confidence)
             if found:
                 box = found.box
                 assessment = self._redetected(found, assessment)

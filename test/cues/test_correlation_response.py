@@ -164,6 +164,17 @@ def test_responses_are_interpolated_between_the_sizes_and_constant_beyond(templa
     assert (at[-5], at[5]) == pytest.approx((at[-1], at[1]), abs=1e-4)
 
 
+@pytest.mark.parametrize("growth", [-0.1, -0.05, 0.05, 0.1])
+def test_responses_tell_how_much_the_target_grew(template, growth):
+    image = zoomed(np.exp(growth))
+    assert 0.3 < CUE.log_growth(region_of(image), BOX, template) / growth < 2.0
+    assert abs(CUE.log_growth(region_of(frame()), BOX, template)) < 0.02
+    # One window tells nothing.
+    assert ONE_SIZE.log_growth(region_of(image), BOX, template) == 0.0
+    fixed = Region(Frame(image), BOX[None], estimates_size=False)
+    assert CUE.log_growth(fixed, BOX, template) == 0.0
+
+
 def test_when_the_size_is_not_estimated_boxes_are_read_in_the_predicted_size(template):
     region = Region(Frame(zoomed(1.02)), BOX[None], estimates_size=False)
     boxes = np.array([sized(1.02**power) for power in (-1, 0, 1)])

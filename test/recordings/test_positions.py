@@ -15,6 +15,7 @@ from world_room import Base, Room, Walker, circling, driving, standing
 
 from pf_tracker_ros.footage.bag_writing import BagWriter
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
+from pf_tracker_ros.localization.located_frame import LocatedFrame
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.recordings.positions import RecordedPositions
 from pf_tracker_ros.recordings.recording import open_recording
@@ -219,7 +220,7 @@ def test_useless_sensors_are_told_once_and_tracking_goes_on(track, room, tmp_pat
     assert "positions in 0%" in out
 
 
-def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path):
+def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path, monkeypatch):
     """Somebody at 3 m walks past the target at 5 m: its confidence falls a frame later."""
     walkers = (
         Walker(standing(5.0, 0.0), (50, 60, 200), (90, 60, 40)),
@@ -231,14 +232,21 @@ def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path):
     positions = RecordedPositions(bag, IMAGE_TOPIC, {}, parameters)
     recording = open_recording(bag, bag_topic=IMAGE_TOPIC)
     targets = first_targets(frames[0], 1)
-    alone = list(track_recording(recording, targets))
     located = list(positions.locate(track_recording(recording, targets)))
+    hints = LocatedFrame.hints.fget
+
+    def unknown(frame):
+        return {id: hint._replace(covered_share=None) for id, hint in hints(frame).items()}
+
+    monkeypatch.setattr(LocatedFrame, "hints", property(unknown))
+    untold = list(positions.locate(track_recording(recording, targets)))
+    monkeypatch.undo()
     shares = np.array([frame.located.hints[1].covered_share for frame in located])
     hidden = np.array([1.0 - frame.visible[0] for frame in frames])
     assert shares == pytest.approx(hidden, abs=0.12)
     lowered = [
         one.targets[0].estimate.confidence < other.targets[0].estimate.confidence
-        for one, other in zip(located, alone, strict=True)
+        for one, other in zip(located, untold, strict=True)
     ]
     first = int(np.argmax(shares > 0.25)) + 1
     assert lowered[first]

@@ -35,9 +35,9 @@ def test_a_preset_of_a_paper_gives_the_same_boxes(name, sequences_directory):
         for image, _ in zip(frames, range(len(expected) * every), strict=False)
     ]
     found = np.array(boxes)[every - 1 :: every]
-    errors = np.abs(found - expected).max(axis=1)
-    # AMD's Zen rounds so that another particle is drawn there.
-    for number, box in BOXES[name].get("on_zen", {}).items():
-        other = np.abs(found[int(number)] - box).max()
-        errors[int(number)] = min(errors[int(number)], other)
-    assert errors.max() <= TOLERANCE
+    # Other processors round so that another particle is drawn somewhere.
+    ways = [expected]
+    for others in BOXES[name].get("rounded_otherwise", ()):
+        ways.append(expected.copy())
+        ways[-1][list(map(int, others))] = list(others.values())
+    assert min(np.abs(found - way).max() for way in ways) <= TOLERANCE

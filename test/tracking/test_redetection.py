@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pf_tracker_ros import MultiTracker, Tracker
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking import redetection
+from pf_tracker_ros.tracking.hints import Standing
 from pf_tracker_ros.tracking.redetection import Candidate, Redetector, window_centers
 
 
@@ -94,6 +96,15 @@ def test_a_lost_target_comes_back_by_itself_or_by_confirmation(mode):
     assert last.state == "tracking"
     found = next(index for index, one in enumerate(again) if one.state == "tracking")
     assert last.reacquired_for == pytest.approx((len(again) - 1 - found) * 0.1)
+
+
+def test_the_most_confident_candidate_is_found_if_it_is_confident_enough(make_target_filter):
+    redetector = make_target_filter("default")._redetector
+    box = np.array([10.0, 10.0, 20.0, 20.0])
+    candidates = [Candidate(box + 50.0, 0.5), Candidate(box + 100.0, 0.7)]
+    assert redetector.find(candidates, box, 0.84) is None
+    assert redetector.find(candidates, box, 0.64) is candidates[1]
+    assert redetector.find(candidates, box, 0.64, tracked_confidence=0.75) is None
 
 
 @pytest.fixture
@@ -183,3 +194,19 @@ def test_only_a_single_target_is_challenged(count, monkeypatch):
     for image in images[1:40]:
         tracker.update(image, 0.1)
     assert bool(challenged) == (count == 1)
+
+
+@pytest.mark.parametrize("has_detector", [True, False])
+def test_a_lost_target_may_change_its_size_where_only_the_ground_is_known(
+    make_target_filter, couple, has_detector
+):
+    target_filter = make_target_filter("default")
+    state = target_filter.start(couple.images[0], couple.first[0])
+    for seed in range(12):
+        noise = np.random.default_rng(seed).integers(0, 256, couple.images[0].shape, np.uint8)
+        state = replace(state, standing=Standing(horizon=20.0, slope=2.0))
+        (prediction,) = target_filter.predict([(state, True)], Frame(noise), 0.3)
+        state = target_filter.step(prediction, is_challenged=not has_detector)
+    assert state.status.state == "lost"
+    is_last_size = state.estimate.box[2:] == pytest.approx(state.last_seen_box[2:])
+    assert is_last_size == has_detector

@@ -6,7 +6,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
-from pf_tracker_ros.tracking import redetection, target_filter
+from pf_tracker_ros.tracking import target_filter, track_assessor
 from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, mode_mean
 
@@ -126,7 +126,7 @@ def test_without_redetection_a_lost_target_is_found_only_where_it_was_lost():
 
 def test_another_object_is_not_redetected(monkeypatch):
     """Another pattern in the same colors, all over the image, even with less to be asked for."""
-    monkeypatch.setattr(redetection, "_ACCEPT_ABOVE", 0.7)
+    monkeypatch.setattr(track_assessor, "_ACCEPT_ABOVE", 0.7)
     tracker, _ = lost_tracker(WIDE_BACKGROUND)
     other = cv2.rotate(TARGET, cv2.ROTATE_90_CLOCKWISE)
     for number in range(WIDE_WINDOWS + 20):

@@ -1,0 +1,52 @@
+"""The size of the box keeps up with a target that comes near or walks off."""
+
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.targets.session import Session
+from pf_tracker_ros.tracking.hints import Hint, Standing
+from pf_tracker_ros.tracking.presets import preset_parameters
+
+SIDE, STILL, MOVING, AFTERWARDS = 40.0, 10, 12, 10
+STAMP = NANOSECONDS // 20
+
+
+def shown(side, seed):
+    """A textured square of a side in the middle of a textured image."""
+    generator = np.random.default_rng(seed)
+    image = cv2.resize(generator.integers(60, 160, (30, 40, 3), np.uint8), (320, 240))
+    target = cv2.resize(generator.integers(0, 255, (8, 8, 3), np.uint8), (256, 256))
+    left, top = np.array([160, 120]) - side // 2
+    image[top : top + side, left : left + side] = cv2.resize(
+        target, (side, side), interpolation=cv2.INTER_AREA
+    )
+    return image
+
+
+def errors_of(growth, seed, hint):
+    """Logarithms of the box's height over the true one, while the target moves and afterwards."""
+    session = Session(preset_parameters("default"), seed)
+    session.request((160 - SIDE / 2, 120 - SIDE / 2, SIDE, SIDE))
+    errors = []
+    for number in range(STILL + MOVING + AFTERWARDS):
+        side = round(SIDE * growth ** min(max(number - STILL, 0), MOVING))
+        outcome = session.process(Frame(shown(side, seed), STAMP * (number + 1)))
+        session.set_hints({1: hint}, STAMP * (number + 1))
+        errors.append(math.log(outcome.targets[0].estimate.box[3] / side))
+    return np.abs(errors[STILL:])
+
+
+@pytest.mark.parametrize("growth", [1.03, 1 / 1.03])
+@pytest.mark.parametrize("seed", range(3))
+def test_where_the_ground_is_known_a_size_keeps_up_with_somebody_who_walks(growth, seed):
+    """A person at 2 m comes nearer by 1.2 m/s, at 20 frames a second."""
+    known = errors_of(growth, seed, Hint(standing=Standing(horizon=60.0, slope=1.0)))
+    unknown = errors_of(growth, seed, Hint())
+    assert known.max() < unknown.max()
+    assert known.max() < 0.16
+    assert known[-1] < 0.08
