@@ -211,7 +211,7 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
     assert rows == [
         "1 car · tracking 50 %",
         f"2 {HOSTILE} · occluded 50 %, behind 1 car",
-        "3 · lost 50 %, not seen any more; it is searched for",
+        "3 · lost 50 %, not seen any more",
     ]
     assert page.text("target-count") == "3 of 4"
     # The timeline says the same of the last moment.

@@ -23,7 +23,7 @@ function coveredShare([x, y, width, height], [u, v, w, h]) {
 
 // Why a target is occluded or lost, in words; "" while it is tracked.
 export function reason(one, { boxes = {}, status, width, height }) {
-  if (one.state === "lost") return "not seen any more; it is searched for";
+  if (one.state === "lost") return "not seen any more";
   const own = boxes?.[one.id]?.box;
   if (one.state !== "occluded" || !own) return "";
   const front = status.targets.find((other) => other.id !== one.id && other.state === "tracking" && boxes[other.id]
