@@ -81,17 +81,18 @@ def write_coco(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> N
     """Write a file, with an image for each frame of the recording."""
     labels = sorted({track.label or UNLABELED for track in tracks})
     categories = {label: number for number, label in enumerate(labels, start=1)}
-    width, height = info.image_size
+    width, height = info.size_at(0)
     images = [
         {
             "id": frame + 1,
             "video_id": 1,
             "frame_id": frame,
             "file_name": f"frame_{frame:06d}.png",
-            "width": width,
-            "height": height,
+            "width": size[0],
+            "height": size[1],
         }
         for frame in range(info.frame_count)
+        for size in [info.size_at(frame)]
     ]
     annotations: list[dict[str, Any]] = []
     for frame, track, labeled, box in present_boxes(tracks):

@@ -91,7 +91,7 @@ def read_cvat(path: Path) -> tuple[BoxTrack, ...]:
 
 def write_cvat(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     """Write an XML file."""
-    width, height = info.image_size
+    width, height = info.size_at(0)
     labels = sorted({track.label or UNLABELED for track in tracks})
     with path.open("w", encoding="utf-8", errors="replace") as file:
         file.write('<?xml version="1.0" encoding="utf-8"?>\n<annotations>\n')

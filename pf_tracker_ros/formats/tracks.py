@@ -79,12 +79,18 @@ class RecordingInfo:
     Attributes:
         name: Name of its file or folder.
         frame_count: Number of its frames.
-        image_size: (width, height) in pixels; (0, 0) if unknown.
+        image_sizes: First frame, counted from 0, of each size of the images, in order, to that
+            (width, height) in pixels; empty if unknown.
     """
 
     name: str
     frame_count: int
-    image_size: tuple[int, int]
+    image_sizes: Mapping[int, tuple[int, int]]
+
+    def size_at(self, frame: int) -> tuple[int, int]:
+        """(width, height) of the image of a frame, pixels; (0, 0) if unknown."""
+        sizes = (size for first, size in reversed([*self.image_sizes.items()]) if first <= frame)
+        return next(sizes, next(iter(self.image_sizes.values()), (0, 0)))
 
 
 class TracksBuilder:

@@ -114,9 +114,9 @@ def read_yolo(path: Path, image_size: ImageSize | None) -> tuple[BoxTrack, ...]:
 def write_yolo(path: Path, tracks: Sequence[BoxTrack], info: RecordingInfo) -> None:
     """Write an archive, with a text for each frame of the recording with a box."""
     labels = sorted({track.label or UNLABELED for track in tracks})
-    width, height = info.image_size
     texts: dict[int, list[str]] = {}
     for frame, track, _, (x, y, w, h) in present_boxes(tracks):
+        width, height = info.size_at(frame)
         shares = ((x + w / 2) / width, (y + h / 2) / height, w / width, h / height)
         numbers = " ".join(f"{share:.{_DIGITS}f}" for share in shares)
         texts.setdefault(frame, []).append(f"{labels.index(track.label or UNLABELED)} {numbers}\n")

@@ -54,7 +54,7 @@ class LabelFile:
         self._name = name
         self._write_tracks = write_tracks
         self._frame_count = 0
-        self._image_size = (0, 0)
+        self._image_sizes: dict[int, tuple[int, int]] = {}
         self._boxes: dict[int, dict[int, LabeledBox]] = {}
         self._labels: dict[int, str] = {}
 
@@ -63,7 +63,8 @@ class LabelFile:
         self._frame_count = tracked.frame.index + 1
         if tracked.frame.image is not None:
             height, width = tracked.frame.image.shape[:2]
-            self._image_size = (width, height)
+            if next(reversed(self._image_sizes.values()), None) != (width, height):
+                self._image_sizes[tracked.frame.index] = width, height
         for target in tracked.targets:
             box = published_box(target.estimate)
             if box is None and target.id not in self._boxes:
@@ -83,7 +84,7 @@ class LabelFile:
             OSError: It cannot be written.
         """
         tracks = [BoxTrack(id, self._labels[id], self._boxes[id]) for id in sorted(self._boxes)]
-        info = RecordingInfo(self._name, self._frame_count, self._image_size)
+        info = RecordingInfo(self._name, self._frame_count, self._image_sizes)
         self._write_tracks(self._path, tracks, info)
 
     def discard(self) -> None:

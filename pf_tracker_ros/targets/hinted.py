@@ -22,6 +22,8 @@ from pf_tracker_ros.values import replace
 _NEAR, _SAME_SIZE = 0.3, 1.25
 # Standard deviation of the expected center, in widths of the box, from which on it says nothing.
 _VAGUE_ABOVE = 1.0
+# Log odds by the place that count at least; nothing is impossible.
+_LEAST_ODDS = -20.0
 
 
 def with_hint(
@@ -40,7 +42,7 @@ def with_hint(
     filter_state = replace(
         track.filter_state,
         standing=hint.standing,
-        place_factor=math.exp(min(hint.place_odds, 0.0)),
+        place_factor=math.exp(min(max(hint.place_odds, _LEAST_ODDS), 0.0)),
     )
     track = replace(track, filter_state=filter_state)
     is_seen = filter_state.estimate.state == "tracking"

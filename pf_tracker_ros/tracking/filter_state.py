@@ -155,7 +155,7 @@ class FilterState:
             or no search.
         occlusion_evidence: Whether something is in front of it in the next frame.
         challenger: See `Challenger`; None while the target is in sight.
-        standing: Heights of boxes in the image; None where nobody says.
+        standing: Heights of boxes in the next image; None where nobody says.
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
         growth: Logarithm of the target's size over that of the last box, as far as the cues tell.

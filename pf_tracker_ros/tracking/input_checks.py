@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.tracking.hints import Hint
 
+# Largest side of an expected box over the other: the search takes more positions for each.
+_LARGEST_ASPECT = 20
+
 
 def check_box(box: ArrayLike, image_size: tuple[int, int]) -> Box:
     """The box as four floats.
@@ -67,6 +70,10 @@ def check_hint(hint: Hint) -> Hint:
         raise ValueError(f"{hint} is no hint; allowed: finite numbers, center_std from 0 up")
     if min(box[2], box[3], standing[1]) <= 0.0:
         raise ValueError(f"{hint} is no hint; allowed: width, height and slope above 0")
+    if max(box[2] / box[3], box[3] / box[2]) > _LARGEST_ASPECT:
+        raise ValueError(
+            f"{hint} is no hint; allowed: sides that differ by a factor of up to {_LARGEST_ASPECT}"
+        )
     share = hint.covered_share
     return hint if share is None else hint._replace(covered_share=check_share(share))
 

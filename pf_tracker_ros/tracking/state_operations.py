@@ -160,6 +160,7 @@ class StateOperations:
             ),
             distractor_box=None,
             occlusion_evidence=state.occlusion_evidence.advance(interval),
+            standing=None,
             place_factor=1.0,
             growth=0.0,
         )

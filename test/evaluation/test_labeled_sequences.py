@@ -28,7 +28,7 @@ def labels(moving_square, tmp_path):
     second = {frame: boxes[frame] for frame in range(10, 20)}
     path = tmp_path / "walk.xml"
     tracks = [BoxTrack(1, "", boxes | {4: LabeledBox(None)}), BoxTrack(5, "", second)]
-    FORMATS["cvat"]["boxes.cvat.xml"](path, tracks, RecordingInfo("walk", 20, (160, 120)))
+    FORMATS["cvat"]["boxes.cvat.xml"](path, tracks, RecordingInfo("walk", 20, {0: (160, 120)}))
     return path
 
 

@@ -17,7 +17,7 @@ def write_and_read(tmp_path, format_name):
     """Writes tracks of a recording with a number of frames, and reads them back."""
 
     def run(tracks, frame_count=40):
-        info = RecordingInfo("drive.mp4", frame_count, (640, 480))
+        info = RecordingInfo("drive.mp4", frame_count, {0: (640, 480)})
         for name, write in FORMATS[format_name].items():
             write(tmp_path / name, tracks, info)
         return read_tracks(tmp_path / next(iter(FORMATS[format_name])))

@@ -95,7 +95,7 @@ def test_cvat_shows_nearly_the_written_boxes(tmp_path):
         for frame in range(60)
     }
     FORMATS["cvat"]["boxes.cvat.xml"](
-        tmp_path / "a.xml", [BoxTrack(1, "", boxes)], RecordingInfo("a.mp4", 90, (640, 480))
+        tmp_path / "a.xml", [BoxTrack(1, "", boxes)], RecordingInfo("a.mp4", 90, {0: (640, 480)})
     )
     (track,) = read(tmp_path / "a.xml")
     keyframes = {frame: one for frame, one in track.boxes.items() if one.is_keyframe}

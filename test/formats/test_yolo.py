@@ -16,7 +16,7 @@ from pf_tracker_ros.formats import (
 )
 
 SIZE = (640, 480)
-INFO = RecordingInfo("drive.mp4", 20, SIZE)
+INFO = RecordingInfo("drive.mp4", 20, {0: SIZE})
 
 
 def write(path, tracks):
@@ -40,6 +40,17 @@ def folder(tmp_path):
         return tmp_path / "labels"
 
     return make
+
+
+def test_shares_are_of_the_image_of_each_frame(tmp_path):
+    car = {frame: LabeledBox((16.0, 12.0, 32.0, 24.0)) for frame in (0, 1, 2)}
+    info = RecordingInfo("drive.mp4", 3, {0: (64, 48), 2: (128, 96)})
+    FORMATS["yolo"]["boxes.yolo.zip"](tmp_path / "a.zip", [BoxTrack(1, "car", car)], info)
+    with zipfile.ZipFile(tmp_path / "a.zip") as archive:
+        texts = [archive.read(f"labels/drive_00000{frame}.txt").decode() for frame in car]
+    large, small = "0 0.5000000 0.5000000 0.5000000 0.5000000\n", "0 0.25"
+    assert texts[:2] == [large, large]
+    assert texts[2].startswith(small)
 
 
 def test_an_archive_has_a_text_for_each_frame_as_for_training(tmp_path):

@@ -94,12 +94,36 @@ def test_another_place_counts_against_the_box_in_one_frame(session, walkers):
         Hint(None, (0.0, math.nan, 10.0, 10.0)),
         Hint(None, EXPECTED, -1.0),
         Hint(None, None, 0.0, Standing(100.0, 0.0)),
+        Hint(None, (0.0, 0.0, 1000.0, 10.0)),
         Hint(place_odds=math.inf),
     ],
 )
 def test_impossible_hints_are_refused(session, hint):
     with pytest.raises(ValueError, match="allowed"):
         session.set_hints({1: hint}, 1)
+
+
+@pytest.mark.parametrize("preset", ["default", "li2007"])
+def test_an_impossible_place_leaves_a_confidence(walkers, preset):
+    session = Session(preset_parameters(preset), seed=0)
+    session.request(tuple(walkers.boxes[0][0]))
+    blank = np.full_like(walkers.images[0], 128)
+    for number in range(4):
+        estimate = show(session, blank, number, Hint(place_odds=-800.0))
+        assert 0.0 <= estimate.confidence <= 1.0
+
+
+def test_the_ground_counts_in_the_next_frame_only(walkers):
+    once, always = (Session(preset_parameters("default"), seed=0) for _ in range(2))
+    hint = Hint(standing=Standing(40.0, 2.0))
+    boxes = {once: [], always: []}
+    for session, seen in boxes.items():
+        session.request(tuple(walkers.boxes[0][0]))
+        for number in range(8):
+            is_told = number == 1 or (number > 1 and session is always)
+            seen.append(show(session, walkers.images[number], number, hint if is_told else None))
+    assert [one.box for one in boxes[once][:2]] == [one.box for one in boxes[always][:2]]
+    assert boxes[once][-1].box != boxes[always][-1].box
 
 
 def test_windows_for_standing_targets_cover_the_image():

@@ -145,7 +145,8 @@ class PlayedRecording:
             A sentence, empty if it does not wait.
         """
         if self.replay.failure:
-            return f"the recording cannot continue: {self.replay.failure}; restart the console"
+            advice = "choose another one" if len(self.listed) > 1 else "restart the console"
+            return f"the recording cannot continue: {self.replay.failure}; {advice}"
         reason = self.replay.wait_reason
         own, other = (
             topic.removesuffix("/compressed") for topic in (self.replay.image_topic, image_topic)

@@ -204,6 +204,8 @@ class ReplayNode(Node):
         self._log.fatal(reason)
         self.failure = reason
         self.exit_code = 1
+        # Nobody waits for what will not come.
+        self.playback.stop()
 
     def _play_source(self) -> None:
         count = self._source.count

@@ -11,6 +11,8 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from rclpy.parameter import Parameter
 
+from pf_tracker_ros.node.replay.playback import PlaybackStopped
+
 DEADLINE = 60.0
 
 
@@ -79,6 +81,9 @@ def test_a_frame_that_cannot_be_decoded_ends_the_replay(pictures, stand_in, repl
     node = replay(source=pictures.folder, lockstep=True)
     tracker.spin_until_ended(node)
     assert node.exit_code == 1
+    # Nobody waits on.
+    with pytest.raises(PlaybackStopped):
+        node.playback.wait_until_due(0, None)
     log = capfd.readouterr().err
     assert "3.png cannot be decoded" in log
     assert "Traceback" not in log

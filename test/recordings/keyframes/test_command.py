@@ -92,7 +92,7 @@ def entries(keyframes):
 
 def write_format(folder, kind, boxes):
     """Write boxes that a person has given in a format, and return the path."""
-    info = RecordingInfo("img", 20, (160, 120))
+    info = RecordingInfo("img", 20, {0: (160, 120)})
     labeled = {frame: LabeledBox(tuple(box)) for frame, box in boxes.items()}
     for name, write in FORMATS[kind].items():
         write(folder / name, [BoxTrack(1, "square", labeled)], info)
