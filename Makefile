@@ -76,7 +76,7 @@ lint: $(INSTALLED)  ## lint, format, spelling and types alone
 demo: $(DEMO_INSTALLED)  ## a page with tracked videos and reports, demo/index.html; first video after a minute
 	$(VENV)/bin/python demo/run.py
 
-console: $(DEMO_INSTALLED)  ## the tracker's web page with a tour on recorded clips (CONSOLE_ARGS="--port 8700")
+console: $(DEMO_INSTALLED)  ## the tracker's web page with a tour on drawn clips (CONSOLE_ARGS="--port 8700")
 	$(VENV)/bin/python demo/console.py $(CONSOLE_ARGS)
 
 docs: $(INSTALLED)  ## build the documentation; open build/docs/index.html

@@ -27,6 +27,11 @@ class Clip:
     box: tuple[float, float, float, float] | None
     parameters: Mapping[str, float | str] = field(default_factory=dict)
 
+    @property
+    def bag(self) -> str:
+        """Name of the file of its recording."""
+        return f"{self.name}.mcap"
+
     def draw(self) -> StreetFootage:
         """The frames of the clip."""
         return SCENES[self.name]()
@@ -44,7 +49,8 @@ CLIPS = (
         name="people",
         title="Several people",
         description="Seven people pass each other and two trees. The built-in detector of people, "
-        "five times a second, starts the targets; the filters track them in every frame.",
+        "five times a second, starts the targets once it has seen them twice; filters track them "
+        "in between.",
         box=None,
         parameters={
             "max_targets": 8,

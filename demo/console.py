@@ -53,6 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with ros_domain(folder):
             tracker = NodeProcess("tracker", folder / LOGS / "tracker.log", **first.parameters)
             with tracker:
+                domain = os.environ["ROS_DOMAIN_ID"]
+                print(f"other nodes and commands join by ROS_DOMAIN_ID={domain}", flush=True)
                 return _serve(recording, given.port)
     except StepFailed as failure:
         print(f"error: {failure.step}: {failure}", file=sys.stderr)
@@ -68,7 +70,7 @@ def _recording_of(clip: Clip, console: Console) -> Path:
     """The bag of a clip, written if missing."""
     folder = FOLDER / clip.name
     (folder / LOGS).mkdir(parents=True, exist_ok=True)
-    recording = folder / "input.mcap"
+    recording = folder / clip.bag
     if not recording.exists():
         with step(console, f"{clip.name}: drawing the bag"):
             write_footage(clip.draw(), recording)

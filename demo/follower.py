@@ -43,6 +43,7 @@ from follow_parts.scenarios import SCENARIOS
 from follow_parts.world import RATE, World
 
 NAME = "follower"
+BAG = f"{NAME}.mcap"
 WIDE, NARROW = "follower.mp4", "follower_narrow.mp4"
 _SCENARIO, _SEED, _SECONDS = "depth_hand", 6, 16.0
 _IMAGES, _DEPTH, _INFO = "/camera/image_raw", "/camera/depth/image", "/camera/camera_info"
@@ -67,12 +68,14 @@ class FollowerResult:
 
     Attributes:
         name: Name of its folder.
+        bag: Name of the file of its recording.
         view_from_above: SVG of the report, in the colors of the page.
         commands: What a command makes, to its arguments.
         errors: Distances of the published from the true positions, as a sentence.
     """
 
     name: str
+    bag: str
     view_from_above: str
     commands: Mapping[str, list[str]]
     errors: str
@@ -99,7 +102,7 @@ def drive(folder: Path) -> list[Row]:
     wide = open_encoder(folder / WIDE, RATE, (width + _PANEL, height))
     narrow = open_encoder(folder / NARROW, RATE, (width, 2 * height))
     side = (width - _PANEL) // 2
-    with BagWriter(folder / "input.mcap") as bag:
+    with BagWriter(folder / BAG) as bag:
         _add_topics(bag)
         for moment in moments(world, scenario, _SEED, _SECONDS, chain):
             rows.append(row_of(moment))
@@ -127,7 +130,7 @@ def locate(folder: Path, rows: Sequence[Row]) -> FollowerResult:
     box = rows[0].true_box
     if box is None:
         raise DemoError("the person is out of sight in the first frame")
-    arguments = [str(folder / "input.mcap"), "--bag-topic", _IMAGES, "--world"]
+    arguments = [str(folder / BAG), "--bag-topic", _IMAGES, "--world"]
     arguments += ["--box", ",".join(f"{value:.0f}" for value in box)]
     arguments += [f"--parameter={name}={value}" for name, value in _MOUNTING.items()]
     arguments += ["--output", str(folder / "tracked"), "--bag", "--video", "--report"]
@@ -141,7 +144,7 @@ def locate(folder: Path, rows: Sequence[Row]) -> FollowerResult:
         "report, boxes.csv and topics.mcap": ["track", *arguments],
         "the run again, measured": [*again, "--seconds", f"{_SECONDS:g}", "--video", "run.mp4"],
     }
-    return FollowerResult(NAME, found[1], commands, errors_in_words(rows))
+    return FollowerResult(NAME, BAG, found[1], commands, errors_in_words(rows))
 
 
 def errors_in_words(rows: Sequence[Row]) -> str:

@@ -79,17 +79,18 @@ def write_page(
 def _commands(result: ClipResult, folder: Path) -> dict[str, str]:
     """What a command makes, to the command, as typed in the folder of the repository."""
     clip = result.clip
-    recording = _shown(folder / clip.name / "input.mcap")
+    recording = _shown(folder / clip.name / clip.bag)
     replayed: dict[str, object] = {"lockstep": True}
     if clip.box:
         replayed["target_box"] = list(clip.box)
     else:
-        replayed["lockstep_rate"] = 1.0
+        replayed["lockstep_rate"] = 0.5
     tracker = ["tracker", *ros_arguments({"image_reliability": "reliable", **clip.parameters})]
     replay = ["replay", recording, *ros_arguments(replayed)]
     track = ["track", *map(_shown_if_path, result.track_arguments)]
     return {
-        "boxes on the topics of the node": f"{shlex.join(tracker)}\n{shlex.join(replay)}",
+        "boxes on the topics of the node": shlex.join(tracker),
+        "its images, in another terminal": shlex.join(replay),
         "report, boxes.csv and topics.mcap": shlex.join(track),
         "the page of the console": f"console {recording}",
     }

@@ -142,10 +142,13 @@ def run_clip(console: Console, clip: Clip, folder: Path) -> Summary:
         StepFailed: A step failed.
     """
     with step(console, f"{clip.name}: drawing the bag"):
-        shutil.rmtree(folder, ignore_errors=True)
-        (folder / LOGS).mkdir(parents=True)
+        bag = folder / clip.bag
         footage = clip.draw()
-        write_footage(footage, folder / "input.mcap")
+        # Complete before it replaces another: a console may be playing that.
+        drawn = bag.with_name(f"new_{bag.name}")
+        clear(folder, kept=bag)
+        write_footage(footage, drawn)
+        drawn.replace(bag)
         stamps = [frame.stamp for frame in footage.frames()]
     with ros_domain(folder), Recorder(several=clip.box is None) as recorder:
         with step(console, f"{clip.name}: replaying it into the tracker"):
@@ -160,16 +163,26 @@ def run_clip(console: Console, clip: Clip, folder: Path) -> Summary:
 def run_follower(console: Console, folder: Path) -> FollowerResult:
     """Let the robot follow; arguments as for `run_clip`."""
     with step(console, f"{follower.NAME}: driving after a person"):
-        shutil.rmtree(folder, ignore_errors=True)
-        (folder / LOGS).mkdir(parents=True)
+        clear(folder)
         rows = follower.drive(folder)
     with step(console, f"{follower.NAME}: locating the person, for the report"):
         return follower.locate(folder, rows)
 
 
+def clear(folder: Path, kept: Path | None = None) -> None:
+    """Remove the files of an earlier run, but for one, and make the folder of the logs."""
+    (folder / LOGS).mkdir(parents=True, exist_ok=True)
+    for old in folder.iterdir():
+        if old.is_dir():
+            shutil.rmtree(old)
+        elif old != kept:
+            old.unlink()
+    (folder / LOGS).mkdir()
+
+
 def track_arguments(clip: Clip, folder: Path) -> list[str]:
     """Arguments of `track` that give the node's boxes from the bag of a clip."""
-    arguments = [str(folder / "input.mcap")]
+    arguments = [str(folder / clip.bag)]
     parameters = dict(clip.parameters)
     if clip.box:
         arguments += ["--box", ",".join(f"{value:g}" for value in clip.box)]
@@ -210,12 +223,12 @@ def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
         replay = NodeProcess(
             "replay",
             folder / LOGS / "replay.log",
-            source=folder / "input.mcap",
+            source=folder / clip.bag,
             lockstep=True,
             lockstep_status=RECORDED_STATUS,
             lockstep_timeout=_ANSWER_TIMEOUT,
-            # At real-time rate, so the detector runs as often as with a camera.
-            **({"target_box": list(clip.box)} if clip.box else {"lockstep_rate": 1.0}),
+            # At half of the real-time rate, so that a busy machine detects people in time, too.
+            **({"target_box": list(clip.box)} if clip.box else {"lockstep_rate": 0.5}),
         )
         with replay:
 

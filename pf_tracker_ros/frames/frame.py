@@ -284,6 +284,8 @@ def check_image(image: NDArray[np.generic]) -> None:
         ValueError: `image` is not (H, W, 3) uint8, or (H, W) uint8, uint16 or float32, or is empty.
     """
     allowed = "(H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32"
+    if image is None:
+        raise ValueError("image is None: the video has ended, or cannot be opened")
     if not isinstance(image, np.ndarray):
         raise ValueError(f"image is a {type(image).__name__}; allowed: an array {allowed}")
     color = image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8

@@ -176,7 +176,10 @@ def choose_targets(
     if recording.has_ground_truth:
         return (Target(None, source="the ground truth"),)
     write = f"write {path.name} beside it"
-    advice = f"give --box X,Y,W,H for the first frame, draw it with --draw, or {write}"
+    advice = (
+        f"give --box X,Y,W,H for the first frame, draw it with --draw, find targets with "
+        f"--detector, or {write}"
+    )
     if is_archived:
         advice = f"{write}, or detect targets with --detections, --detections-topic or --detector"
     raise RecordingError(f"no target for {recording.path}; {advice}")

@@ -274,7 +274,8 @@ def test_without_any_target_it_says_how_to_give_one(track, moving_square_sequenc
     code, _, errors = track(moving_square_sequence / "img", "--output", tmp_path / "out")
     assert code == 2
     assert one_sentence(errors).endswith(
-        "; give --box X,Y,W,H for the first frame, draw it with --draw, or write img.target.yaml "
+        "; give --box X,Y,W,H for the first frame, draw it with --draw, find targets with "
+        "--detector, or write img.target.yaml "
         "beside it"
     )
 

@@ -298,10 +298,10 @@ class ConsoleBridge:
         await self._browsers.broadcast(note("stop", discarded or reply))
 
     async def _on_stop_target(self, message: Json) -> None:
-        await self._send_id("stop_target", message, "will stop")
+        await self._send_id("stop_target", message, "stops with the next image")
 
     async def _on_select(self, message: Json) -> None:
-        await self._send_id("select", message, "will be selected")
+        await self._send_id("select", message, "is selected with the next image")
 
     async def _send_id(self, topic: str, message: Json, what: str) -> None:
         id = str(message.get("id"))

@@ -2,7 +2,7 @@
 
 A tour is a YAML file with an entry for each recording, in the order of the page:
 
-    - recording: hidden/input.mcap         # relative to the folder of the tour
+    - recording: hidden/hidden.mcap        # relative to the folder of the tour
       title: A person
       target: [42, 188, 44, 132]           # box to suggest in the first frame, pixels
       speed: 0.25                          # to play at, relative to the recording's own

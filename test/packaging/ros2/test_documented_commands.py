@@ -109,7 +109,7 @@ README = [
 
 FIRST_STEPS = [
     Elsewhere(
-        ".venv/bin/track demo/hidden/input.mcap --box 42,188,44,132 --output tracked --video "
+        ".venv/bin/track demo/hidden/hidden.mcap --box 42,188,44,132 --output tracked --video "
         "--report",
         "test/recordings",
     ),

@@ -175,7 +175,7 @@ function clearAccepted() {
 
 function takeStatus(frame) {
   const values = frame.status?.values ?? {};
-  if (values.state === "idle" && isTracked) clearAccepted();
+  if (isTracked && values.state !== "tracking") clearAccepted();
   isTracked = Boolean(accepted && values.state && values.state !== "idle");
   lastStatus = performance.now();
   if (frame.status) plots.add(values, frame.status.targets);
@@ -244,6 +244,7 @@ function showHealth() {
 
 // What the state, which is shown large, does not tell; and why the shown target is out of sight.
 function healthText() {
+  if (health.tracker !== "alive") return health.text;
   const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
   const advice = health.text === "waiting for a target" && lastStatus ? (targets.hasDetector() ? DETECTOR : HOW) : "";
   return [isPlain ? "" : health.text + advice, why].filter(Boolean).join("; ");
