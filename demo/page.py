@@ -84,7 +84,7 @@ def _commands(result: ClipResult, folder: Path) -> dict[str, str]:
     if clip.box:
         replayed["target_box"] = list(clip.box)
     else:
-        replayed["lockstep_rate"] = 0.5
+        replayed["lockstep_rate"] = 0.25
     tracker = ["tracker", *ros_arguments({"image_reliability": "reliable", **clip.parameters})]
     replay = ["replay", recording, *ros_arguments(replayed)]
     track = ["track", *map(_shown_if_path, result.track_arguments)]

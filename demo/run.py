@@ -227,8 +227,8 @@ def track(clip: Clip, recorder: Recorder, folder: Path) -> None:
             lockstep=True,
             lockstep_status=RECORDED_STATUS,
             lockstep_timeout=_ANSWER_TIMEOUT,
-            # At half of the real-time rate, so that a busy machine detects people in time, too.
-            **({"target_box": list(clip.box)} if clip.box else {"lockstep_rate": 0.5}),
+            # A quarter of the real-time rate: a busy machine detects people in time, too.
+            **({"target_box": list(clip.box)} if clip.box else {"lockstep_rate": 0.25}),
         )
         with replay:
 

@@ -30,7 +30,7 @@ clips = pytest.mark.parametrize("clip", FRAME_COUNTS)
 
 # The clip of several targets, and where three of them are drawn in a frame of it.
 STREET, STREET_FRAMES, MEN_FRAME = "people", 240, 109
-MEN = [(314, 199, 57, 142), (379, 186, 53, 132), (487, 193, 56, 139)]
+MEN = [(314, 199, 57, 142), (276, 203, 59, 147), (379, 186, 53, 132)]
 every_clip = pytest.mark.parametrize(
     ("clip", "count"), [*FRAME_COUNTS.items(), (STREET, STREET_FRAMES)]
 )
@@ -109,7 +109,7 @@ def test_several_targets_start_without_a_hand_and_keep_their_ids(demo):
         followed = [[one["id"] for one in frame["targets"]].count(id) for frame in frames]
         first, last = followed.index(1), len(followed) - followed[::-1].index(1)
         # Less while trees and others hide them.
-        assert sum(followed) > 0.6 * (last - first)
+        assert sum(followed) > 0.8 * (last - first)
         assert sum(followed[until_then]) > 76 / 2
 
 

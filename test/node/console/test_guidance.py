@@ -146,6 +146,7 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     assert page.text("frame") == "0 / 11"
     assert page.locator("#speed").input_value() == "0.5"
     assert page.text("state") == "idle"
+    assert page.locator("#target-list li").count() == 0
     # The suggested box is drawn as a ghost.
     names = ("x", "y", "width", "height")
     ghost = page.locator("#ghost:not([hidden]) rect")

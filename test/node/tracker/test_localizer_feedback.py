@@ -1,17 +1,17 @@
 """The tracker takes what a localizer knows of its targets."""
 
-import copy
-
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 
-from pf_tracker_ros import Tracker
+from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
 from pf_tracker_ros.node.tracker.target_subscriptions import localizer_hints
+from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.hints import Hint, Standing
+from pf_tracker_ros.tracking.presets import preset_parameters
 
 SHARE = 0.5
 
@@ -81,19 +81,21 @@ def test_the_tracker_takes_the_share_that_a_localizer_measures(
         status = client.show(images[index], client.at(index))
         session = node._manager.session
         client.wait_for(lambda: session._hints[0] == client.at(index), "share")
-        shares.append(session._hints[1][1].covered_share)
+        hints.append(session._hints[1][1])
         return float(status.values["confidence"])
 
-    shares = []
+    def confidences(given):
+        """Of a session of the library, by the hint of each frame."""
+        session = Session(preset_parameters("default"), seed=0)
+        session.request(box)
+        for index, hint in enumerate(given):
+            yield session.process(Frame(images[index], client.at(index))).estimate.confidence
+            session.set_hints({1: hint}, client.at(index))
+
+    hints = []
     told = [show(index, SHARE if index == 2 else 0.0) for index in range(4)]
+    shares = [hint.covered_share for hint in hints]
     assert shares == pytest.approx([0.0, 0.0, SHARE, 0.0], abs=0.05)
-    alone = Tracker.from_preset("default", seed=0)
-    confidences = [alone.start(images[0], box).confidence]
-    for index in range(1, 4):
-        before = copy.copy(alone)
-        interval = (client.at(index) - client.at(index - 1)) / 1e9
-        share = shares[2] if index == 3 else 0.0
-        confidences.append(alone.update(images[index], interval, covered_share=share).confidence)
-    plain = before.update(images[3], interval)
-    assert told == pytest.approx(confidences, rel=1e-4)
-    assert told[3] < plain.confidence
+    assert told == pytest.approx([*confidences(hints)], rel=1e-4)
+    *_, plain = confidences([hint._replace(covered_share=0.0) for hint in hints])
+    assert told[3] < plain

@@ -73,7 +73,8 @@ export function begin(box, hasHint) {
   past = false;
   live();
   // The picture of the last recording stays, but nothing can be drawn on it.
-  frame = null;
+  [frame, last] = [null, null];
+  targets.clear();
   overlay.dataset.state = "";
   [suggested, hadTarget] = [box, !hasHint];
 }

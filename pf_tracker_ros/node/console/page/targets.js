@@ -128,6 +128,8 @@ function list(found, frame) {
   showCount();
 }
 
+export function clear() { list([], {}); }
+
 function showCount() { at("target-count").textContent = `${count} of ${maxTargets}`; }
 
 function add(id) {
