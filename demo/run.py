@@ -171,7 +171,7 @@ def run_follower(console: Console, folder: Path) -> FollowerResult:
 
 def clear(folder: Path, kept: Path | None = None) -> None:
     """Remove the files of an earlier run, but for one, and make the folder of the logs."""
-    (folder / LOGS).mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for old in folder.iterdir():
         if old.is_dir():
             shutil.rmtree(old)
