@@ -97,7 +97,11 @@ def _commands(result: ClipResult, folder: Path) -> dict[str, str]:
 
 
 def _shown_if_path(argument: str) -> str:
-    return _shown(Path(argument)) if "/" in argument else argument
+    if "/" not in argument:
+        return argument
+    path = Path(argument)
+    # `track` replaces no results.
+    return _shown(path.with_name("tracked_again") if path.name == "tracked" else path)
 
 
 def _shown(path: Path) -> str:
