@@ -39,14 +39,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenCueWeights, TrackStatus
-from pf_tracker_ros.tracking.filter_state import Challenger, FilterState
+from pf_tracker_ros.tracking.filter_state import FilterState
 
 LEAST_SCALE, LARGEST = 0.01, 20.0
 """Least scale, and largest scale and magnitude of the offset."""
@@ -111,8 +111,6 @@ class Assessment(NamedTuple):
         particles: Particles that the estimate reports.
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
-        known_distractor: See `FilterState.known_distractor`.
-        challenger: See `FilterState.challenger`.
         worst_rival: See `worst_rival`.
         recognition_odds: See `recognition_odds`.
     """
@@ -123,8 +121,6 @@ class Assessment(NamedTuple):
     particles: ParticleSet
     boxes: NDArray[np.float64]
     learns: bool = True
-    known_distractor: Box | None = None
-    challenger: Challenger | None = None
     worst_rival: float = 0.0
     recognition_odds: float = 0.0
 

@@ -190,8 +190,6 @@ DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
 )
 """Track state to a sentence for the user."""
 
-# Seconds on probation after a target was lost.
-_PROBATION = 2.0
 # Seconds out of sight after which more count no more: the search sees the same places again.
 _LONGEST_HIDDEN = 5.0
 
@@ -232,7 +230,6 @@ class TrackStatus(NamedTuple):
     Attributes:
         state: As in `Estimate.state`.
         time_since_seen: Seconds since the target was last seen, 0 while tracking.
-        probation: Seconds left on probation after the target was lost; templates are frozen.
         hidden_for: Seconds for which it has not been tracked, at most 5, whatever was similar in
             them; those for which it has been since are subtracted.
         reacquired_for: See `Estimate.reacquired_for`.
@@ -240,18 +237,8 @@ class TrackStatus(NamedTuple):
 
     state: TrackState = "tracking"
     time_since_seen: float = 0.0
-    probation: float = 0.0
     hidden_for: float = 0.0
     reacquired_for: float | None = None
-
-    @property
-    def is_settled(self) -> bool:
-        """Whether the target is tracked and not on probation."""
-        return self.state == "tracking" and self.probation == 0.0
-
-    def as_lost(self, thresholds: TrackThresholds) -> TrackStatus:
-        """The status of a target when the tracked box turns out to be another object."""
-        return TrackStatus("lost", thresholds.lost_after, hidden_for=self.hidden_for)
 
     def advance(
         self,
@@ -270,25 +257,22 @@ class TrackStatus(NamedTuple):
             thresholds: Thresholds between the track states.
         """
         needed = thresholds.tracked_above
-        was_lost = self.state == "lost" or self.probation > 0.0
         if confidence >= needed and self.state != "tracking":
-            return self.as_found(probation=_PROBATION if was_lost else 0.0)
+            return self.as_found()
         if confidence >= needed:
             tracked = None if self.reacquired_for is None else self.reacquired_for + interval
             return TrackStatus(
-                probation=max(self.probation - interval, 0.0),
                 hidden_for=max(self.hidden_for - interval, 0.0),
                 reacquired_for=tracked,
             )
         hidden_for = min(self.hidden_for + interval, _LONGEST_HIDDEN)
         if similarity >= needed:
-            return TrackStatus("occluded", interval, _PROBATION if was_lost else 0.0, hidden_for)
+            return TrackStatus("occluded", interval, hidden_for)
         time_since_seen = interval + self.time_since_seen
-        # A target on probation that is not confirmed is lost again.
-        is_lost = was_lost or time_since_seen >= thresholds.lost_after
+        is_lost = self.state == "lost" or time_since_seen >= thresholds.lost_after
         state: TrackState = "lost" if is_lost else "occluded"
-        return TrackStatus(state, time_since_seen, hidden_for=hidden_for)
+        return TrackStatus(state, time_since_seen, hidden_for)
 
-    def as_found(self, probation: float = 0.0) -> TrackStatus:
+    def as_found(self) -> TrackStatus:
         """The status in the frame in which a target is tracked again."""
-        return TrackStatus(probation=probation, hidden_for=self.hidden_for, reacquired_for=0.0)
+        return TrackStatus(hidden_for=self.hidden_for, reacquired_for=0.0)

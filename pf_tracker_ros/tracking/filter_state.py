@@ -109,20 +109,6 @@ class SavedTemplates:
     age: float = 0.0
 
 
-class Challenger(NamedTuple):
-    """The likeliest box elsewhere while the target is out of sight.
-
-    Attributes:
-        box: Its box, pixels.
-        lead: Log odds by which it is likelier to be the target than the current box, smoothed.
-        wins: Whether the filter goes on from this box, without a claim that it is the target.
-    """
-
-    box: Box
-    lead: float
-    wins: bool = False
-
-
 @dataclass(frozen=True, eq=False)
 class FilterState:
     """Immutable state of one target's filter; a frame makes a new one.
@@ -139,10 +125,6 @@ class FilterState:
         distractor_ratios: Smoothed ratio of each cue.
         status: Track state and its timers.
         last_seen_box: Last box with the state "tracking", pixels.
-        second_peak: Likeliest box beside the target in the last frame, pixels; None without a
-            search.
-        known_distractor: Box of a distractor that was seen beside the target, pixels; kept while
-            the target is out of sight.
         frames_since_seen: Consecutive frames without the state "tracking".
         followed_frames: Frames since the first one.
         generator_state: The target's own source of random numbers.
@@ -154,7 +136,6 @@ class FilterState:
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
             or no search.
         occlusion_evidence: Whether something is in front of it in the next frame.
-        challenger: See `Challenger`; None while the target is in sight.
         standing: Heights of boxes in the next image; None where nobody says.
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
@@ -172,8 +153,6 @@ class FilterState:
     distractor_ratios: DistractorRatios
     status: TrackStatus
     last_seen_box: Box
-    second_peak: Box | None
-    known_distractor: Box | None
     frames_since_seen: int
     followed_frames: int
     generator_state: GeneratorState
@@ -183,7 +162,6 @@ class FilterState:
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
-    challenger: Challenger | None = None
     standing: Standing | None = None
     place_factor: float = 1.0
     growth: float = 0.0

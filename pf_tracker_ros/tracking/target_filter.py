@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box, as_box
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.cues.fusion import Templates
@@ -184,8 +184,6 @@ class TargetFilter:
             distractor_ratios=distractor_ratios,
             status=status,
             last_seen_box=first_box,
-            second_peak=None,
-            known_distractor=None,
             frames_since_seen=0,
             followed_frames=0,
             generator_state=GeneratorState.of(generator),
@@ -232,7 +230,7 @@ class TargetFilter:
         external_likelihood: ExternalLikelihood | None = None,
         *,
         searches_everywhere: bool = True,
-        is_challenged: bool = True,
+        is_sized_freely: bool = True,
     ) -> FilterState:
         """Steps 2 to 6: state of a target after the predicted frame.
 
@@ -241,7 +239,7 @@ class TargetFilter:
             external_likelihood: One more factor of the likelihood, such as a detection.
             searches_everywhere: Whether a lost target is searched all over the image; not where a
                 detector or the appearance does that.
-            is_challenged: See `TrackAssessor.assess`.
+            is_sized_freely: See `TrackAssessor.assess`.
 
         Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """
@@ -258,7 +256,7 @@ class TargetFilter:
             interval,
             generator,
             searches_everywhere=searches_everywhere,
-            is_challenged=is_challenged,
+            is_sized_freely=is_sized_freely,
         )
         # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
         learned = self._learn(state, frame_prediction.prediction, measurement, assessment, interval)
@@ -267,7 +265,7 @@ class TargetFilter:
             assessment.particles, self.parameters.particles, generator
         )
         following = self._next_state(frame_prediction, measurement, assessment, learned, particles)
-        if is_challenged and state.standing is not None:
+        if is_sized_freely and state.standing is not None:
             growth = self._measurer.log_growth(frame_prediction, measurement.box)
             return replace(following, growth=growth)
         return following
@@ -302,7 +300,7 @@ class TargetFilter:
                     measurement.particles.mean, measurement.particles.covariance
                 )
         exemplars, status = state.exemplars, assessment.status
-        if self._redetector and status.is_settled and status.hidden_for == 0.0:
+        if self._redetector and status.state == "tracking" and status.hidden_for == 0.0:
             exemplars = exemplars.update(
                 measurement.frame, assessment.box, interval, assessment.confidence
             )
@@ -329,7 +327,6 @@ class TargetFilter:
         estimate = assessment.to_estimate(
             measurement.frame, measurement.cue_weights, covariance, self._calibration
         )
-        second_peak = measurement.second_peak
         return replace(
             state,
             kalman_filter=kalman_filter,
@@ -339,8 +336,6 @@ class TargetFilter:
             distractor_ratios=measurement.distractor_ratios,
             status=assessment.status,
             last_seen_box=estimate.box if is_seen else state.last_seen_box,
-            second_peak=None if second_peak is None else as_box(second_peak),
-            known_distractor=assessment.known_distractor,
             worst_rival=assessment.worst_rival,
             frames_since_seen=0 if is_seen else state.frames_since_seen + 1,
             followed_frames=state.followed_frames + 1,
@@ -350,7 +345,6 @@ class TargetFilter:
             saved_templates=learned.saved_templates,
             distractor_box=measurement.distractor_box,
             occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
-            challenger=assessment.challenger,
             standing=None,
             place_factor=1.0,
             growth=0.0,

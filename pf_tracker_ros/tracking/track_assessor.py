@@ -1,7 +1,6 @@
 """Assessment step: whether the target is tracked, occluded or lost, and its redetection.
 
-1. Compute the confidence of the frame. It is 0 at a known distractor, and where the estimate has
-   jumped to the second peak of the last frame.
+1. Compute the confidence of the frame.
 2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
    (`assessment.recognition_odds`).
 3. While the target is not tracked, let the occlusion policy choose the reported box.
@@ -14,11 +13,8 @@ image tells where the target is: the search tries other sizes, and goes on in th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.tracking.assessment import (
     Assessment,
     Confidence,
@@ -29,7 +25,7 @@ from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
-from pf_tracker_ros.tracking.redetection import DOUBTFUL_BELOW, Candidate, Redetector
+from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
@@ -73,7 +69,7 @@ class TrackAssessor:
         generator: np.random.Generator,
         *,
         searches_everywhere: bool = True,
-        is_challenged: bool = True,
+        is_sized_freely: bool = True,
     ) -> Assessment:
         """Assessment of the target in a frame.
 
@@ -83,12 +79,11 @@ class TrackAssessor:
             interval: Seconds since the last frame.
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
-            is_challenged: Whether another box may challenge the current one, and the size of a lost
-                target may be free; not where a detector tells where targets are, nor beside other
-                targets, whose boxes would challenge it.
+            is_sized_freely: Whether the size of a lost target is free where the ground is known;
+                not where a detector tells where targets are, nor beside other targets.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
-        frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
+        frame_confidence = self._confidence.probability(state, measurement.assessed, odds)
         confidence = self._confidence.update(state.confidence, frame_confidence)
         rival = worst_rival(state.worst_rival, odds, confidence)
         assessment = Assessment(
@@ -102,53 +97,39 @@ class TrackAssessor:
             worst_rival=rival,
             recognition_odds=recognition_odds(measurement.recognition, rival),
         )
-        status = self._status(state, assessment.recognized_confidence, similarity, interval)
+        recognized = assessment.recognized_confidence
+        status = self._status(state, measurement, recognized, frame_confidence, interval)
         assessment = assessment._replace(status=status)
-        if status.is_settled:
+        if status.state == "tracking":
             return assessment
-        is_seen, box = status.state == "tracking", None
-        is_size_free = is_challenged and state.standing is not None
-        disappears = state.status.state == "tracking" and not is_seen
-        if self._redetector and known_distractor is None and disappears:
-            known_distractor = self._redetector.known_distractor(state, measurement)
-        assessment = assessment._replace(known_distractor=known_distractor)
-        if not is_seen:
-            assessment = self._occlusion_policy.assess(state, measurement, assessment)
-            # The policy keeps the last seen size of a lost target.
-            box = None if is_size_free else self._occlusion_policy.redraw_box(state, assessment)
-        if status.state != "occluded" or status.probation:
+        is_lost = status.state == "lost"
+        is_size_free = is_sized_freely and state.standing is not None
+        assessment = self._occlusion_policy.assess(state, measurement, assessment)
+        # The policy keeps the last seen size of a lost target.
+        box = None if is_size_free else self._occlusion_policy.redraw_box(state, assessment)
+        if is_lost:
             # The box may be another object, and a similar object elsewhere may be the target.
             assessment = assessment._replace(learns=False)
-        if not is_seen and frame_confidence > self._thresholds.tracked_above:
+        if frame_confidence > self._thresholds.tracked_above:
             # The target has reappeared in the box; the smoothed confidence follows.
             return assessment
         if self._redetector:
-            candidates = self._redetector.search(
+            # After seconds, looks alone lower the confidence in a lost target below 0.84.
+            has_low_bar = is_size_free and is_lost
+            found = self._redetector.find(
                 state,
                 measurement,
-                assessment,
-                searches_everywhere=searches_everywhere and status.state != "occluded",
+                assessment.box,
+                self._thresholds.tracked_above if has_low_bar else _ACCEPT_ABOVE,
+                searches_everywhere=searches_everywhere and is_lost,
             )
-            tracked_confidence = frame_confidence if is_seen else 0.0
-            # After seconds, looks alone lower the confidence in a lost target below 0.84.
-            is_lost = is_size_free and status.state == "lost"
-            least = self._thresholds.tracked_above if is_lost else _ACCEPT_ABOVE
-            found = self._redetector.find(candidates, assessment.box, least, tracked_confidence)
             if found:
                 box = found.box
-                assessment = self._redetected(found, assessment)
-            elif not is_seen and is_challenged:
-                challenger = self._redetector.challenger(
-                    state,
-                    measurement,
-                    assessment,
-                    candidates,
-                    confidence=frame_confidence,
-                    interval=interval,
+            if found and not is_lost:
+                # Of an occluded target; a lost one may be a similar object until frames confirm it.
+                assessment = assessment._replace(
+                    confidence=found.confidence, status=status.as_found(), recognition_odds=0.0
                 )
-                if challenger and challenger.wins:
-                    box, challenger = np.array(challenger.box), None
-                assessment = assessment._replace(challenger=challenger)
         if box is None:
             return assessment
         particles, boxes = self._initializer.redraw_particles(
@@ -156,31 +137,22 @@ class TrackAssessor:
         )
         return assessment._replace(box=box, particles=particles, boxes=boxes, learns=False)
 
-    def _evidence(
-        self, state: FilterState, measurement: Measurement, odds: Mapping[str, float]
-    ) -> tuple[float, float, Box | None]:
-        """Confidence and similarity of this frame alone, and the known distractor.
+    def _status(
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        confidence: float,
+        frame_confidence: float,
+        interval: float,
+    ) -> TrackStatus:
+        """The status by the confidence over time and that of this frame alone.
 
         A target that matches its current templates is not lost, even if the exemplars differ.
         """
-        confidence = similarity = self._confidence.probability(state, measurement.assessed, odds)
-        recognized = max(measurement.match.similarity, *measurement.recognition.values())
-        if self._redetector and recognized >= _RECOGNIZED_ABOVE:
-            similarity = 1.0
-        known_distractor = state.known_distractor
-        if confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
-            known_distractor = as_box(measurement.box)
-        if known_distractor is not None and are_same_place(measurement.box, known_distractor):
-            confidence = similarity = 0.0
-        return confidence, similarity, known_distractor
-
-    def _status(
-        self, state: FilterState, confidence: float, similarity: float, interval: float
-    ) -> TrackStatus:
         if self._redetector is None:
-            status = state.status.advance(confidence, similarity, interval, self._thresholds)
-            # No other candidate is searched for.
-            return status._replace(probation=0.0) if status.probation else status
+            return state.status.advance(confidence, frame_confidence, interval, self._thresholds)
+        recognized = max(measurement.match.similarity, *measurement.recognition.values())
+        similarity = 1.0 if recognized >= _RECOGNIZED_ABOVE else frame_confidence
         if self._redetector.asks and state.status.state == "lost":
             # Only somebody's confirmation starts it again.
             confidence = similarity = 0.0
@@ -189,30 +161,3 @@ class TrackAssessor:
             # Hidden by other evidence than the image's, it was looked for nowhere else.
             status = status._replace(hidden_for=state.status.hidden_for)
         return status
-
-    def _redetected(self, candidate: Candidate, assessment: Assessment) -> Assessment:
-        """The assessment with the confidence and status after a redetection.
-
-        If the target was occluded only, the candidate is the target. Otherwise it may be a similar
-        object, until more frames confirm it.
-        """
-        status = assessment.status
-        if status.state == "tracking":
-            return assessment._replace(confidence=0.0, status=status.as_lost(self._thresholds))
-        if status.state == "occluded" and not status.probation:
-            return assessment._replace(
-                confidence=candidate.confidence,
-                status=status.as_found(),
-                recognition_odds=0.0,
-            )
-        return assessment
-
-
-def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:
-    """Whether the estimate is at the second peak of the last frame, and clear of the last box."""
-    return (
-        state.status.state == "tracking"
-        and state.second_peak is not None
-        and bool(are_same_place(measurement.box, state.second_peak))
-        and bool(relative_center_distances(measurement.box, state.estimate.box) >= 1.0)
-    )

@@ -53,7 +53,7 @@ def test_a_search_tracks_a_jump_that_the_transition_prior_misses():
 def test_a_target_that_has_reappeared_is_not_searched_elsewhere(monkeypatch):
     """Not even while the smoothed confidence is still below the threshold."""
     searches = []
-    monkeypatch.setattr(Redetector, "find", lambda *arguments: searches.append(1))
+    monkeypatch.setattr(Redetector, "find", lambda *_, **__: searches.append(1))
     monkeypatch.setattr(target_filter, "RISING_SHARE", 0.05)
     tracker = Tracker.from_preset("default")
     tracker.start(frame(120, 100), (120, 100, 36, 36))
