@@ -115,11 +115,15 @@ class Windows(NamedTuple):
         spectra: (windows, channels, cells, cells // 2 + 1) spectra of their features.
         center: (2,) common center, image pixels.
         sides: Side of each window, image pixels, ascending.
+        features: (channels, cells, cells) of the window from which they are interpolated.
+        side: Its side, image pixels.
     """
 
     spectra: Spectrum
     center: NDArray[np.float64]
     sides: Sequence[float]
+    features: NDArray[np.float32]
+    side: float
 
 
 class ResponseMaps(NamedTuple):
@@ -239,19 +243,30 @@ _FEATURE_SCALE = 0.294
 # Energy of a window without contrast, relative to that of its channels' means: rounding has 1e-13,
 # the faintest edge 1e-3.
 _NO_CONTRAST = 1e-8
+# Lobes of the interpolation between cells.
+_LOBES = 3
 # Cached peaks and weights; each target size has its own.
 _TARGETS = 8
 
 
-def spectra_of(features: NDArray[np.float32]) -> Spectrum:
+def spectra_of(features: NDArray[np.float32], size: float = 1.0) -> Spectrum:
     """(K, channels, cells, cells // 2 + 1) spectra of (K, channels, cells, cells) features.
 
-    Each channel's mean is subtracted: it is similar in every window, so a filter trained with it
-    would respond to any window. A cosine window lets the features fall to 0 at the borders. All
-    channels together are scaled to a fixed energy. A window without contrast has the spectrum 0.
+    Those of windows of almost the same size are interpolated from the same cells, which is cheaper
+    than other features. Each channel's mean is subtracted: it is similar in every window, so a
+    filter trained with it would respond to any window. A cosine window lets the features fall to 0
+    at the borders. All channels together are scaled to a fixed energy. A window without contrast
+    has the spectrum 0.
+
+    Args:
+        features: Of K windows.
+        size: Side of the windows in question over the side of these, near 1.
+
+    Source of the interpolation: Dollár, Appel, Belongie and Perona 2014, "Fast feature pyramids for
+    object detection".
     """
     cells = features.shape[-1]
-    windowed, flat = _windowed(cells)
+    windowed, flat = _windowed(cells, size)
     spectra = windowed.apply(features)
     means = spectra[..., :1, :1] / flat[0, 0]
     spectra -= means * flat
@@ -361,10 +376,18 @@ def _energy(spectrum: Spectrum) -> float:
 
 
 @cache
-def _windowed(cells: int) -> tuple[SquareTransform, Spectrum]:
-    """The transform with a cosine window, and its result for a square of ones."""
-    windowed = SquareTransform(np.diag(np.hanning(cells + 2)[1:-1]))
+def _windowed(cells: int, size: float) -> tuple[SquareTransform, Spectrum]:
+    """The transform with a cosine window of another size, and its result for a square of ones."""
+    windowed = SquareTransform(np.hanning(cells + 2)[1:-1, None] * _interpolation(cells, size))
     return windowed, windowed.apply(np.ones((cells, cells), dtype=np.float32))
+
+
+def _interpolation(cells: int, size: float) -> NDArray[np.float64]:
+    """(cells, cells) Lanczos weights of the cells of a row in those of one `size` times as long."""
+    position = np.arange(cells) - (cells - 1) / 2
+    distance = size * position[:, None] - position
+    weights = np.sinc(distance) * np.sinc(distance / _LOBES) * (np.abs(distance) < _LOBES)
+    return weights / weights.sum(axis=1, keepdims=True)
 
 
 @cache

@@ -1,7 +1,7 @@
 """Correlation response cue: the response of a trained correlation filter at each box.
 
-1. A window around the predicted box, in two sizes if the target's size is estimated, is converted
-   to features.
+1. A window around the predicted box is converted to features. If the target's size is estimated,
+   those of a smaller and of a larger window are interpolated from them.
 2. The filter's response maps to these windows are computed once per frame.
 3. Each particle reads the maps at its center and interpolates to its size, so any number of
    particles costs almost the same.
@@ -146,6 +146,9 @@ class CorrelationResponse(SearchableCue):
         cells: Cells along each side of the window, even; the features define a cell's pixels.
         size_span: Size ratio of the two windows around the predicted size; 1 means one window,
             which does not measure the size.
+        size_bias: Logarithm of the response to the smaller window over that to the larger one, for
+            a target of the size in which it was learned: interpolation favors the smaller one.
+            Measured on the first frames of sequences.
         memory: Weight of the filter's change from frame to frame (mu); more adapts more slowly.
         training_interval: Frames from one training to the next.
         settling_frames: Number of first frames that are all trained with; over these, the memory
@@ -159,6 +162,7 @@ class CorrelationResponse(SearchableCue):
         *,
         cells: int = 40,
         size_span: float = 1.04,
+        size_bias: float = 0.0045,
         memory: float = 300.0,
         training_interval: int = 3,
         settling_frames: int = 25,
@@ -171,8 +175,9 @@ class CorrelationResponse(SearchableCue):
         self._cells = cells
         self._windows_at_once = max(_CELLS_AT_ONCE // cells**2, 1)
         self._log_span = math.log(size_span)
-        half_span = self._log_span / 2
-        self._factors = (math.exp(-half_span), math.exp(half_span)) if half_span else (1.0,)
+        signs = (-0.5, 0.5) if self._log_span else (0.0,)
+        # Of the windows: sides over that of the predicted size, and what makes responses equal.
+        self._sizes = [(math.exp(x * self._log_span), math.exp(x * size_bias)) for x in signs]
         self._interval = training_interval
         self._settling = settling_frames
         self._memory = memory
@@ -184,7 +189,7 @@ class CorrelationResponse(SearchableCue):
         (pixels,) = self._pixels([patch], gray=False)
         difference = float(np.ptp(pixels, axis=2).mean()) if pixels.ndim == 3 else 0.0
         colored = difference >= _MIN_COLOR_DIFFERENCE
-        (spectrum,) = self._spectra([patch], colored)
+        (spectrum,) = spectra_of(self._features_of([patch], colored))
         width, height = (float(length) * self._cells / patch.side for length in box[2:])
         trained = train(spectrum, (width, height), None, 0.0)
         reference = _reference(trained, spectrum)
@@ -308,18 +313,20 @@ class CorrelationResponse(SearchableCue):
 
     def _read(self, regions: Sequence[Region], colored: bool) -> list[Windows]:
         """The windows around each region's `center_box`."""
-        patches = [
-            [
-                self._patch(region, region.center_box, factor)
-                for factor in (self._factors if region.estimates_size else (1.0,))
+        patches = [self._patch(region, region.center_box) for region in regions]
+        windows = []
+        for region, patch, features in zip(
+            regions, patches, self._features_of(patches, colored), strict=True
+        ):
+            sizes = self._sizes if region.estimates_size else [(1.0, 1.0)]
+            spectra = [
+                spectra_of(features[None], size) * np.float32(unbias) for size, unbias in sizes
             ]
-            for region in regions
-        ]
-        spectra = self._spectra([*itertools.chain(*patches)], colored)
-        return [
-            Windows(part, sizes[0].center, [one.side for one in sizes])
-            for part, sizes in zip(_split(spectra, map(len, patches)), patches, strict=True)
-        ]
+            sides = [patch.side * size for size, _ in sizes]
+            windows.append(
+                Windows(np.concatenate(spectra), patch.center, sides, features, patch.side)
+            )
+        return windows
 
     def blend(
         self, template: CorrelationTemplate, observation: DeferredObservation
@@ -342,7 +349,7 @@ class CorrelationResponse(SearchableCue):
         is_reused = self._reuses_windows and settled == 1.0
         spectrum = self._moved_window(region, patch, template) if is_reused else None
         if spectrum is None:
-            (spectrum,) = self._spectra([patch], template.colored)
+            (spectrum,) = spectra_of(self._features_of([patch], template.colored))
         memory = settled * self._memory / interval
         trained = train(spectrum, template.target_cells, template.filter, memory)
         reference = _reference(trained, spectrum)
@@ -351,24 +358,17 @@ class CorrelationResponse(SearchableCue):
     def _moved_window(
         self, region: Region, patch: Patch, template: CorrelationTemplate
     ) -> Spectrum | None:
-        """Spectrum of a patch from a window of the frame; None where they are too different."""
+        """Spectrum of a patch from the window of the frame; None where they are too different."""
         windows = self._windows(region, template.colored)
-        # In turns, so that the sizes of the windows cancel out.
-        number = template.frames // self._interval % len(windows.sides)
-        side = windows.sides[number]
-        shift = (patch.center - windows.center) * (self._cells / side)
-        if np.abs(shift).max() > _LARGEST_SHIFT or abs(patch.side / side - 1.0) > _LARGEST_GROWTH:
+        shift = (patch.center - windows.center) * (self._cells / windows.side)
+        growth = abs(patch.side / windows.side - 1.0)
+        if np.abs(shift).max() > _LARGEST_SHIFT or growth > _LARGEST_GROWTH:
             return None
-        return shifted(windows.spectra[number], shift)
+        return shifted(spectra_of(windows.features[None])[0], shift)
 
-    def _spectra(self, patches: Sequence[Patch], colored: bool) -> Spectrum:
-        """(K, channels, cells, cells // 2 + 1) spectra of the features of K patches."""
-        size = self._windows_at_once
-        spectra = [
-            spectra_of(self._features.extract(self._pixels(batch, gray=not colored)))
-            for batch in (patches[start : start + size] for start in range(0, len(patches), size))
-        ]
-        return spectra[0] if len(spectra) == 1 else np.concatenate(spectra)
+    def _features_of(self, patches: Sequence[Patch], colored: bool) -> NDArray[np.float32]:
+        """(K, channels, cells, cells) features of K patches."""
+        return self._features.extract(self._pixels(patches, gray=not colored))
 
     def _pixels(self, patches: Sequence[Patch], *, gray: bool) -> NDArray[np.uint8]:
         pixels = self._features.cell_size * self._cells
@@ -379,12 +379,10 @@ class CorrelationResponse(SearchableCue):
             ]
         )
 
-    def _patch(self, region: Region, box: NDArray[np.float64], factor: float = 1.0) -> Patch:
-        """The window around a (4,) box, for `factor` times its size."""
-        return Patch(region.frame, box[:2] + box[2:] / 2, factor * self._side(box))
-
-    def _side(self, box: NDArray[np.float64]) -> float:
-        return self._window * math.sqrt(box[2] * box[3])
+    def _patch(self, region: Region, box: NDArray[np.float64]) -> Patch:
+        """The window around a (4,) box."""
+        side = self._window * math.sqrt(box[2] * box[3])
+        return Patch(region.frame, box[:2] + box[2:] / 2, side)
 
 
 def _key(template: CorrelationTemplate) -> object:
@@ -427,4 +425,11 @@ class CoarseCorrelationResponse(CorrelationResponse):
         windowed = CorrelationResponseParameters(
             features=parameters.features, of_features=parameters.of_features, window=_COARSE_WINDOW
         )
-        super().__init__(windowed, cells=24, size_span=1.1, settling_frames=1, reuses_windows=False)
+        super().__init__(
+            windowed,
+            cells=24,
+            size_span=1.1,
+            size_bias=0.0055,
+            settling_frames=1,
+            reuses_windows=False,
+        )
