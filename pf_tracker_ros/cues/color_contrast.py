@@ -2,8 +2,8 @@
 
 1. The template has two color histograms: of the box, and of the ring around it.
 2. A pixel of color c is the target's with probability P(c) = inside(c) / (inside(c) + ring(c)).
-3. The contrast of a box is the mean of P inside minus the mean of P in its ring. An integral image
-   of P gives it for any number of boxes at little cost.
+3. The contrast of a box is the mean of P inside minus the mean of P in its ring. Two box filters of
+   P give it everywhere, and any number of boxes read it there at little cost.
 4. The log likelihood falls linearly with the contrast that is missing to the template's.
 
 Unlike a color histogram, this cue ignores colors that are also around the target.
@@ -23,16 +23,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import (
-    CUES,
-    CueParameters,
-    Match,
-    SearchableCue,
-    box_sums,
-    box_sums_on_grid,
-)
-from pf_tracker_ros.frames.region import Region, nearest_pixel
+from pf_tracker_ros.cues.cue import CUES, CueParameters, Match, SearchableCue
+from pf_tracker_ros.frames.region import Region, nearest_pixel, read_map
 
 # Levels of each of red, green and blue.
 _LEVELS = 16
@@ -110,38 +102,26 @@ class ColorContrast(SearchableCue):
         """See `Cue.learn`."""
         bins = region.color_bins(_LEVELS)
         top, _, left, _ = region.padding
-        region_box = region.region_boxes(box[None]).T
-        edges = self._edges(region_box[:2], region_box[2:])[..., 0]
-        inner, outer = np.maximum(edges - (left, top), 0).tolist()
+        start = nearest_pixel(region.region_points(box[:2])) - (left, top)
+        side, margin = self._whole_sides(region, box)
         inside, whole = (
-            self._counts(bins[top:bottom, left:right])
-            for (left, top), (right, bottom) in (inner, outer)
+            np.bincount(bins[slice(*rows), slice(*columns)].ravel(), minlength=_LEVELS**3)
+            for columns, rows in (
+                np.maximum([start - outside, start + side + outside], 0).T.tolist()
+                for outside in (0, margin)
+            )
         )
-        ring = whole - inside
-        return ContrastTemplate(_shares(inside), _shares(ring))
+        return ContrastTemplate(_shares(inside), _shares(whole - inside))
 
     def response(
         self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.response`; the response is the contrast."""
-        return self.contrast(region, _in_center_box_size(region, boxes), template)
-
-    def response_on_grid(
-        self, region: Region, grid: BoxGrid, template: ContrastTemplate
-    ) -> NDArray[np.float64]:
-        """See `SearchableCue.response_on_grid`."""
-        integral = self._integral(region, template)
-        row, column = (
-            region.region_boxes(_in_center_box_size(region, boxes)).T
-            for boxes in (grid.boxes[: len(grid.left)], grid.boxes[:: len(grid.left)])
-        )
-        columns, rows = self._edges(row[0], row[2]), self._edges(column[1], column[3])
-        inside, outer = (
-            box_sums_on_grid(integral, *edges) for edges in zip(columns, rows, strict=True)
-        )
-        widths, heights = columns[:, 1] - columns[:, 0], rows[:, 1] - rows[:, 0]
-        area, outer_area = heights[:, :, None] * widths[:, None]
-        return _contrast(inside, outer, area, outer_area).ravel()
+        contrasts = self._contrasts(region, template)
+        # Of the same centers, in the size of the center box.
+        corners = boxes[:, :2] + (boxes[:, 2:] - region.center_box[2:]) / 2
+        points = region.region_points(corners).astype(np.float32)
+        return read_map(contrasts, points).astype(np.float64)
 
     def log_likelihood_of(
         self, response: NDArray[np.float64], template: ContrastTemplate
@@ -157,18 +137,6 @@ class ColorContrast(SearchableCue):
             float(self._log_likelihood(contrast, template)), min(max(float(share), 0.0), 1.0)
         )
 
-    def contrast(
-        self, region: Region, boxes: NDArray[np.float64], template: ContrastTemplate
-    ) -> NDArray[np.float64]:
-        """(N,) contrasts, -1 to 1, of (N, 4) boxes; pixels outside the image have probability 0."""
-        # Contiguous in the order of access.
-        region_boxes = np.ascontiguousarray(region.region_boxes(boxes).T)
-        edges = self._edges(region_boxes[:2], region_boxes[2:])
-        sides = edges[:, 1] - edges[:, 0]
-        area, outer_area = sides[:, 0] * sides[:, 1]
-        inside, outer = box_sums(self._integral(region, template), edges[:, :, 0], edges[:, :, 1])
-        return _contrast(inside, outer, area, outer_area)
-
     def blend(self, template: ContrastTemplate, observation: ContrastTemplate) -> ContrastTemplate:
         """See `Cue.blend`."""
         old, new = np.float32(self._keep), np.float32(1.0 - self._keep)
@@ -181,56 +149,39 @@ class ColorContrast(SearchableCue):
         missing = np.maximum(template.contrast - contrast, 0.0)
         return -self._sharpness * missing
 
-    def _counts(self, bins: NDArray[np.intp]) -> NDArray[np.intp]:
-        return np.bincount(bins.ravel(), minlength=_LEVELS**3)
+    def _contrasts(self, region: Region, template: ContrastTemplate) -> NDArray[np.float32]:
+        """(h, w) contrast, -1 to 1, of the box with each pixel of the region as its first one.
 
-    def _integral(self, region: Region, template: ContrastTemplate) -> NDArray[np.float64]:
-        """(h + 1, w + 1) integral image of the probabilities."""
-
-        def integrate() -> NDArray[np.float64]:
-            probabilities = template.probabilities.take(region.color_bins(_LEVELS))
-            return cv2.integral(region.pad(probabilities), sdepth=cv2.CV_64F)
-
-        return region.cached(template, integrate)
-
-    def _edges(self, starts: NDArray[np.float64], sides: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Whole-pixel edges of boxes and of their rings, in region pixels.
-
-        Args:
-            starts: (..., N) left or upper edges of the boxes.
-            sides: (..., N) widths or heights.
-
-        Returns:
-            (2, 2, ..., N): boxes and rings, then first and last edges.
+        Pixels outside the image have probability 0.
         """
-        edges = np.empty((2, 2, *starts.shape))
-        edges[0, 0] = starts
-        np.add(starts, sides, out=edges[0, 1])
-        np.subtract(starts, self._ring * sides, out=edges[1, 0])
-        np.add(starts, (1.0 + self._ring) * sides, out=edges[1, 1])
-        whole = nearest_pixel(edges)
-        np.maximum(whole[0, 1], whole[0, 0] + 1, out=whole[0, 1])
-        return whole
+
+        def compute() -> NDArray[np.float32]:
+            probabilities = region.pad(template.probabilities.take(region.color_bins(_LEVELS)))
+            (width, height), (across, down) = (
+                sides.tolist() for sides in self._whole_sides(region, region.center_box)
+            )
+            outer_width, outer_height = width + 2 * across, height + 2 * down
+            inside, both = (
+                cv2.boxFilter(
+                    probabilities, -1, size, anchor=anchor, borderType=cv2.BORDER_CONSTANT
+                )
+                for size, anchor in (
+                    ((width, height), (0, 0)),
+                    ((outer_width, outer_height), (across, down)),
+                )
+            )
+            outer_area = outer_width * outer_height
+            return (inside - both) * np.float32(outer_area / (outer_area - width * height))
+
+        return region.cached((self, template), compute)
+
+    def _whole_sides(
+        self, region: Region, box: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(2,) sides of a (4,) box, and (2,) widths of its ring, whole region pixels."""
+        sides = region.region_boxes(box[None])[0, 2:]
+        return np.maximum(nearest_pixel(sides), 1), np.maximum(nearest_pixel(self._ring * sides), 1)
 
 
 def _shares(counts: NDArray[np.intp]) -> NDArray[np.float32]:
     return (counts / max(int(counts.sum()), 1)).astype(np.float32)
-
-
-def _in_center_box_size(region: Region, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4) boxes with the size of `Region.center_box` and the same centers."""
-    size = region.center_box[2:]
-    resized = boxes.copy()
-    resized[:, :2] += (boxes[:, 2:] - size) / 2
-    resized[:, 2:] = size
-    return resized
-
-
-def _contrast(
-    inside: NDArray[np.float64],
-    outer: NDArray[np.float64],
-    area: NDArray[np.intp],
-    outer_area: NDArray[np.intp],
-) -> NDArray[np.float64]:
-    """Mean over boxes minus mean over their rings, from the sums inside and in both."""
-    return inside / area - (outer - inside) / np.maximum(outer_area - area, 1)

@@ -33,6 +33,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.frames.region import read_map
+
 ONE_THREAD = 2**18
 """Largest number of multiplications in a matrix product that OpenBLAS computes on one thread."""
 
@@ -101,8 +103,6 @@ def _inverse(n: int) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
 
 Value = TypeVar("Value", bound=np.inexact)
 
-# Boxes read at once; OpenCV's limit is 2^15 - 2.
-_READ_AT_ONCE = 2**14
 # Smallest response used as a divisor.
 SMALLEST_RESPONSE = 1e-9
 _MIN_PEAK_TO_SIDELOBE = 0.1
@@ -160,12 +160,8 @@ class ResponseMaps(NamedTuple):
         """
 
         def read_one(number: int) -> NDArray[np.float32]:
-            values = self.maps[number]
             points = self._to_map(number, centers, self.windows.center)
-            if len(points) <= _READ_AT_ONCE:
-                return _interpolate(values, points[None])[0]
-            parts = np.split(points, range(_READ_AT_ONCE, len(points), _READ_AT_ONCE))
-            return np.concatenate([_interpolate(values, part[None])[0] for part in parts])
+            return read_map(self.maps[number], points, cv2.INTER_CUBIC)
 
         return self._interpolate_size(read_one, shares)
 
@@ -185,7 +181,7 @@ class ResponseMaps(NamedTuple):
             points = np.empty((len(y), len(x), 2), dtype=np.float32)
             points[..., 0] = self._to_map(number, x, center[0])
             points[..., 1] = self._to_map(number, y, center[1])[:, None]
-            return _interpolate(self.maps[number], points)
+            return cv2.remap(self.maps[number], points, None, cv2.INTER_CUBIC)
 
         return self._interpolate_size(read_one, share)
 
@@ -205,11 +201,6 @@ class ResponseMaps(NamedTuple):
         if len(self.maps) == 1:
             return smallest
         return smallest + shares * (read_one(-1) - smallest)
-
-
-def _interpolate(values: NDArray[np.float32], points: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(rows, columns) values of a map at (rows, columns, 2) points, 0 outside of it."""
-    return cv2.remap(values, points, None, cv2.INTER_CUBIC)
 
 
 def mean_of(windows: NDArray[Value]) -> NDArray[Value]:

@@ -106,6 +106,8 @@ Value = TypeVar("Value", bound=np.generic)
 _MARGIN = 2
 # Largest gradient magnitude, half gray levels.
 _LARGEST_MAGNITUDE = 255
+# Points of a map that are read at once; OpenCV's limit is 2^15 - 2.
+_READ_AT_ONCE = 2**14
 # Single precision represents all integers up to this.
 _EXACT_UP_TO = 2**24
 
@@ -181,6 +183,10 @@ class Region:
         if self._reduction > 1:
             boxes = boxes / self._reduction
         return boxes - self._corner
+
+    def region_points(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 2) points in region pixels, for points in image pixels."""
+        return points / self._reduction - self._corner[:2]
 
     def cached(self, key: object, compute: Callable[[], Map]) -> Map:
         """The map stored under `key`, computed at the first call."""
@@ -286,6 +292,16 @@ class Region:
             return cv2.integral(channels, sdepth=cv2.CV_32F if is_small else cv2.CV_32S)
 
         return self.cached(("gradient integral", directions), compute)
+
+
+def read_map(
+    values: NDArray[np.float32], points: NDArray[np.float32], interpolation: int = cv2.INTER_LINEAR
+) -> NDArray[np.float32]:
+    """(N,) values of a map at (N, 2) points, interpolated; 0 outside of it."""
+    if len(points) <= _READ_AT_ONCE:
+        return cv2.remap(values, points[None], None, interpolation)[0]
+    parts = np.split(points, range(_READ_AT_ONCE, len(points), _READ_AT_ONCE))
+    return np.concatenate([cv2.remap(values, part[None], None, interpolation)[0] for part in parts])
 
 
 def nearest_pixel(edges: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -41,45 +41,59 @@ def test_probabilities_by_hand(image):
     assert probabilities[5] == pytest.approx(0.5)
 
 
-def test_the_target_s_own_position_and_size_have_the_highest_contrast(image):
+def test_the_target_s_own_position_has_the_highest_contrast(image):
     template = CUE.learn(region_of(image, BOX), BOX)
-    others = [
-        BOX + shift
-        for shift in ([5, 0, 0, 0], [0, -5, 0, 0], [-3, -3, 6, 6], [3, 3, -6, -6], [20, 0, 0, 0])
-    ]
-    contrasts = CUE.contrast(region_of(image, BOX, *others), np.array([BOX, *others]), template)
+    others = [BOX + shift for shift in ([5, 0, 0, 0], [0, -5, 0, 0], [20, 0, 0, 0])]
+    region = Region(
+        Frame(image), np.array([BOX, *others]), context_margin=CUE.context_margin, center_box=BOX
+    )
+    contrasts = CUE.response(region, np.array([BOX, *others]), template)
     assert contrasts.argmax() == 0
     assert contrasts[0] == pytest.approx(template.contrast, abs=1e-6)
 
 
-def test_contrast_equals_a_loop_over_pixels():
+@pytest.mark.parametrize("reduction", [1, 2])
+def test_contrast_equals_a_loop_over_pixels(reduction):
+    """At whole pixels; between them it is interpolated. Outside the image, P is 0."""
     generator = np.random.default_rng(0)
-    image = generator.integers(0, 4, (90, 120, 3), dtype=np.uint8) * 60
-    boxes = np.column_stack(
-        [generator.integers(25, 60, (20, 2)), generator.integers(10, 18, (20, 2))]
-    ).astype(float)
-    region = Region(Frame(image), boxes, context_margin=CUE.context_margin)
-    template = CUE.learn(region, boxes[0])
-    steps = image.astype(int) * 16 // 256
-    foreground = template.probabilities[steps[..., 2] * 256 + steps[..., 1] * 16 + steps[..., 0]]
+    image = np.repeat(np.repeat(generator.integers(0, 4, (45, 60, 3), np.uint8) * 60, 2, 0), 2, 1)
+    center_box = np.array([50.0, 40.0, 24.0, 16.0])
+    boxes = np.tile(center_box, (20, 1))
+    boxes[:, :2] = 2 * generator.integers(-4, 36, (20, 2))
+    region = Region(
+        Frame(image), boxes, reduction, context_margin=CUE.context_margin, center_box=center_box
+    )
+    template = CUE.learn(region, center_box)
+    steps = image[::reduction, ::reduction].astype(int) * 16 // 256
+    target = template.probabilities[steps[..., 2] * 256 + steps[..., 1] * 16 + steps[..., 0]]
+    target = np.pad(target, 120 // reduction)
     expected = []
-    for x, y, width, height in boxes:
-        inside = np.zeros(image.shape[:2], bool)
-        inside[int(y) : int(y + height), int(x) : int(x + width)] = True
-        around = np.zeros_like(inside)
-        left, right = np.floor([x - width / 2 + 0.5, x + 1.5 * width + 0.5]).astype(int)
-        top, bottom = np.floor([y - height / 2 + 0.5, y + 1.5 * height + 0.5]).astype(int)
-        around[top:bottom, left:right] = True
-        ring = around & ~inside
-        expected.append(foreground[inside].mean() - foreground[ring].mean())
-    np.testing.assert_allclose(CUE.contrast(region, boxes, template), expected, atol=1e-6)
+    for x, y, width, height in ((boxes + [120, 120, 0, 0]) / reduction).astype(int):
+        whole = target[y - height // 2 : y + 3 * height // 2, x - width // 2 : x + 3 * width // 2]
+        inside = target[y : y + height, x : x + width]
+        ring = (whole.sum() - inside.sum()) / (whole.size - inside.size)
+        expected.append(inside.mean() - ring)
+    np.testing.assert_allclose(CUE.response(region, boxes, template), expected, atol=1e-5)
+    between = (boxes[:-1] + boxes[1:]) / 2
+    shift = np.array([0.5 * reduction, 0.0, 0.0, 0.0])
+    pair = [CUE.response(region, between[:1] + k * shift, template)[0] for k in (0, 1, 2)]
+    if between[0, 0] % reduction == 0:
+        assert pair[1] == pytest.approx((pair[0] + pair[2]) / 2, abs=1e-5)
+
+
+def test_the_largest_number_of_particles_is_read(image):
+    few = np.array([BOX, BOX + [5, 0, 0, 0]])
+    region = region_of(image, *few)
+    template = CUE.learn(region, BOX)
+    many = CUE.response(region, np.resize(few, (100_000, 4)), template)
+    np.testing.assert_array_equal(many, np.resize(CUE.response(region, few, template), 100_000))
 
 
 def test_likelihood_and_match_by_hand(image):
     boxes = np.array([BOX, BOX + [20, 0, 0, 0]])
     region = region_of(image, *boxes)
     template = CUE.learn(region, BOX)
-    contrasts = CUE.contrast(region, boxes, template)
+    contrasts = CUE.response(region, boxes, template)
     expected = -10.0 * (template.contrast - contrasts[1])
     log_likelihood = CUE.log_likelihood(region, boxes, template)
     np.testing.assert_allclose(log_likelihood, [0.0, expected], atol=1e-5)
@@ -102,15 +116,13 @@ def test_all_boxes_are_read_in_the_size_of_the_center_box(image):
         center_box=BOX,
     )
     template = cue.learn(region, BOX)
-    expected = cue.contrast(region, around, template)
+    expected = cue.response(region, around, template)
     for growth in (-6, 0, 3, 8):
         boxes = around + np.array([-growth, -growth, 2 * growth, 2 * growth])
         np.testing.assert_allclose(cue.response(region, boxes, template), expected)
         # The region covers that size around the smallest boxes too.
         narrow = Region(Frame(image), boxes, context_margin=cue.context_margin, center_box=BOX)
-        np.testing.assert_allclose(cue.response(narrow, boxes, template), expected)
-        own = cue.contrast(region, boxes, template)
-        assert np.allclose(own, expected) == (growth == 0)
+        np.testing.assert_allclose(cue.response(narrow, boxes, template), expected, atol=1e-6)
 
 
 def test_a_target_like_its_surroundings_has_no_contrast():
