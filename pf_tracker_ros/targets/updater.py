@@ -75,13 +75,13 @@ class _Scene(NamedTuple):
         frame: The frame.
         interval: Seconds since the last one.
         is_silent: Whether there were no detections for so long that the image tells the sizes.
-        is_sized_freely: See `TrackAssessor.assess`.
+        is_challenged: See `TrackAssessor.assess`.
     """
 
     frame: Frame
     interval: float
     is_silent: bool
-    is_sized_freely: bool
+    is_challenged: bool
 
 
 class Updater:
@@ -136,7 +136,7 @@ class Updater:
             frame,
             interval,
             is_silent=time_since_detection > _SILENT_AFTER,
-            is_sized_freely=has_no_detector and sum(not one.is_distractor for one in tracks) == 1,
+            is_challenged=has_no_detector and sum(not one.is_distractor for one in tracks) == 1,
         )
         predictions = self._predict(tracks, scene, assigned, alone)
         for index in np.lexsort((-lower_edges, undetected & unknown, undetected)).tolist():
@@ -264,7 +264,7 @@ class Updater:
                 frame_prediction,
                 likelihood,
                 searches_everywhere=is_alone,
-                is_sized_freely=scene.is_sized_freely,
+                is_challenged=scene.is_challenged,
             )
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)

@@ -46,7 +46,7 @@ from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenCueWeights, TrackStatus
-from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.tracking.filter_state import Challenger, FilterState
 
 LEAST_SCALE, LARGEST = 0.01, 20.0
 """Least scale, and largest scale and magnitude of the offset."""
@@ -111,6 +111,7 @@ class Assessment(NamedTuple):
         particles: Particles that the estimate reports.
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
+        challenger: See `FilterState.challenger`.
         worst_rival: See `worst_rival`.
         recognition_odds: See `recognition_odds`.
     """
@@ -121,6 +122,7 @@ class Assessment(NamedTuple):
     particles: ParticleSet
     boxes: NDArray[np.float64]
     learns: bool = True
+    challenger: Challenger | None = None
     worst_rival: float = 0.0
     recognition_odds: float = 0.0
 

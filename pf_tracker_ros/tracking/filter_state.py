@@ -109,6 +109,20 @@ class SavedTemplates:
     age: float = 0.0
 
 
+class Challenger(NamedTuple):
+    """The likeliest box elsewhere while the target is out of sight.
+
+    Attributes:
+        box: Its box, pixels.
+        lead: Log odds by which it is likelier to be the target than the current box, smoothed.
+        wins: Whether the filter goes on from this box, without a claim that it is the target.
+    """
+
+    box: Box
+    lead: float
+    wins: bool = False
+
+
 @dataclass(frozen=True, eq=False)
 class FilterState:
     """Immutable state of one target's filter; a frame makes a new one.
@@ -136,6 +150,7 @@ class FilterState:
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
             or no search.
         occlusion_evidence: Whether something is in front of it in the next frame.
+        challenger: See `Challenger`; None while the target is in sight.
         standing: Heights of boxes in the next image; None where nobody says.
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
@@ -162,6 +177,7 @@ class FilterState:
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
+    challenger: Challenger | None = None
     standing: Standing | None = None
     place_factor: float = 1.0
     growth: float = 0.0

@@ -6,30 +6,37 @@
 3. If the confidence in this box suffices, search again in the window around it: a distractor seldom
    has a high confidence in both.
 4. Take the most confident box if it is confident enough (`TrackAssessor`).
+
+Otherwise the likeliest box elsewhere challenges the current one, see `Challenger`: without a claim
+that it is the target, the filter goes on from there once it has been likelier for long enough.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import are_same_place, as_box
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
-from pf_tracker_ros.tracking.assessment import AssessedBox, Confidence
-from pf_tracker_ros.tracking.filter_state import FilterState
+from pf_tracker_ros.tracking.assessment import AssessedBox, Assessment, Confidence, log_odds
+from pf_tracker_ros.tracking.filter_state import Challenger, FilterState
 from pf_tracker_ros.tracking.hints import Standing
 from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
 _OVERLAP = 0.5
-# Confidence from which on a candidate is worth a second search.
+# Confidence below which a box is too unlike the target to be taken for it.
 _DOUBTFUL_BELOW = 0.3
+# Seconds out of sight before another box can challenge the current one, and of the time constant of
+# its lead; lead with which it wins; largest change of odds by one frame.
+_CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
 # Interval of the searches where the target was last seen, frames.
 _REVISIT_INTERVAL = 3
 # Heights of standing targets that are searched for, in heights of the image.
@@ -108,6 +115,11 @@ def standing_boxes(
     return np.array(boxes)
 
 
+def _boxes_around(centers: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, 4) boxes of a (2,) size around (K, 2) centers."""
+    return np.hstack([centers - size / 2, np.tile(size, (len(centers), 1))])
+
+
 def _stride(total: int) -> int:
     """Stride through so many windows that visits all, and takes consecutive ones far apart."""
     stride = max(round(total * _GOLDEN_RATIO), 1)
@@ -158,42 +170,90 @@ class Redetector:
         self.asks = parameters.mode == "ask"
         self._side = side
 
-    def find(
+    def search(
         self,
         state: FilterState,
         measurement: Measurement,
         box: NDArray[np.float64],
-        least: float,
         *,
         searches_everywhere: bool,
-    ) -> Candidate | None:
-        """The most confident box of this frame's windows, if it is the target.
+    ) -> list[Candidate]:
+        """The likeliest box of each of this frame's windows.
 
         Args:
             state: State before this frame.
             measurement: Measurement of this frame.
             box: (4,) current box, pixels.
-            least: Confidence that it has to exceed, 0 to 1.
             searches_everywhere: Search all over the image, too.
         """
         if self._windows == 0:
-            return None
-        frame, last_seen = measurement.frame, np.array(state.last_seen_box)
+            return []
+        last_seen = np.array(state.last_seen_box)
         size = last_seen[2:]
         boxes: NDArray[np.float64] = np.empty((0, 4))
         has_moved = (np.abs(box[:2] - last_seen[:2]) > size / 2).any()
         if has_moved and state.frames_since_seen % _REVISIT_INTERVAL == 0:
             boxes = last_seen[None]
         if searches_everywhere:
-            boxes = np.vstack([boxes, self._windows_everywhere(state, frame.size, size)])
-        best = None
+            everywhere = self._windows_everywhere(state, measurement.frame.size, size)
+            boxes = np.vstack([boxes, everywhere])
+        return self._search_in(state, measurement, boxes)
+
+    def _search_in(
+        self, state: FilterState, measurement: Measurement, boxes: NDArray[np.float64]
+    ) -> list[Candidate]:
+        """The likeliest box of each window with one of the (K, 4) boxes in its middle."""
+        frame, cue_weights = measurement.frame, measurement.cue_weights
+        candidates = []
         for window_box in boxes:
-            found = self.search_around(state, frame, measurement.cue_weights, window_box)
-            if found.confidence >= _DOUBTFUL_BELOW:
-                found = self.search_around(state, frame, measurement.cue_weights, found.box)
-            if found.confidence > least:
-                best, least = found, found.confidence
-        return best
+            candidate = self.search_around(state, frame, cue_weights, window_box)
+            if candidate.confidence >= _DOUBTFUL_BELOW:
+                candidate = self.search_around(state, frame, cue_weights, candidate.box)
+            candidates.append(candidate)
+        return candidates
+
+    def challenger(
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        assessment: Assessment,
+        candidates: Sequence[Candidate],
+        *,
+        confidence: float,
+        interval: float,
+    ) -> Challenger | None:
+        """The likeliest box elsewhere and its lead, for a target that is out of sight.
+
+        It is the last challenger, the second peak of this frame, or a candidate of the search.
+
+        Args:
+            state: State before this frame.
+            measurement: Measurement of this frame.
+            assessment: Assessment of this frame, with the current box.
+            candidates: From `search`.
+            confidence: Confidence of this frame in the current box, 0 to 1.
+            interval: Seconds since the last frame.
+        """
+        if self._windows == 0 or assessment.status.hidden_for < _CHALLENGED_AFTER:
+            return None
+        last = state.challenger
+        peaks = [] if measurement.second_peak is None else [measurement.second_peak]
+        at, size = np.array(peaks).reshape(-1, 4), np.array(state.last_seen_box[2:])
+        boxes = _boxes_around(at[:, :2] + at[:, 2:] / 2, size)
+        if last:
+            boxes = np.vstack([boxes, last.box])
+        others = [*candidates, *self._search_in(state, measurement, boxes)]
+        others = [one for one in others if not are_same_place(one.box, assessment.box)]
+        rate = min(interval / _LEAD_TIME, 1.0)
+        if not others:
+            return last and last._replace(lead=last.lead * (1.0 - rate))
+        best = max(others, key=lambda one: one.confidence)
+        lead = last.lead if last and are_same_place(best.box, last.box) else 0.0
+        log_ratio = float(log_odds(best.confidence) - log_odds(confidence))
+        log_ratio = min(max(log_ratio, -_LARGEST_LEAD), _LARGEST_LEAD)
+        lead += rate * (log_ratio - lead)
+        wins = lead >= _WINS_ABOVE and best.confidence >= _DOUBTFUL_BELOW
+        return Challenger(as_box(best.box), lead, wins=wins)
 
     def _windows_everywhere(
         self, state: FilterState, image_size: tuple[int, int], size: NDArray[np.float64]
@@ -206,7 +266,7 @@ class Redetector:
         if state.standing is None:
             side = self._side * math.sqrt(size[0] * size[1])
             centers = window_centers(image_size, side, first, self._windows)
-            return np.hstack([centers - size / 2, np.tile(size, (len(centers), 1))])
+            return _boxes_around(centers, size)
         boxes = standing_boxes(image_size, state.standing, size[0] / size[1], self._side)
         numbers = np.arange(first, first + self._windows) * _stride(len(boxes)) % len(boxes)
         return boxes[numbers]

@@ -230,7 +230,7 @@ class TargetFilter:
         external_likelihood: ExternalLikelihood | None = None,
         *,
         searches_everywhere: bool = True,
-        is_sized_freely: bool = True,
+        is_challenged: bool = True,
     ) -> FilterState:
         """Steps 2 to 6: state of a target after the predicted frame.
 
@@ -239,7 +239,7 @@ class TargetFilter:
             external_likelihood: One more factor of the likelihood, such as a detection.
             searches_everywhere: Whether a lost target is searched all over the image; not where a
                 detector or the appearance does that.
-            is_sized_freely: See `TrackAssessor.assess`.
+            is_challenged: See `TrackAssessor.assess`.
 
         Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """
@@ -256,7 +256,7 @@ class TargetFilter:
             interval,
             generator,
             searches_everywhere=searches_everywhere,
-            is_sized_freely=is_sized_freely,
+            is_challenged=is_challenged,
         )
         # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
         learned = self._learn(state, frame_prediction.prediction, measurement, assessment, interval)
@@ -265,7 +265,7 @@ class TargetFilter:
             assessment.particles, self.parameters.particles, generator
         )
         following = self._next_state(frame_prediction, measurement, assessment, learned, particles)
-        if is_sized_freely and state.standing is not None:
+        if is_challenged and state.standing is not None:
             growth = self._measurer.log_growth(frame_prediction, measurement.box)
             return replace(following, growth=growth)
         return following
@@ -345,6 +345,7 @@ class TargetFilter:
             saved_templates=learned.saved_templates,
             distractor_box=measurement.distractor_box,
             occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
+            challenger=assessment.challenger,
             standing=None,
             place_factor=1.0,
             growth=0.0,

@@ -69,7 +69,7 @@ class TrackAssessor:
         generator: np.random.Generator,
         *,
         searches_everywhere: bool = True,
-        is_sized_freely: bool = True,
+        is_challenged: bool = True,
     ) -> Assessment:
         """Assessment of the target in a frame.
 
@@ -79,8 +79,9 @@ class TrackAssessor:
             interval: Seconds since the last frame.
             generator: Source of random numbers, for redrawn particles.
             searches_everywhere: Whether a lost target is searched all over the image.
-            is_sized_freely: Whether the size of a lost target is free where the ground is known;
-                not where a detector tells where targets are, nor beside other targets.
+            is_challenged: Whether another box may challenge the current one, and the size of a lost
+                target may be free; not where a detector tells where targets are, nor beside other
+                targets, whose boxes would challenge it.
         """
         odds = self._confidence.log_odds(state, measurement.assessed)
         frame_confidence = self._confidence.probability(state, measurement.assessed, odds)
@@ -103,7 +104,7 @@ class TrackAssessor:
         if status.state == "tracking":
             return assessment
         is_lost = status.state == "lost"
-        is_size_free = is_sized_freely and state.standing is not None
+        is_size_free = is_challenged and state.standing is not None
         assessment = self._occlusion_policy.assess(state, measurement, assessment)
         # The policy keeps the last seen size of a lost target.
         box = None if is_size_free else self._occlusion_policy.redraw_box(state, assessment)
@@ -116,20 +117,33 @@ class TrackAssessor:
         if self._redetector:
             # After seconds, looks alone lower the confidence in a lost target below 0.84.
             has_low_bar = is_size_free and is_lost
-            found = self._redetector.find(
+            least = self._thresholds.tracked_above if has_low_bar else _ACCEPT_ABOVE
+            candidates = self._redetector.search(
                 state,
                 measurement,
                 assessment.box,
-                self._thresholds.tracked_above if has_low_bar else _ACCEPT_ABOVE,
                 searches_everywhere=searches_everywhere and is_lost,
             )
-            if found:
-                box = found.box
-            if found and not is_lost:
-                # Of an occluded target; a lost one may be a similar object until frames confirm it.
-                assessment = assessment._replace(
-                    confidence=found.confidence, status=status.as_found(), recognition_odds=0.0
+            best = max(candidates, key=lambda one: one.confidence, default=None)
+            if best and best.confidence > least:
+                box = best.box
+                if not is_lost:
+                    # A lost one may be a similar object, until frames confirm it.
+                    assessment = assessment._replace(
+                        confidence=best.confidence, status=status.as_found(), recognition_odds=0.0
+                    )
+            elif is_challenged:
+                challenger = self._redetector.challenger(
+                    state,
+                    measurement,
+                    assessment,
+                    candidates,
+                    confidence=frame_confidence,
+                    interval=interval,
                 )
+                if challenger and challenger.wins:
+                    box, challenger = np.array(challenger.box), None
+                assessment = assessment._replace(challenger=challenger)
         if box is None:
             return assessment
         particles, boxes = self._initializer.redraw_particles(

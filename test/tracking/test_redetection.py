@@ -1,5 +1,6 @@
-"""Redetection: its windows, and what it takes for the target."""
+"""Windows of the redetection, and boxes that challenge the current one."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pf_tracker_ros import Tracker
+from pf_tracker_ros import MultiTracker, Tracker
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.tracking import redetection
 from pf_tracker_ros.tracking.hints import Standing
-from pf_tracker_ros.tracking.redetection import Candidate, window_centers
+from pf_tracker_ros.tracking.redetection import Candidate, Redetector, window_centers
 
 
 @settings(max_examples=15)
@@ -96,26 +98,106 @@ def test_a_lost_target_comes_back_by_itself_or_by_confirmation(mode):
     assert last.reacquired_for == pytest.approx((len(again) - 1 - found) * 0.1)
 
 
-def test_the_most_confident_box_is_found_if_it_is_confident_enough(
-    make_target_filter, couple, monkeypatch
-):
-    """Each window is searched twice, but one without anything similar."""
+def test_a_window_with_something_similar_is_searched_twice(make_target_filter, couple, monkeypatch):
     target_filter = make_target_filter("default", {"redetection.windows": 3})
-    redetector, confidences = target_filter._redetector, iter([])
+    redetector, confidences = target_filter._redetector, iter([0.9, 0.5, 0.9, 0.7, 0.1])
     state = target_filter.start(couple.images[0], couple.first[0])
     measurement = SimpleNamespace(frame=Frame(couple.images[0]), cue_weights={})
     box = np.array(couple.first[0])
     monkeypatch.setattr(
         redetector, "search_around", lambda *_: Candidate(box + 50.0, next(confidences))
     )
+    candidates = redetector.search(state, measurement, box, searches_everywhere=True)
+    assert [one.confidence for one in candidates] == [0.5, 0.7, 0.1]
 
-    def found(least):
-        nonlocal confidences
-        confidences = iter([0.9, 0.5, 0.9, 0.7, 0.1])
-        return redetector.find(state, measurement, box, least, searches_everywhere=True)
 
-    assert found(0.84) is None
-    assert found(0.64).confidence == 0.7
+@pytest.fixture
+def challenge(make_target_filter, couple, monkeypatch):
+    """A function that runs a frame of 0.1 s in which the box has a confidence of 0.1.
+
+    The window around the second peak has the given box, with the given confidence.
+    """
+    target_filter = make_target_filter("default")
+    redetector = target_filter._redetector
+    state = target_filter.start(couple.images[0], couple.first[0])
+    box = np.array(couple.first[0])
+
+    def run(before, offset, confidence, hidden_for=1.0):
+        found = Candidate(box + [offset, 0, 0, 0], confidence)
+        monkeypatch.setattr(redetector, "search_around", lambda *_: found)
+        measurement = SimpleNamespace(frame=None, cue_weights={}, second_peak=found.box)
+        status = state.status._replace(hidden_for=hidden_for)
+        assessment = SimpleNamespace(box=box, status=status)
+        return redetector.challenger(
+            replace(state, challenger=before),
+            measurement,
+            assessment,
+            [],
+            confidence=0.1,
+            interval=0.1,
+        )
+
+    return run
+
+
+def test_a_challenger_wins_once_it_has_been_likelier_for_long_enough(challenge):
+    """The log ratio is ln 9; a fifth of the rest is added in each frame, until 1."""
+    challenger = None
+    for number in range(1, 5):
+        challenger = challenge(challenger, 100.0, 0.5)
+        assert challenger.lead == pytest.approx(math.log(9.0) * (1.0 - 0.8**number))
+        assert challenger.wins == (number >= 3)
+    # Another place has no lead yet.
+    assert challenge(challenger, 200.0, 0.5).lead == pytest.approx(math.log(9.0) / 5)
+
+
+def test_what_is_no_challenger(challenge):
+    assert challenge(None, 100.0, 0.5, hidden_for=0.4) is None
+    assert challenge(None, 0.0, 0.5) is None, "it is the current box"
+    unlikely = None
+    for _ in range(30):
+        unlikely = challenge(unlikely, 100.0, 0.25)
+    assert unlikely.lead > 1.0
+    assert not unlikely.wins, "too unlike the target, even if less so than the current box"
+
+
+@pytest.mark.parametrize("wins_above", [redetection._WINS_ABOVE, math.inf])
+def test_the_box_of_a_hidden_target_goes_to_what_is_likelier_without_a_claim(
+    wins_above, monkeypatch
+):
+    """The target comes back 50 px away with a third of its contrast: too little for a claim."""
+    monkeypatch.setattr(redetection, "_WINS_ABOVE", wins_above)
+    images = frames_of_a_target_that_comes_back()
+    with_target, ground = images[0], images[30]
+    faint = ground.copy()
+    faint[60:92, 110:142] = cv2.addWeighted(
+        with_target[60:92, 60:92], 0.35, ground[60:92, 110:142], 0.65, 0.0
+    )
+    tracker = Tracker.from_preset("default")
+    tracker.start(with_target, (60, 60, 32, 32))
+    for image in [with_target] * 20 + [ground] * 10:
+        tracker.update(image, 0.1)
+    estimates = [tracker.update(faint, 0.1) for _ in range(20)]
+    is_there = [math.dist(one.box[:2], (110, 60)) < 3.0 for one in estimates]
+    if wins_above == math.inf:
+        assert not any(is_there)
+    else:
+        assert all(is_there[15:])
+        assert estimates[is_there.index(True)].state == "lost"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_only_a_single_target_is_challenged(count, monkeypatch):
+    """The boxes of other targets would be the likeliest challengers."""
+    challenged = []
+    monkeypatch.setattr(Redetector, "challenger", lambda *_, **__: challenged.append(1))
+    images = frames_of_a_target_that_comes_back()
+    tracker = MultiTracker.from_preset("default")
+    for number in range(count):
+        tracker.start(images[0], (60 + 40 * number, 60, 32, 32))
+    for image in images[1:40]:
+        tracker.update(image, 0.1)
+    assert bool(challenged) == (count == 1)
 
 
 @pytest.mark.parametrize("has_detector", [True, False])
@@ -128,7 +210,7 @@ def test_a_lost_target_may_change_its_size_where_only_the_ground_is_known(
         noise = np.random.default_rng(seed).integers(0, 256, couple.images[0].shape, np.uint8)
         state = replace(state, standing=Standing(horizon=20.0, slope=2.0))
         (prediction,) = target_filter.predict([(state, True)], Frame(noise), 0.3)
-        state = target_filter.step(prediction, is_sized_freely=not has_detector)
+        state = target_filter.step(prediction, is_challenged=not has_detector)
     assert state.status.state == "lost"
     is_last_size = state.estimate.box[2:] == pytest.approx(state.last_seen_box[2:])
     assert is_last_size == has_detector
