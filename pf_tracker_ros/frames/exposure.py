@@ -279,11 +279,15 @@ def _change(before: Thumbnail, now: Thumbnail) -> float:
     is_reliable = (darkest > _DARKEST) & (brightest < _BRIGHTEST)
     if np.count_nonzero(is_reliable) < _MIN_RELIABLE_SHARE * is_reliable.size:
         return 1.0
-    logs = np.log([before[is_reliable], now[is_reliable]])
+    before, now = before[is_reliable], now[is_reliable]
+    # Whether the median is below the least change, without the logarithms of most images.
+    least = np.float32(math.exp(_MIN_CHANGE))
+    is_brighter, is_darker = now >= before * least, now <= before / least
+    if max(np.count_nonzero(is_brighter), np.count_nonzero(is_darker)) <= len(now) // 2:
+        return 1.0
+    logs = np.log([before, now])
     log_ratio = logs[1] - logs[0]
     change = float(np.median(log_ratio))
-    if abs(change) < _MIN_CHANGE:
-        return 1.0
     unexplained = np.median(np.abs(log_ratio - change))
     # Of a uniform image, such as a covered lens, every factor explains everything.
     contrast = np.median(np.abs(logs - np.median(logs, axis=1, keepdims=True)), axis=1).min()
