@@ -2,8 +2,7 @@
 
 1. Compute the confidence of the frame. It is 0 at a known distractor, and where the estimate has
    jumped to the second peak of the last frame.
-2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
-   (`assessment.recognition_odds`).
+2. Smooth the confidence over time and advance the track state with it.
 3. While the target is not tracked, let the occlusion policy choose the reported box.
 4. Search for the target where it was last seen and, once it is lost, all over the image.
 5. Redraw the particles around the box that the policy or the redetection returns.
@@ -14,17 +13,10 @@ image tells where the target is: the search tries other sizes, and goes on in th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from pf_tracker_ros.boxes import Box, are_same_place, as_box, relative_center_distances
-from pf_tracker_ros.tracking.assessment import (
-    Assessment,
-    Confidence,
-    recognition_odds,
-    worst_rival,
-)
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
@@ -87,10 +79,8 @@ class TrackAssessor:
                 target may be free; not where a detector tells where targets are, nor beside other
                 targets, whose boxes would challenge it.
         """
-        odds = self._confidence.log_odds(state, measurement.assessed)
-        frame_confidence, similarity, known_distractor = self._evidence(state, measurement, odds)
+        frame_confidence, similarity, known_distractor = self._evidence(state, measurement)
         confidence = self._confidence.update(state.confidence, frame_confidence)
-        rival = worst_rival(state.worst_rival, odds, confidence)
         assessment = Assessment(
             measurement.box,
             confidence,
@@ -99,10 +89,8 @@ class TrackAssessor:
             measurement.boxes,
             # The similarity of a searching cue may be that of a place beside the box.
             learns=self._redetector is None or frame_confidence >= _LEARN_ABOVE,
-            worst_rival=rival,
-            recognition_odds=recognition_odds(measurement.recognition, rival),
         )
-        status = self._status(state, assessment.recognized_confidence, similarity, interval)
+        status = self._status(state, confidence, similarity, interval)
         assessment = assessment._replace(status=status)
         if status.is_settled:
             return assessment
@@ -157,15 +145,14 @@ class TrackAssessor:
         return assessment._replace(box=box, particles=particles, boxes=boxes, learns=False)
 
     def _evidence(
-        self, state: FilterState, measurement: Measurement, odds: Mapping[str, float]
+        self, state: FilterState, measurement: Measurement
     ) -> tuple[float, float, Box | None]:
         """Confidence and similarity of this frame alone, and the known distractor.
 
         A target that matches its current templates is not lost, even if the exemplars differ.
         """
-        confidence = similarity = self._confidence.probability(state, measurement.assessed, odds)
-        recognized = max(measurement.match.similarity, *measurement.recognition.values())
-        if self._redetector and recognized >= _RECOGNIZED_ABOVE:
+        confidence = similarity = self._confidence.assess(state, measurement.assessed)
+        if self._redetector and measurement.match.similarity >= _RECOGNIZED_ABOVE:
             similarity = 1.0
         known_distractor = state.known_distractor
         if confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
@@ -203,7 +190,6 @@ class TrackAssessor:
             return assessment._replace(
                 confidence=candidate.confidence,
                 status=status.as_found(),
-                recognition_odds=0.0,
             )
         return assessment
 
