@@ -103,7 +103,7 @@ class Siamese(Cue):
 
     def __init__(self, parameters: SiameseParameters) -> None:
         self._parameters = parameters
-        # A thread of ONNX Runtime where it is installed, else of OpenCV.
+        # On ONNX Runtime where it is installed, else on OpenCV.
         self._template_network, self._search_network = (
             load_network(Path(parameters.folder).expanduser() / name, engine_name("auto"))
             for name in (_TEMPLATE_FILE, _SEARCH_FILE)
