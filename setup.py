@@ -60,7 +60,7 @@ EXTRAS = {
     # The command `track`. With ROS from apt, rosdep has all of these except rosbags (writes bags)
     # and av.
     "recordings": ["rich>=13", "matplotlib>=3.6", "jinja2>=3", "pyyaml", *BAGS, *VIDEOS],
-    # The preset `learned` several times as fast as with OpenCV.
+    # Identity by a network; ONNX Runtime is several times as fast as OpenCV.
     "networks": ["onnxruntime>=1.17", "pyyaml"],
     "parquet": ["pyarrow>=14"],
     # Archives at URLs; for s3://, gs:// and so on, fsspec names the package that it needs.
@@ -111,7 +111,6 @@ setup(
         PACKAGE: [
             "py.typed",
             "evaluation/reports/*.jinja",
-            "networks/models/*.yaml",
             "node/console/page/*",
             "pages/shared/*",
             "recordings/drawing/page/*",

@@ -106,19 +106,9 @@ def _positions(footage: Path, seeds: int) -> list[Command]:
                            for word in (option, str(path)))]]  # fmt: skip
 
 
-def _learned(footage: Path, seeds: int) -> list[Command]:
-    model = footage / "model"
-    return [
-        [*command, "--model", str(model), "--tracker", "learned"]
-        for command in _on_sequences("peers.py", seeds=3)(footage, seeds)
-        if model.is_dir()
-    ]
-
-
 _GROUPS = [word for kind in KINDS for word in ("--group", kind)]
 PARTS: Mapping[str, Part] = {
     "peers": _on_sequences("peers.py", seeds=1),
-    "learned": _learned,
     "confidence": _on_sequences("uncertainty.py", *_GROUPS, seeds=1),
     "covariance": _on_sequences("box_covariance.py", seeds=3),
     "honesty": _on_sequences("honesty.py", seeds=1),

@@ -31,7 +31,7 @@ from rich.progress import track
 from tables import Table, save_tables
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
 PARTICLES = (30, 100, 300, 1000, 3000, 10_000)
 SIDES = (20, 40, 80, 120, 200)
@@ -134,7 +134,7 @@ def update_tables(turns: int) -> list[Table]:
     tables = []
     for axis, settings in axes.items():
         rows = []
-        for preset in track(SELF_CONTAINED, f"by {axis}", transient=True):
+        for preset in track(PRESETS, f"by {axis}", transient=True):
             calls = []
             for setting in settings.values():
                 tracker, image = started(preset, setting), setting.image

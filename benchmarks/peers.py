@@ -24,7 +24,7 @@ import arguments as options_of
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from peer_trackers import PEERS, ChannelSpatialReliability, NanoTrack, NetworkAlone
+from peer_trackers import PEERS, ChannelSpatialReliability, NanoTrack
 from tables import Table, bold
 
 from pf_tracker_ros import Tracker
@@ -40,10 +40,9 @@ from pf_tracker_ros.evaluation import (
 from pf_tracker_ros.evaluation.plots import save_success_plot
 from pf_tracker_ros.evaluation.sequences import frame_count
 from pf_tracker_ros.footage import Footage
-from pf_tracker_ros.networks.siamese import SiameseNetwork
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.progress import progress_bar
-from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
 YARDSTICK = ChannelSpatialReliability.name
 """The tracker whose time is the reference."""
@@ -108,31 +107,23 @@ class Outcome:
 
 
 def contenders(
-    nanotrack: tuple[Path, Path] | None, model: str = ""
+    nanotrack: tuple[Path, Path] | None,
 ) -> tuple[list[Contender], dict[str, str]]:
     """All installed trackers.
 
     Args:
         nanotrack: Model files of NanoTrack, backbone and head, if any.
-        model: Folder of a network for the preset `learned` and for that network alone, if any.
 
     Returns:
         The peers and the presets; and of each peer that is left out the name and what to do.
 
     Raises:
         EvaluationError: NanoTrack cannot use its files.
-        ParameterError: The network cannot be used.
     """
     found = [
         Contender(name, functools.partial(Tracker.from_preset, name), is_random=True)
-        for name in SELF_CONTAINED
+        for name in PRESETS
     ]
-    if model:
-        parameters = {"siamese.model": model}
-        make_learned = functools.partial(Tracker.from_preset, "learned", parameters=parameters)
-        found.append(Contender("learned", make_learned, is_random=True))
-        alone = functools.partial(NetworkAlone, network=SiameseNetwork(model))
-        found.append(Contender(NetworkAlone.name, alone, is_random=False))
     missing = {peer.name: what for peer in (*PEERS, NanoTrack) if (what := peer.missing())}
     found += [
         Contender(peer.name, peer, peer.is_random) for peer in PEERS if peer.name not in missing
@@ -144,8 +135,6 @@ def contenders(
         make_tracker = functools.partial(NanoTrack, backbone=backbone, head=head)
         make_tracker(0).check()
         found.append(Contender(NanoTrack.name, make_tracker, is_random=False))
-    if not model:
-        missing["learned"] = "name the folder of a network with --model FOLDER"
     return found, missing
 
 
@@ -288,12 +277,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="NanoTrack's two model files, in ONNX format",
     )
     parser.add_argument(
-        "--model",
-        default="",
-        metavar="FOLDER",
-        help="a network for the preset learned; also compared alone",
-    )
-    parser.add_argument(
         "--tracker",
         action="append",
         default=[],
@@ -302,7 +285,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
-        found, missing = contenders(options.nanotrack, options.model)
+        found, missing = contenders(options.nanotrack)
         trackers = chosen(found, missing, options.tracker)
         sequences = read_sequences(options.sequences)
         options.output.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.messages import (
     DETECTIONS_TYPE,
     IMAGE_TYPE,
@@ -64,7 +63,6 @@ class FrameResult:
         detector_runs: Number of detector outputs so far.
         image: As for `Tracker.update`; None if it is not drawn.
         likelihood: Around the selected target, None if it is not requested.
-        network_use: Of the cues' network in this frame; None without one.
     """
 
     targets: tuple[TrackedTarget, ...] = ()
@@ -73,7 +71,6 @@ class FrameResult:
     detector_runs: int = 0
     image: NDArray[Any] | None = None
     likelihood: LikelihoodMap | None = None
-    network_use: NetworkUse | None = None
 
     @property
     def estimate(self) -> Estimate | None:
@@ -96,9 +93,6 @@ class FrameResult:
         values = common_values(self.targets, self.selected, self.detector_runs, self.estimate)
         if self.image is not None:
             values["image_height"], values["image_width"] = self.image.shape[:2]
-        if self.network_use is not None:
-            values["network_runs"] = self.network_use.runs
-            values["network_time_ms"] = 1e3 * self.network_use.seconds
         return values | likelihood_values(self.likelihood) if self.likelihood else values
 
     def target_statuses(self, node: str) -> list[Status]:

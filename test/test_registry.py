@@ -121,7 +121,6 @@ def test_the_shipped_parts():
         "foreground_color_histogram",
         "gradient_orientation",
         "hog",
-        "siamese",
     }
     assert set(MOTION_MODELS) == {
         "affine",

@@ -7,7 +7,7 @@ import pytest
 from pf_tracker_ros import Detections, MultiTracker, Tracker
 from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 KNOWN = declarations(TrackerParameters)
 INTERVAL = 0.1
@@ -97,7 +97,7 @@ def makes_a_difference(scene, other_values):
     return makes
 
 
-@pytest.mark.parametrize("preset", SELF_CONTAINED)
+@pytest.mark.parametrize("preset", PRESETS)
 def test_the_scene_covers_all_states(scene, preset):
     states = [estimate.state for estimate in estimates_of(scene, preset, {}, seed=0)]
     assert set(states[:18]) == set(states[35:44]) == {"tracking"}
@@ -109,7 +109,7 @@ def test_the_scene_covers_all_states(scene, preset):
     ("preset", "name"),
     [
         (preset, name)
-        for preset in SELF_CONTAINED
+        for preset in PRESETS
         for name, one in KNOWN.items()
         # Another appearance needs the file of a network: networks/test_embedding.py.
         if one.is_active(preset_parameters(preset))
@@ -136,7 +136,7 @@ def tracks_with_detections(scene, preset, parameters):
     return tracks
 
 
-@pytest.mark.parametrize("preset", SELF_CONTAINED)
+@pytest.mark.parametrize("preset", PRESETS)
 def test_a_tunable_of_detections_makes_a_difference(scene, preset):
     default = tracks_with_detections(scene, preset, {})
     for name, value in OF_DETECTIONS.items():

@@ -1,13 +1,13 @@
-"""Converts the Core ML files of FEAR-XS to the ONNX format, for the preset `learned`.
+"""Converts the Core ML file of FEAR-XS to the ONNX format, for the example of a Siamese cue.
 
     pip install coremltools onnx
     git clone --depth 1 https://github.com/PinataFarms/FEARTracker
     python tools/convert_fear.py FEARTracker ~/models/fear
 
-It writes the files of `fear_xs_without_embedding` (fear_noembs_init.onnx, fear_noembs.onnx) and of
-`fear_xs` (fear_init.onnx, fear_tracker.onnx). Core ML's layers have their counterparts in ONNX;
-weights are unpacked to single precision. FEAR-XS without embedding has one file: its template
-branch is the part of the search branch up to the features, for a smaller image.
+It writes fear_noembs_init.onnx and fear_noembs.onnx, of FEAR-XS without its embedding. Core ML's
+layers have their counterparts in ONNX; weights are unpacked to single precision. There is one Core
+ML file: the template branch is the part of the search branch up to the features, for a smaller
+image.
 """
 
 from __future__ import annotations
@@ -27,33 +27,26 @@ _FEATURES = (1, 256, 8, 8)
 _OUTPUTS = {"bbox": (1, 4, 16, 16), "cls": (1, 1, 16, 16)}
 # Fields of the padding at the start and at the end of an axis.
 _SIDES = ("startEdgeSize", "endEdgeSize")
-_DEMO = "evaluate/FEARDemo/FEARDemo"
-_MEASURED = "evaluate/MeasurePerformance/MeasurePerformance/models"
+_SOURCE = "evaluate/MeasurePerformance/MeasurePerformance/models/FEAR-XS-NoEmbs.mlmodel"
 
 
 class Conversion(NamedTuple):
     """One file to write.
 
     Attributes:
-        source: Path in the clone.
         target: Name of the written file.
         side: Side of the image, pixels.
         until: Name of the output, if it is not the last one of the file.
     """
 
-    source: str
     target: str
     side: int
     until: str = ""
 
 
 _CONVERSIONS = (
-    Conversion(f"{_DEMO}/TrackerInit.mlmodel", "fear_init.onnx", _TEMPLATE_SIDE),
-    Conversion(f"{_DEMO}/Tracker.mlmodel", "fear_tracker.onnx", _SEARCH_SIDE),
-    Conversion(
-        f"{_MEASURED}/FEAR-XS-NoEmbs.mlmodel", "fear_noembs_init.onnx", _TEMPLATE_SIDE, "input.125"
-    ),
-    Conversion(f"{_MEASURED}/FEAR-XS-NoEmbs.mlmodel", "fear_noembs.onnx", _SEARCH_SIDE),
+    Conversion("fear_noembs_init.onnx", _TEMPLATE_SIDE, "input.125"),
+    Conversion("fear_noembs.onnx", _SEARCH_SIDE),
 )
 
 
@@ -181,7 +174,7 @@ def _weights(values: Any) -> Any:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Convert all files."""
+    """Convert the file."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -194,12 +187,12 @@ def main(arguments: list[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         parser.error(f"{error}; pip install coremltools onnx")
     options.folder.mkdir(parents=True, exist_ok=True)
+    source = options.clone / _SOURCE
+    if not source.is_file():
+        parser.error(f"{source} is missing; {options.clone} is no clone of FEARTracker")
+    specification = Model_pb2.Model()
+    specification.ParseFromString(source.read_bytes())
     for one in _CONVERSIONS:
-        source = options.clone / one.source
-        if not source.is_file():
-            parser.error(f"{source} is missing; {options.clone} is no clone of FEARTracker")
-        specification = Model_pb2.Model()
-        specification.ParseFromString(source.read_bytes())
         try:
             model = Converter(specification).convert(one.side, one.until)
         except UnknownLayerError as error:

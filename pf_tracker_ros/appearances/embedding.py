@@ -18,7 +18,7 @@ class EmbeddingParameters:
 
     model: str = declared(
         "",
-        "Folder of the network, or the path of its description; see docs/learned.md.",
+        "Folder of the network, or the path of its description; see docs/identities.md.",
         read_only=True,
     )
 
@@ -36,10 +36,9 @@ class Embedding(Appearance):
 
     def __init__(self, parameters: EmbeddingParameters) -> None:
         # Imported here: nothing but this appearance needs it.
-        from pf_tracker_ros.networks.described import open_network
-        from pf_tracker_ros.networks.embedding import EmbeddingNetwork
+        from pf_tracker_ros.networks.embedding import open_network
 
-        self._network = open_network(EmbeddingNetwork, parameters.model)
+        self._network = open_network(parameters.model)
 
     def extract(self, frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
         """See `Appearance.extract`."""

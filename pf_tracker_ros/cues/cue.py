@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.filter import ProposedBoxes
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
@@ -116,28 +115,10 @@ class PredictedTarget(NamedTuple):
     Attributes:
         region: Region around its predicted box.
         template: Present template.
-        doubt: Doubt about the last estimate, 0 to 1.
     """
 
     region: Region
     template: Any
-    doubt: float = 1.0
-
-
-class NetworkUse(NamedTuple):
-    """Use of a network.
-
-    Attributes:
-        runs: Number of its runs.
-        seconds: Time that they took.
-    """
-
-    runs: int = 0
-    seconds: float = 0.0
-
-    def since(self, before: NetworkUse) -> NetworkUse:
-        """Use after an earlier state of it."""
-        return NetworkUse(self.runs - before.runs, self.seconds - before.seconds)
 
 
 class Cue(Protocol):
@@ -151,26 +132,17 @@ class Cue(Protocol):
         needs_foreground: Whether it reads `Frame.foreground`.
         joins_search: Whether its likelihood is added in a search by searchable cues. It is cheap
             for many boxes, but does not find the target alone.
-        proposes: Whether it proposes boxes (`propose`).
-        weighs_in_doubt: Whether its weight grows with the doubt that the estimate is the target.
     """
 
     uses_center_box_size: ClassVar[bool] = False
     is_discriminative: ClassVar[bool] = True
     needs_foreground: ClassVar[bool] = False
     joins_search: ClassVar[bool] = False
-    proposes: ClassVar[bool] = False
-    weighs_in_doubt: ClassVar[bool] = False
 
     @property
     def context_margin(self) -> float:
         """Margin around a box that the cue reads, in box sides."""
         return 0.0
-
-    @property
-    def network_use(self) -> NetworkUse | None:
-        """Use of the cue's network since it was made; None without a network."""
-        return None
 
     @abstractmethod
     def learn(self, region: Region, box: NDArray[np.float64]) -> Any:
@@ -190,8 +162,7 @@ class Cue(Protocol):
     def precompute(self, predicted_targets: Sequence[PredictedTarget]) -> None:
         """Compute maps of several targets' regions at once and store them there.
 
-        This only saves time, and results do not depend on it, except of a cue that `responds` in
-        these regions alone.
+        This only saves time, and results do not depend on it.
         """
         return
 
@@ -207,14 +178,6 @@ class Cue(Protocol):
         """(M,) log likelihoods of the boxes of a grid, for a cue that joins a search."""
         return self.log_likelihood(region, grid.boxes, template)
 
-    def propose(self, region: Region, template: Any) -> ProposedBoxes | None:
-        """Boxes that may be the target, for the proposal; None without any."""
-        return None
-
-    def suits(self, template: Any) -> bool:
-        """Whether a cue that weighs in doubt is used on the target of a template at all."""
-        return True
-
     @abstractmethod
     def match(self, observation: Any, template: Any) -> Match | None:
         """Match of an observation with a template; None if the cue cannot decide."""
@@ -226,14 +189,6 @@ class Cue(Protocol):
             Name of each term to its log odds, > 0 for the target; empty if the cue cannot decide.
         """
         return {}
-
-    def recognition(self, observation: Any, template: Any) -> float:
-        """How surely the observed box is an object like the target, 0 to 1.
-
-        It keeps a target from being lost. It makes an uncertain one tracked where the target has
-        been followed all along, until there is a rival (`assessment.recognition_odds`).
-        """
-        return 0.0
 
     @abstractmethod
     def blend(self, template: Any, observation: Any) -> Any:
@@ -250,10 +205,6 @@ class SearchableCue(Cue, Protocol):
 
     It computes a response, from which its log likelihood follows.
     """
-
-    def responds(self, region: Region, template: Any) -> bool:
-        """Whether it has responses in a region; without them, its likelihood is constant."""
-        return True
 
     @abstractmethod
     def response(

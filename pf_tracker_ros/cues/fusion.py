@@ -16,15 +16,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import CUES, Cue, Match, NetworkUse, PredictedTarget, SearchableCue
-from pf_tracker_ros.filter import ProposedBoxes
+from pf_tracker_ros.cues.cue import CUES, Cue, Match, PredictedTarget, SearchableCue
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import ParameterError, declared
 
@@ -123,7 +121,6 @@ class CueFusion:
     Attributes:
         cue_weights: Name of a cue to its configured weight; they sum to 1.
         can_search: Whether any cue is searchable.
-        proposes: Whether any cue proposes boxes.
         context_margin: Largest margin around a box that a cue reads, in box sides.
         needs_foreground: Whether any cue reads the foreground.
         uses_center_box_size: Whether any cue reads every box in the size of `Region.center_box`.
@@ -141,10 +138,6 @@ class CueFusion:
         if not used:
             names = ", ".join(f"'{name}.weight'" for name in cues)
             raise ParameterError(f"all cues are off; at least one of {names} must be above 0")
-        self.proposes = any(cue.proposes for cue, _ in used.values())
-        in_doubt = {name for name, (cue, _) in used.items() if cue.weighs_in_doubt}
-        # Without another cue, nothing would tell the doubt.
-        self._in_doubt = in_doubt if len(in_doubt) < len(used) else set[str]()
         total = sum(weight for _, weight in used.values())
         self._cues = {name: cue for name, (cue, _) in used.items()}
         self._searchable = {
@@ -156,24 +149,17 @@ class CueFusion:
         self.needs_foreground = any(cue.needs_foreground for cue in self._cues.values())
         self.uses_center_box_size = any(cue.uses_center_box_size for cue in self._cues.values())
 
-    @property
-    def network_use(self) -> NetworkUse | None:
-        """Use of the cues' network; None if no cue has one."""
-        used = (cue.network_use for cue in self._cues.values())
-        return next((one for one in used if one is not None), None)
-
     def learn(self, region: Region, box: NDArray[np.float64]) -> Templates:
         """Each cue's template of a (4,) box."""
         return {name: cue.learn(region, box) for name, cue in self._cues.items()}
 
-    def precompute(self, predicted_targets: Sequence[tuple[Region, Templates, float]]) -> None:
+    def precompute(self, predicted_targets: Sequence[tuple[Region, Templates]]) -> None:
         """Compute maps of several regions at once; see `Cue.precompute`."""
         for name, cue in self._cues.items():
-            in_doubt = name in self._in_doubt
             with_template = [
-                PredictedTarget(region, templates[name], doubt if in_doubt else 1.0)
-                for region, templates, doubt in predicted_targets
-                if name in templates and (not in_doubt or cue.suits(templates[name]))
+                PredictedTarget(region, templates[name])
+                for region, templates in predicted_targets
+                if name in templates
             ]
             if with_template:
                 cue.precompute(with_template)
@@ -220,7 +206,7 @@ class CueFusion:
         return {
             name: cue.response(region, boxes, templates[name])
             for name, cue in self._searchable.items()
-            if name in templates and cue.responds(region, templates[name])
+            if name in templates
         }
 
     def responses_on_grid(self, region: Region, grid: BoxGrid, templates: Templates) -> Responses:
@@ -228,7 +214,7 @@ class CueFusion:
         return {
             name: cue.response_on_grid(region, grid, templates[name])
             for name, cue in self._searchable.items()
-            if name in templates and cue.responds(region, templates[name])
+            if name in templates
         }
 
     def search(
@@ -261,61 +247,24 @@ class CueFusion:
         )
         return next((one for one in growths if one), 0.0)
 
-    def propose(self, region: Region, templates: Templates) -> ProposedBoxes | None:
-        """Boxes that the first cue with any proposes; None without one."""
-        for _, cue, template in self._with_template(templates):
-            proposed = cue.propose(region, template)
-            if proposed is not None:
-                return proposed
-        return None
-
-    def weights_in_doubt(
-        self, region: Region, templates: Templates, doubt: float
-    ) -> Mapping[str, float]:
-        """Name of each cue that weighs in doubt to the factor of its weight, 0 to 1.
-
-        Args:
-            region: Region of the frame.
-            templates: Templates of the target.
-            doubt: Doubt about the last estimate, 0 to 1.
-        """
-        factors = dict.fromkeys(self._in_doubt, doubt)
-        for name in self._in_doubt & self._searchable.keys() & templates.keys():
-            # A silent cue would only dilute the others.
-            if not self._searchable[name].responds(region, templates[name]):
-                factors[name] = 0.0
-        return factors
-
-    def adapt(
-        self,
-        distractor_ratios: DistractorRatios,
-        adaptation: float,
-        factors: Mapping[str, float] = MappingProxyType({}),
-    ) -> CueWeights:
+    def adapt(self, distractor_ratios: DistractorRatios, adaptation: float) -> CueWeights:
         """The cue weights, raised for cues of below-average distractor ratio; they sum to 1.
 
         Args:
             distractor_ratios: Smoothed ratios.
             adaptation: See `FusionParameters`.
-            factors: See `weights_in_doubt`.
         """
-        cue_weights = self.cue_weights
-        if distractor_ratios and adaptation:
-            mean = sum(distractor_ratios.values()) / len(distractor_ratios)
-            cue_weights = {
-                name: weight
-                * min(
-                    max(1.0 + adaptation * (mean - distractor_ratios.get(name, mean)), _MIN_FACTOR),
-                    _MAX_FACTOR,
-                )
-                for name, weight in cue_weights.items()
-            }
-        elif not factors:
-            return cue_weights
-        if factors:
-            cue_weights = {
-                name: weight * factors.get(name, 1.0) for name, weight in cue_weights.items()
-            }
+        if not (distractor_ratios and adaptation):
+            return self.cue_weights
+        mean = sum(distractor_ratios.values()) / len(distractor_ratios)
+        cue_weights = {
+            name: weight
+            * min(
+                max(1.0 + adaptation * (mean - distractor_ratios.get(name, mean)), _MIN_FACTOR),
+                _MAX_FACTOR,
+            )
+            for name, weight in self.cue_weights.items()
+        }
         total = sum(cue_weights.values())
         return {name: weight / total for name, weight in cue_weights.items()}
 
@@ -346,13 +295,6 @@ class CueFusion:
             f"{name}.{term}": odds
             for name, cue, template in self._with_template(templates)
             for term, odds in cue.log_odds(observation[name], template).items()
-        }
-
-    def recognition(self, observation: Templates, templates: Templates) -> dict[str, float]:
-        """Name of each cue to its recognition, see `Cue.recognition`."""
-        return {
-            name: cue.recognition(observation[name], template)
-            for name, cue, template in self._with_template(templates)
         }
 
     def update(self, templates: Templates, observation: Templates) -> Templates:

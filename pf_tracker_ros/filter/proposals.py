@@ -36,8 +36,6 @@ from pf_tracker_ros.parameters import declared
 _LOG_TWO_PI = math.log(2.0 * math.pi)
 # The transition prior keeps at least 5 %, which bounds p / q for the Kalman proposal.
 LARGEST_SHARE = 0.95
-# Noise of drawn boxes: of the center, box sides, and of the logarithm of the sides.
-_BOX_NOISE = 0.03
 # Prior probability of a jump: the center is then uniform over the grid, whatever the motion model
 # predicts.
 _JUMP_PROBABILITY = 0.1
@@ -249,18 +247,6 @@ class CenterPrior(NamedTuple):
     std: NDArray[np.float64]
 
 
-class ProposedBoxes(NamedTuple):
-    """Boxes that a detector or a network proposes.
-
-    Attributes:
-        boxes: (K, 4), pixels.
-        probabilities: (K,) that each is the target.
-    """
-
-    boxes: NDArray[np.float64]
-    probabilities: NDArray[np.float64]
-
-
 class ProposedCenters(NamedTuple):
     """Centers drawn from the search proposal.
 
@@ -305,37 +291,6 @@ def propose_from_search(
     log_prior = np.logaddexp(math.log1p(-jump) + log_motion, math.log(jump) + log_uniform)
     log_mixture = np.logaddexp(math.log(share) + log_grid, math.log1p(-share) + log_motion)
     return ProposedCenters(centers, log_prior, log_prior - log_mixture)
-
-
-def log_center_prior(
-    centers: NDArray[np.float64], prior: CenterPrior, grid: SearchGrid
-) -> NDArray[np.float64]:
-    """(N,) log prior density of (N, 2) centers on a grid, as in `propose_from_search`."""
-    log_motion = _log_density(centers, prior.mean, prior.std)
-    log_uniform = -2.0 * math.log(grid.spacing * grid.count)
-    return np.logaddexp(
-        math.log1p(-_JUMP_PROBABILITY) + log_motion, math.log(_JUMP_PROBABILITY) + log_uniform
-    )
-
-
-def draw_boxes(
-    proposed: ProposedBoxes, count: int, generator: np.random.Generator
-) -> NDArray[np.float64]:
-    """(count, 4) boxes drawn around proposed ones, with a little noise of center and size.
-
-    Args:
-        proposed: The boxes, at least one with a probability above 0.
-        count: Number of boxes.
-        generator: Source of random numbers.
-    """
-    cumulative = np.cumsum(np.square(proposed.probabilities))
-    drawn = generator.random(count) * cumulative[-1] * (1.0 - 1e-12)
-    index = np.minimum(np.searchsorted(cumulative, drawn), len(cumulative) - 1)
-    noise = _BOX_NOISE * generator.standard_normal((count, 4))
-    boxes = proposed.boxes[index]
-    sizes = boxes[:, 2:] * np.exp(noise[:, 2:])
-    centers = boxes[:, :2] + boxes[:, 2:] / 2 + noise[:, :2] * sizes
-    return np.hstack([centers - sizes / 2, sizes])
 
 
 def _log_density(

@@ -1,1 +1,1 @@
-"""Small networks in the ONNX format, which compare a box of a frame with a target."""
+"""Small networks in the ONNX format, which tell targets apart."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import cv2
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.frames.frame import PixelRect
 from pf_tracker_ros.frames.region import pixel_range
-from pf_tracker_ros.networks.description import CropDescription, ModelDescription
+from pf_tracker_ros.networks.description import ModelDescription
 from pf_tracker_ros.networks.engines import Tensor
 
 
@@ -28,16 +27,6 @@ def mean_color(frame: Frame) -> tuple[float, ...]:
     view = frame.pixels
     color: tuple[float, ...] = cv2.mean(view)[: 1 if view.ndim == 2 else 3]
     return color
-
-
-def crop_around(box: NDArray[np.float64], rules: CropDescription) -> Crop:
-    """The crop around a (4,) box, pixels."""
-    size = np.maximum(box[2:], 1.0)
-    if rules.shape == "square":
-        with_context = size + rules.context * size.sum()
-        size = np.full(2, math.sqrt(with_context[0] * with_context[1]))
-    size = size * rules.scale
-    return Crop(box[:2] + box[2:] / 2 - size / 2, size)
 
 
 def read_crop(

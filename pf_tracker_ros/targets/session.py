@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
@@ -149,11 +148,6 @@ class Session:
     def estimate(self) -> Estimate | None:
         """Of the selected target after the last processed frame; None without one."""
         return estimate_of(self.targets, self.selected)
-
-    @property
-    def network_use(self) -> NetworkUse | None:
-        """See `TrackManager.network_use`."""
-        return self._manager.network_use
 
     @property
     def frame_buffer(self) -> FrameBuffer:

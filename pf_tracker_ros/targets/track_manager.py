@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, flatten
 from pf_tracker_ros.plurals import counted
@@ -131,11 +130,6 @@ class TrackManager:
     def seed(self) -> int:
         """Seed of all randomness."""
         return self._seed
-
-    @property
-    def network_use(self) -> NetworkUse | None:
-        """Use of the cues' network with the present parameters; None if no cue has one."""
-        return self._target_filter.network_use
 
     @property
     def max_targets(self) -> int:

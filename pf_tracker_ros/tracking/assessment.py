@@ -13,9 +13,7 @@ The confidence is the probability of the target: a logistic regression of
 
 Where something is in front of the target, see `filter_state.py`, the odds are lower.
 
-Over time, the confidence falls at once and rises by exponential smoothing. State and estimate then
-hear the cues that recognize objects like the target (`recognition_odds`), while doubt and learning
-remain with the evidence above.
+Over time, the confidence falls at once and rises by exponential smoothing.
 
 `benchmarks/uncertainty.py` measures how true it is on any footage.
 
@@ -32,7 +30,7 @@ comparisons to regularized likelihood methods".
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -106,14 +104,12 @@ class Assessment(NamedTuple):
 
     Attributes:
         box: (4,) of the target, pixels.
-        confidence: Probability that it is the target, 0 to 1, without recognition.
+        confidence: Probability that it is the target, 0 to 1, before its calibration.
         status: Track state and its timers.
         particles: Particles that the estimate reports.
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
         challenger: See `FilterState.challenger`.
-        worst_rival: See `worst_rival`.
-        recognition_odds: See `recognition_odds`.
     """
 
     box: NDArray[np.float64]
@@ -123,15 +119,6 @@ class Assessment(NamedTuple):
     boxes: NDArray[np.float64]
     learns: bool = True
     challenger: Challenger | None = None
-    worst_rival: float = 0.0
-    recognition_odds: float = 0.0
-
-    @property
-    def recognized_confidence(self) -> float:
-        """Probability that it is the target with recognition, before its calibration."""
-        if self.recognition_odds == 0.0:
-            return self.confidence
-        return float(ConfidenceCalibration(offset=self.recognition_odds).apply(self.confidence))
 
     def to_estimate(
         self,
@@ -153,7 +140,7 @@ class Assessment(NamedTuple):
         return Estimate(
             box=as_box(self.box),
             state=self.status.state,
-            confidence=float(calibration.apply(self.recognized_confidence)),
+            confidence=float(calibration.apply(self.confidence)),
             box_covariance=covariance,
             particles=self.particles.states,
             particle_boxes=self.boxes,
@@ -174,9 +161,6 @@ _NEUTRAL_SIMILARITY, _SIMILARITY_ODDS_SLOPE = 0.553, 6.6
 _RIVAL_SLOPE, _SHARE_ODDS_SLOPE = 20.0, 1.3
 # Slope of the log odds over the logarithm of the number of looks.
 _LOOKS_ODDS_SLOPE = 0.65
-# Log odds of a perfect recognition, the log odds of a rival below which the target may have been
-# confused with it, and the confidence from which on it has not been.
-_RECOGNITION_ODDS, _CONFUSED_BELOW, _SURELY_SEEN = 1.6, -2.0, 0.8
 # Seconds after which another look at the same place is a chance of its own to be wrong.
 _INDEPENDENT_AFTER = 0.5
 
@@ -223,12 +207,7 @@ class Confidence:
             state: State before the frame.
             assessed: A box in it.
         """
-        return self.probability(state, assessed, self.log_odds(state, assessed))
-
-    def probability(
-        self, state: FilterState, assessed: AssessedBox, odds: Mapping[str, float]
-    ) -> float:
-        """The same of the terms `odds`, see `log_odds`."""
+        odds = self.log_odds(state, assessed)
         # tanh stays within 0 to 1 where exp(-odds) would overflow.
         confidence = (
             0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else assessed.match.similarity
@@ -267,32 +246,3 @@ class Confidence:
 
 def _with_odds_times(probability: float, factor: float) -> float:
     return factor * probability / (1.0 - probability + factor * probability)
-
-
-def worst_rival(before: float, odds: Mapping[str, float], confidence: float) -> float:
-    """Lowest log odds of a rival since the target was surely seen, 0 or less.
-
-    Args:
-        before: The same up to the last frame.
-        odds: Terms of the confidence, see `Confidence.log_odds`.
-        confidence: Confidence after the frame without recognition, 0 to 1.
-    """
-    now = odds.get("rival", 0.0)
-    return now if confidence >= _SURELY_SEEN else min(before, now)
-
-
-def recognition_odds(recognition: Mapping[str, float], worst_rival: float) -> float:
-    """Log odds for the target because a cue recognizes it, 0 or more.
-
-    Recognition says that the box shows an object like the target: a target that has been followed
-    all along, even if it has turned and resembles no exemplar. It does not say which one of several
-    such objects. So it does not count once a rival has looked more like the exemplars, until the
-    target is surely seen again.
-
-    Args:
-        recognition: Name of a cue to its recognition of the box, 0 to 1.
-        worst_rival: See the function of this name.
-    """
-    if worst_rival < _CONFUSED_BELOW:
-        return 0.0
-    return _RECOGNITION_ODDS * max(recognition.values(), default=0.0)

@@ -142,10 +142,8 @@ class FilterState:
         frames_since_seen: Consecutive frames without the state "tracking".
         followed_frames: Frames since the first one.
         generator_state: The target's own source of random numbers.
-        confidence: Confidence of the last frame without recognition, 0 to 1; `estimate` has it with
-            that, calibrated.
+        confidence: Confidence of the last frame, 0 to 1; `estimate` has it calibrated.
         estimate: Estimate of the last frame.
-        worst_rival: See `assessment.worst_rival`.
         saved_templates: Templates from before a recent jump of the illumination; None without one.
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
             or no search.
@@ -173,7 +171,6 @@ class FilterState:
     generator_state: GeneratorState
     confidence: float
     estimate: Estimate
-    worst_rival: float = 0.0
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from types import MappingProxyType
 from typing import NamedTuple, cast
 
@@ -113,7 +113,6 @@ class Measurement(NamedTuple):
         cue_weights: Weights of the cues in this frame.
         seen: Each cue's observation of the box.
         match: Match of the observation with the templates.
-        recognition: See `CueFusion.recognition`.
         distractor_ratios: Smoothed ratio of each cue; see `cues.fusion.DistractorRatios`.
         search: The search; None without one.
         second_peak: (4,) likeliest box beside the estimate, pixels; None without a search.
@@ -135,7 +134,6 @@ class Measurement(NamedTuple):
     second_peak: NDArray[np.float64] | None = None
     distractor_box: NDArray[np.float64] | None = None
     transition_particles: ParticleSet | None = None
-    recognition: Mapping[str, float] = MappingProxyType({})
 
     @property
     def assessed(self) -> AssessedBox:
@@ -267,7 +265,6 @@ class Measurer:
             seen=seen,
             match=match,
             distractor_ratios={},
-            recognition=self._fusion.recognition(seen, frame_prediction.filter_state.templates),
         )
 
     def covariance(
@@ -376,7 +373,7 @@ class SearchingMeasurer(Measurer):
         search = Search(prediction.particles.weights @ boxes, self._parameters, frame.size)
         region = self._region(
             frame,
-            search.cover(boxes, with_proposed=self._fusion.proposes),
+            search.cover(boxes),
             np.asarray(state.estimate.box),
             search.center_box,
             estimates_size=estimates_size,
@@ -394,9 +391,7 @@ class SearchingMeasurer(Measurer):
             return super().weigh(frame_prediction, external_likelihood)
         region, prediction = frame_prediction.region, frame_prediction.prediction
         motion, templates = cast(SearchableMotion, state.motion), state.templates
-        doubt = state.doubt
-        factors = self._fusion.weights_in_doubt(region, templates, doubt)
-        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation, factors)
+        cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation)
         responses = self._fusion.responses_on_grid(region, search.grid, templates)
         centers = motion.center_prior(state.particles.states, prediction.interval)
         grid_log_likelihood = self._fusion.search(
@@ -407,16 +402,6 @@ class SearchingMeasurer(Measurer):
         predicted, log_prior = search.propose(
             prediction.particles, motion, centers, grid_log_likelihood, frame_prediction.generator
         )
-        if proposed_boxes := self._fusion.propose(region, templates):
-            predicted, log_prior = search.propose_boxes(
-                predicted,
-                log_prior,
-                motion,
-                centers,
-                proposed_boxes,
-                doubt=doubt,
-                generator=frame_prediction.generator,
-            )
         boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
         return WeightedParticles(

@@ -159,9 +159,3 @@ def check_proposal(parameters: TrackerParameters, fusion: CueFusion) -> None:
             "parameter 'proposal.method' is 'search', but no cue in 'cues' can search with a "
             f"weight above 0; allowed: {methods}, or {searchable} in 'cues'"
         )
-    if method == "search" and fusion.proposes and model not in models_with("with_boxes"):
-        models = " or ".join(f"'{name}'" for name in models_with("with_boxes"))
-        raise ParameterError(
-            f"parameter 'motion.model' is '{model}' with a cue that proposes boxes; allowed: "
-            f"{models}"
-        )

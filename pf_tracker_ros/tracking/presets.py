@@ -32,7 +32,6 @@ _DEFAULT: dict[str, Any] = {
     "track.wrong_box_cost": 1.75,
     "track.occlusion_policy": "keep_tracking",
 }
-_LEARNED: dict[str, Any] = {**_DEFAULT, "cues": (*_DEFAULT["cues"], "siamese")}
 # Values for several targets: fewer particles for each, and a narrower search, since similar targets
 # are often close. The foreground keeps a target off the static background that it passes.
 _DEFAULT_FOR_SEVERAL: dict[str, Any] = {
@@ -45,7 +44,6 @@ _DEFAULT_FOR_SEVERAL: dict[str, Any] = {
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "default": MappingProxyType(_DEFAULT),
-        "learned": MappingProxyType(_LEARNED),
         "li2007": MappingProxyType(
             {
                 "particles": 60,
@@ -89,16 +87,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 )
 
 _FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
-    {
-        "default": MappingProxyType(_DEFAULT_FOR_SEVERAL),
-        "learned": MappingProxyType(
-            {**_DEFAULT_FOR_SEVERAL, "cues": (*_DEFAULT_FOR_SEVERAL["cues"], "siamese")}
-        ),
-    }
+    {"default": MappingProxyType(_DEFAULT_FOR_SEVERAL)}
 )
-
-SELF_CONTAINED: tuple[str, ...] = tuple(name for name in PRESETS if name != "learned")
-"""Presets that need no file of a user; `learned` needs `siamese.model`."""
 
 
 def preset_parameters(name: str, max_targets: int = 1) -> dict[str, Any]:

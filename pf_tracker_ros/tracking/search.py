@@ -25,11 +25,7 @@ from pf_tracker_ros.filter import (
     MotionModel,
     ParticleSet,
     ProposalParameters,
-    ProposedBoxes,
-    SearchableMotion,
     SearchGrid,
-    draw_boxes,
-    log_center_prior,
     propose_from_search,
 )
 
@@ -37,10 +33,6 @@ from pf_tracker_ros.filter import (
 _SPACING = 0.075
 # Particles within this distance of the likeliest one, in box sizes, belong to its mode.
 _MODE_RADIUS = 0.25
-# Largest share of the particles that are moved to proposed boxes.
-_BOX_SHARE = 0.5
-# Largest factor between the sides of a proposed box and those of the predicted ones.
-_GROWTH = 1.1
 # Least distance of a distractor from the target along one axis, box sides.
 _DISTRACTOR_DISTANCE = 0.6
 # A grid point and its neighbors.
@@ -80,18 +72,13 @@ class Search:
         self.grid = BoxGrid(left, top, size)
         self.boxes = self.grid.boxes
 
-    def cover(
-        self, boxes: NDArray[np.float64], *, with_proposed: bool = False
-    ) -> NDArray[np.float64]:
+    def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be drawn.
 
         Args:
             boxes: The predicted boxes, pixels.
-            with_proposed: Whether a cue may propose boxes.
         """
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.center_box[2:])
-        if with_proposed:
-            largest = largest * _GROWTH
         spacing = self._cells.spacing
         ends = self._cells.axes[:, [0, -1]].T + [[-spacing], [spacing]]
         ends = np.minimum(np.maximum(ends, 0.0), self._image_size)
@@ -133,55 +120,6 @@ class Search:
         particles = predicted.move(motion.constrain(states, self._image_size))
         log_prior = predicted.log_weights + proposed.log_prior
         return particles.reweight(proposed.log_ratio), log_prior
-
-    def propose_boxes(
-        self,
-        particles: ParticleSet,
-        log_prior: NDArray[np.float64],
-        motion: SearchableMotion,
-        centers: CenterPrior,
-        proposed: ProposedBoxes,
-        *,
-        doubt: float,
-        generator: np.random.Generator,
-    ) -> tuple[ParticleSet, NDArray[np.float64]]:
-        """Move a share of the particles to boxes that a cue proposes.
-
-        The transition prior is mixed with these boxes, so the ratio p / q is that of the median
-        particle. Sizes stay close to those of the predicted particles.
-
-        Args:
-            particles: Particles drawn so far.
-            log_prior: (N,) logarithms of their prior density.
-            motion: Motion model of the target.
-            centers: Transition prior of the centers.
-            proposed: The boxes; those with a center outside of the grid are left out.
-            doubt: Doubt about the last estimate, 0 to 1, a factor of the share.
-            generator: Source of random numbers.
-
-        Returns:
-            As `propose`.
-        """
-        _, inside = self._cells.cells_of(proposed.boxes[:, :2] + proposed.boxes[:, 2:] / 2)
-        probabilities = proposed.probabilities * inside
-        likeliest = float(probabilities.max(initial=0.0))
-        if likeliest == 0.0:
-            return particles, log_prior
-        count = len(particles.states)
-        is_moved = generator.random(count) < _BOX_SHARE * doubt * likeliest
-        drawn = draw_boxes(proposed._replace(probabilities=probabilities), count, generator)
-        present = motion.boxes(particles.states)[:, 2:]
-        middle = drawn[:, :2] + drawn[:, 2:] / 2
-        smallest, largest = present.min(axis=0) / _GROWTH, present.max(axis=0) * _GROWTH
-        drawn[:, 2:] = np.clip(drawn[:, 2:], smallest, largest)
-        ends = self._cells.axes[:, [0, -1]]
-        drawn[:, :2] = np.clip(middle, ends[:, 0], ends[:, 1]) - drawn[:, 2:] / 2
-        moved = motion.constrain(motion.with_boxes(particles.states, drawn), self._image_size)
-        states = np.where(is_moved[:, None], moved, particles.states)
-        median = float(np.median(particles.log_weights))
-        log_weights = np.where(is_moved, median, particles.log_weights)
-        own = log_center_prior(states[:, :2], centers, self._cells) + median
-        return ParticleSet(states, log_weights), np.where(is_moved, own, log_prior)
 
     def distractor_ratios(
         self, box: NDArray[np.float64], at_target: Responses, responses: Responses

@@ -29,7 +29,6 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.cues import CUES, CueFusion
-from pf_tracker_ros.cues.cue import NetworkUse
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.cues.hog import direction_table
 from pf_tracker_ros.filter import KalmanFilter, ParticleSet, build_resampler
@@ -144,11 +143,6 @@ class TargetFilter:
         """Whether a cue reads `Frame.foreground`."""
         return self._fusion.needs_foreground
 
-    @property
-    def network_use(self) -> NetworkUse | None:
-        """Use of the cues' network since the filter was made; None if no cue has one."""
-        return self._fusion.network_use
-
     def initialize(
         self,
         frame: Frame,
@@ -217,10 +211,7 @@ class TargetFilter:
                 )
             )
         self._fusion.precompute(
-            [
-                (one.region, one.filter_state.templates, one.filter_state.doubt)
-                for one in frame_predictions
-            ]
+            [(one.region, one.filter_state.templates) for one in frame_predictions]
         )
         return frame_predictions
 
@@ -336,7 +327,6 @@ class TargetFilter:
             distractor_ratios=measurement.distractor_ratios,
             status=assessment.status,
             last_seen_box=estimate.box if is_seen else state.last_seen_box,
-            worst_rival=assessment.worst_rival,
             frames_since_seen=0 if is_seen else state.frames_since_seen + 1,
             followed_frames=state.followed_frames + 1,
             generator_state=GeneratorState.of(frame_prediction.generator),

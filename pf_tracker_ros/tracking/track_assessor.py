@@ -1,8 +1,7 @@
 """Assessment step: whether the target is tracked, occluded or lost, and its redetection.
 
 1. Compute the confidence of the frame.
-2. Smooth the confidence over time and advance the track state with it. Recognition adds to both
-   (`assessment.recognition_odds`).
+2. Smooth the confidence over time and advance the track state with it.
 3. While the target is not tracked, let the occlusion policy choose the reported box.
 4. Search for the target where it was last seen and, once it is lost, all over the image.
 5. Redraw the particles around the box that the policy or the redetection returns.
@@ -15,12 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pf_tracker_ros.tracking.assessment import (
-    Assessment,
-    Confidence,
-    recognition_odds,
-    worst_rival,
-)
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
@@ -83,24 +77,18 @@ class TrackAssessor:
                 target may be free; not where a detector tells where targets are, nor beside other
                 targets, whose boxes would challenge it.
         """
-        odds = self._confidence.log_odds(state, measurement.assessed)
-        frame_confidence = self._confidence.probability(state, measurement.assessed, odds)
+        frame_confidence = self._confidence.assess(state, measurement.assessed)
         confidence = self._confidence.update(state.confidence, frame_confidence)
-        rival = worst_rival(state.worst_rival, odds, confidence)
+        status = self._status(state, measurement, confidence, frame_confidence, interval)
         assessment = Assessment(
             measurement.box,
             confidence,
-            state.status,
+            status,
             measurement.particles,
             measurement.boxes,
             # The similarity of a searching cue may be that of a place beside the box.
             learns=self._redetector is None or frame_confidence >= _LEARN_ABOVE,
-            worst_rival=rival,
-            recognition_odds=recognition_odds(measurement.recognition, rival),
         )
-        recognized = assessment.recognized_confidence
-        status = self._status(state, measurement, recognized, frame_confidence, interval)
-        assessment = assessment._replace(status=status)
         if status.state == "tracking":
             return assessment
         is_lost = status.state == "lost"
@@ -130,7 +118,7 @@ class TrackAssessor:
                 if not is_lost:
                     # A lost one may be a similar object, until frames confirm it.
                     assessment = assessment._replace(
-                        confidence=best.confidence, status=status.as_found(), recognition_odds=0.0
+                        confidence=best.confidence, status=status.as_found()
                     )
             elif is_challenged:
                 challenger = self._redetector.challenger(
@@ -165,8 +153,8 @@ class TrackAssessor:
         """
         if self._redetector is None:
             return state.status.advance(confidence, frame_confidence, interval, self._thresholds)
-        recognized = max(measurement.match.similarity, *measurement.recognition.values())
-        similarity = 1.0 if recognized >= _RECOGNIZED_ABOVE else frame_confidence
+        is_recognized = measurement.match.similarity >= _RECOGNIZED_ABOVE
+        similarity = 1.0 if is_recognized else frame_confidence
         if self._redetector.asks and state.status.state == "lost":
             # Only somebody's confirmation starts it again.
             confidence = similarity = 0.0

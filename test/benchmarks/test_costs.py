@@ -17,7 +17,7 @@ def test_the_loop_over_particles_finds_the_target(benchmark):
 def test_every_preset_keeps_the_target_that_is_timed(benchmark, kind):
     cost = benchmark("frame_cost")
     setting = cost.Setting((320, 240), 40, 60, kind)
-    for preset in cost.SELF_CONTAINED:
+    for preset in cost.PRESETS:
         tracker = cost.started(preset, setting)
         assert tracker.estimate.state == "tracking"
         assert tracker.estimate.box[:2] == pytest.approx(setting.box[:2], abs=8.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError, SequenceResult, overlap
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
 NAMES = ("CSRT", "KCF", "MIL", "dlib correlation", "color particle filter")
 RANDOM = ("MIL", "color particle filter")
@@ -179,8 +179,8 @@ def test_the_command_writes_table_and_plot(command, moving_square_sequence, tmp_
     assert command.main(list(map(str, arguments))) == 0
     found, missing = command.contenders(None)
     trackers = {one.name: one for one in found}
-    assert set(SELF_CONTAINED) < set(trackers)
-    assert set(trackers) | set(missing) == {*SELF_CONTAINED, *NAMES, "NanoTrack", "learned"}
+    assert set(PRESETS) < set(trackers)
+    assert set(trackers) | set(missing) == {*PRESETS, *NAMES, "NanoTrack"}
     assert not set(trackers) & set(missing)
 
     with (output / "peers.csv").open() as file:
@@ -213,7 +213,7 @@ def test_peers_that_are_not_installed_are_left_out(command, monkeypatch):
     for peer in command.PEERS:
         monkeypatch.setattr(peer, "missing", lambda: "install it")
     found, missing = command.contenders(None)
-    assert [contender.name for contender in found] == list(SELF_CONTAINED)
+    assert [contender.name for contender in found] == list(PRESETS)
     assert missing.items() >= dict.fromkeys(names, "install it").items()
 
 

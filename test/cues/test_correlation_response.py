@@ -389,7 +389,7 @@ def test_precomputing_for_several_targets_does_not_change_results(monkeypatch):
             cue.precompute(predicted_targets)
         found = []
         for predicted, (_, box, _) in zip(predicted_targets, targets, strict=True):
-            region, template, _ = predicted
+            region, template = predicted
             boxes, _ = boxes_around(box, 3)
             observation = cue.observe(region, box)
             found.append(cue.response(region, boxes, template).tolist())

@@ -10,9 +10,7 @@ import pytest
 from pf_tracker_ros import Detections, MultiTracker
 from pf_tracker_ros.appearances.embedding import Embedding, EmbeddingParameters
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.networks.__main__ import main
 from pf_tracker_ros.networks.embedding import EmbeddingNetwork
-from pf_tracker_ros.networks.siamese import SiameseNetwork
 from pf_tracker_ros.parameters import ParameterError
 
 INTERVAL = 0.1
@@ -126,14 +124,6 @@ def test_targets_keep_their_ids_by_it_after_both_were_out_of_sight(write_embeddi
     assert (after[100], after[60]) == (before[60], before[100])
 
 
-def test_check_runs_it(write_embedding, capsys):
-    assert main(["check", str(write_embedding()), "--engine", "opencv"]) == 0
-    output = capsys.readouterr().out
-    for expected in ("mean colors in", "vector:  6 values", "ms a detection", "It runs"):
-        assert expected in output
-    assert "cells" not in output
-
-
 def test_an_output_that_is_neither_vector_nor_map_is_refused(
     write_embedding, embedding_description
 ):
@@ -146,13 +136,6 @@ def test_an_output_that_is_neither_vector_nor_map_is_refused(
 def test_a_network_without_a_finite_vector_is_refused(write_embedding, embedding_bytes, bias):
     with pytest.raises(ParameterError, match="gives no finite vector but 0"):
         appearance(write_embedding(embedding_bytes(bias)))
-
-
-def test_another_kind_of_network_is_refused(write_embedding, model):
-    with pytest.raises(ParameterError, match=r"no 'embedding\.file'.*does not tell targets apart"):
-        appearance(model)
-    with pytest.raises(ParameterError, match=r"no 'head\.file'.*does not find a target"):
-        SiameseNetwork(str(write_embedding()), "opencv")
 
 
 def test_a_tracker_without_a_model_for_it_is_refused():

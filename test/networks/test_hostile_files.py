@@ -8,11 +8,11 @@ import pytest
 
 from pf_tracker_ros.networks import engines, onnx_files
 from pf_tracker_ros.networks.description import read_model
+from pf_tracker_ros.networks.embedding import EmbeddingNetwork
 from pf_tracker_ros.networks.engines import load_network
-from pf_tracker_ros.networks.siamese import SiameseNetwork
 from pf_tracker_ros.parameters import ParameterError
 
-FILE = "correlation.onnx"
+FILE = "colors.onnx"
 HAS_RUNTIME = find_spec("onnxruntime") is not None
 LOADERS = ["opencv", *(["onnxruntime"] if HAS_RUNTIME else [])]
 
@@ -38,7 +38,7 @@ def named(name):
     return spoil
 
 
-NOT_THERE = "is not in the folder .*model of its description; copy it there"
+NOT_THERE = "is not in the folder .*embedding of its description; copy it there"
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ NOT_THERE = "is not in the folder .*model of its description; copy it there"
         (replace_by(lambda path: path.mkdir()), f"{FILE} is a folder; accepted are regular files"),
         (replace_by(lambda path: path.symlink_to("/dev/zero")), NOT_THERE),
         (link_out, NOT_THERE),
-        (named("../model/correlation.onnx"), NOT_THERE),
+        (named("../embedding/colors.onnx"), NOT_THERE),
         (named("/etc/passwd"), NOT_THERE),
         (named("a\\0b"), NOT_THERE),
     ],
@@ -56,19 +56,19 @@ NOT_THERE = "is not in the folder .*model of its description; copy it there"
 def test_only_regular_files_in_the_folder_are_read(model, spoil, message):
     spoil(model)
     with pytest.raises(ParameterError, match=message):
-        SiameseNetwork(str(model), "opencv")
+        EmbeddingNetwork(str(model), "opencv")
 
 
 def test_links_within_the_folder_are_followed(model):
     (model / FILE).rename(model / "weights")
     (model / FILE).symlink_to("weights")
-    assert SiameseNetwork(str(model), "opencv").hashes.keys() == {FILE}
+    EmbeddingNetwork(str(model), "opencv")
 
 
 def test_a_large_file_is_not_read(model, monkeypatch):
     monkeypatch.setattr(onnx_files, "_MAX_BYTES", 1000)
     with pytest.raises(ParameterError, match="is larger than 1000 bytes, the most allowed"):
-        SiameseNetwork(str(model), "opencv")
+        EmbeddingNetwork(str(model), "opencv")
 
 
 @pytest.mark.parametrize("name", ["template", "weights", "a\\0b", "/dev/zero"])
@@ -115,7 +115,7 @@ def test_weights_in_another_file_are_refused(model, place, engine):
     path = model / FILE
     path.write_bytes(path.read_bytes() + content)
     with pytest.raises(ParameterError, match="weights in another file; export it with all"):
-        SiameseNetwork(str(model), engine)
+        EmbeddingNetwork(str(model), engine)
 
 
 @pytest.mark.parametrize("content", [b"\xff" * 10**6, b"\x08" * 99, b"\x3a\xff\xff\xff\xff\x0f"])
@@ -123,7 +123,7 @@ def test_weights_in_another_file_are_refused(model, place, engine):
 def test_bytes_that_are_no_network_are_refused(model, content, engine):
     (model / FILE).write_bytes(content)
     with pytest.raises(ParameterError, match="cannot be read as a network in the ONNX format"):
-        SiameseNetwork(str(model), engine)
+        EmbeddingNetwork(str(model), engine)
 
 
 @pytest.fixture
@@ -148,14 +148,15 @@ class Endless:
 
 
 def test_a_run_without_an_end_is_refused_and_not_repeated(
-    write_model, description, short_limit, monkeypatch
+    write_embedding, embedding_description, short_limit, monkeypatch
 ):
     # Of another name than those that have run before.
-    model = write_model(description=description.replace("a correlation", "without an end"))
+    text = embedding_description.replace("mean colors", "without an end")
+    model = write_embedding(description=text)
     monkeypatch.setitem(engines._ENGINES, "opencv", Endless)
     for reason in ("it takes more than 0.2 s", "an earlier run took more than 0.2 s"):
         with pytest.raises(ParameterError, match=f"cannot run {FILE} as its .*{reason}"):
-            SiameseNetwork(str(model), "opencv")
+            EmbeddingNetwork(str(model), "opencv")
     engine = load_network(model / FILE, "opencv")._engine
     assert (engine.runs, engine.stopped.is_set()) == (1, True)
 
@@ -164,15 +165,13 @@ def test_loading_without_an_end_is_refused(model, short_limit, monkeypatch):
     release = threading.Event()
     monkeypatch.setitem(engines._ENGINES, "opencv", lambda content: release.wait())
     with pytest.raises(ParameterError, match=r"cannot be read .* by opencv .it takes more than"):
-        SiameseNetwork(str(model), "opencv")
+        EmbeddingNetwork(str(model), "opencv")
     release.set()
 
 
 @pytest.mark.skipif(not HAS_RUNTIME, reason="no ONNX Runtime")
 def test_a_loop_without_an_end_is_stopped(write_embedding, endless_bytes, short_limit):
     """The thread ends, too."""
-    from pf_tracker_ros.networks.embedding import EmbeddingNetwork
-
     folder = write_embedding(endless_bytes())
     with pytest.raises(ParameterError, match=r"cannot run colors\.onnx as .*it takes more than"):
         EmbeddingNetwork(str(folder), "onnxruntime")

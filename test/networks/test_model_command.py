@@ -1,4 +1,4 @@
-"""The command `model` writes and checks descriptions."""
+"""The command `model` checks a network."""
 
 import subprocess
 import sys
@@ -11,43 +11,18 @@ from pf_tracker_ros.networks.__main__ import main
 def test_check_describes_a_network(model, capsys):
     assert main(["check", str(model), "--engine", "opencv"]) == 0
     output = capsys.readouterr().out
-    for expected in ("a correlation in", "CC0-1.0", "cells:   256", "with opencv", "It runs"):
+    for expected in ("mean colors in", "CC0-1.0", "vector:  6 values", "with opencv", "It runs"):
         assert expected in output
 
 
 def test_check_says_what_is_wrong(model, capsys):
-    (model / "correlation.onnx").unlink()
+    (model / "colors.onnx").unlink()
     assert main(["check", str(model)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("model: error: the network a correlation cannot be used: ")
+    assert line.startswith("model: error: the network mean colors cannot be used: ")
 
 
-def test_check_refuses_boxes_far_from_the_crop(write_model, correlation_bytes, description, capsys):
-    """On a black image, which the loading sees, they are right."""
-    text = description.replace("mean: [128.0, 128.0, 128.0]", "mean: [0.0, 0.0, 0.0]")
-    folder = write_model(correlation_bytes(weight=1e30), text)
-    assert main(["check", str(folder), "--engine", "opencv"]) == 1
-    assert "256 of 256 cells have no finite score and box near" in capsys.readouterr().err
-
-
-def test_add_writes_a_description_with_hashes(copy_files, capsys):
-    folder = copy_files(object_tracking_vittrack_2023sep="vittrack")
-    assert main(["add", "vittrack", str(folder)]) == 0
-    assert "Apache-2.0" in capsys.readouterr().out
-    assert "sha256: " in (folder / "model.yaml").read_text()
-    assert main(["check", str(folder)]) == 0
-    assert main(["add", "vittrack", str(folder)]) == 1
-    assert "model.yaml exists; `model check` tells" in capsys.readouterr().err
-
-
-def test_add_names_a_missing_file_and_where_it_comes_from(tmp_path, capsys):
-    assert main(["add", "vittrack", str(tmp_path)]) == 1
-    error = capsys.readouterr().err
-    assert "object_tracking_vittrack_2023sep.onnx is missing" in error
-    assert "https://github.com/opencv/opencv_zoo" in error
-
-
-@pytest.mark.parametrize("arguments", [[], ["add", "unknown", "."], ["check"]])
+@pytest.mark.parametrize("arguments", [[], ["check"]])
 def test_wrong_arguments_are_refused(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         main(arguments)

@@ -89,7 +89,6 @@ def test_footage_makes_the_commands(tmp_path):
     (tmp_path / "mot" / "street" / "seqinfo.ini").touch()
     made = {part: commands(tmp_path, 2) for part, commands in figures.PARTS.items()}
     assert made["peers"] == [["peers.py", str(tmp_path / "sequences"), "--seeds", "1"]]
-    assert made["learned"] == []
     assert [command[-2:] for command in made["targets"]] == [["--seed", "0"], ["--seed", "1"]]
     assert str(tmp_path / "mot" / "street" / "img1") in made["targets"][0]
     for commands in made.values():

@@ -11,8 +11,6 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import (
     AssessedBox,
     Confidence,
-    recognition_odds,
-    worst_rival,
 )
 
 
@@ -137,21 +135,3 @@ def test_without_log_odds_the_confidence_is_the_similarity(make_target_filter, c
     box = np.array(couple.first[0])
     assessed = AssessedBox(Frame(couple.images[0]), box, state.templates, Match(-1.0, 0.42))
     assert target_filter._confidence.assess(state, assessed) == 0.42
-
-
-def test_recognition_counts_for_the_target_in_proportion():
-    faint, perfect = (recognition_odds({"one": value}, 0.0) for value in (0.25, 1.0))
-    assert perfect == pytest.approx(4.0 * faint)
-    assert perfect > 1.0
-    assert recognition_odds({"one": 0.25, "other": 1.0}, 0.0) == perfect
-    assert recognition_odds({}, 0.0) == 0.0
-
-
-def test_recognition_does_not_count_after_a_rival_until_the_target_is_surely_seen():
-    seen = worst_rival(0.0, {"rival": -0.1}, 0.6)
-    beside = worst_rival(seen, {"rival": -4.0}, 0.6)
-    after = worst_rival(beside, {"rival": -0.1}, 0.6)
-    assert beside == after == -4.0
-    assert worst_rival(after, {"rival": -0.1}, 0.95) == -0.1
-    assert recognition_odds({"one": 0.8}, seen) > 0.0
-    assert recognition_odds({"one": 0.8}, after) == 0.0

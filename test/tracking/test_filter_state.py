@@ -10,10 +10,10 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
 INTERVAL = 0.04
-every_preset = pytest.mark.parametrize("preset", sorted(SELF_CONTAINED))
+every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 
 
 def same(one, other):

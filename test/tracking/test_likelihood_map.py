@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.tracking.likelihood_map import map_likelihood
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
 BOX = (40.0, 30.0, 20.0, 20.0)
 
@@ -54,7 +54,7 @@ def test_the_second_peak_of_a_box_that_fills_the_image_is_the_box():
     assert found.second_peak == (0.0, 0.0, 100.0, 100.0)
 
 
-@pytest.mark.parametrize("preset", SELF_CONTAINED)
+@pytest.mark.parametrize("preset", PRESETS)
 def test_a_map_does_not_change_the_estimates(preset, couple):
     mapped, plain = (Tracker.from_preset(preset, seed=1) for _ in range(2))
     assert mapped.map_likelihood() is None

@@ -18,7 +18,7 @@ from pf_tracker_ros.parameters import ParameterError
             {"cues": ("color_histogram", "hog")},
             r"'proposal.method' is 'search', but no cue in 'cues' can search "
             r"with a weight above 0; allowed: 'transition', or 'color_contrast' or "
-            r"'correlation_response' or 'coarse_correlation_response' or 'siamese' in 'cues'",
+            r"'correlation_response' or 'coarse_correlation_response' in 'cues'",
         ),
         (
             {"cues": ("color_histogram", "color_contrast"), "color_contrast.weight": 0.0},

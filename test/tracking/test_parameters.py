@@ -9,7 +9,7 @@ from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
 from pf_tracker_ros.parameters import ParameterError, build, declarations, flatten
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED, preset_parameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 INTERVAL = 0.04
 EVERY = declarations(TrackerParameters)
@@ -31,8 +31,7 @@ def test_every_preset_builds_and_has_its_values(preset):
     assert all(values[name] == EVERY[name].default for name in others)
     assert list(values) == list(EVERY)
     assert flatten(build(TrackerParameters, values)) == values
-    if preset in SELF_CONTAINED:
-        assert Tracker.from_preset(preset).parameters == values
+    assert Tracker.from_preset(preset).parameters == values
 
 
 def test_every_registered_part_can_be_selected():
@@ -68,7 +67,7 @@ def test_a_parameter_of_a_part_counts_while_the_part_is_selected(name):
         assert f" Used only if '{CONDITIONS[name][0]}' " in EVERY[name].description
 
 
-@pytest.mark.parametrize("preset", SELF_CONTAINED)
+@pytest.mark.parametrize("preset", PRESETS)
 def test_a_value_of_a_part_that_is_not_selected_changes_nothing(preset, couple, other_values):
     values = preset_parameters(preset)
     idle = {name: one for name, one in EVERY.items() if not one.is_active(values)}

@@ -5,7 +5,7 @@ import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.background import BackgroundModel
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
 SIZES = [(1, 1), (1, 2), (2, 1), (2, 2), (2, 3), (3, 2), (1, 50), (50, 1), (5, 5)]
 KINDS = {
@@ -24,7 +24,7 @@ def is_finite(estimate):
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 @pytest.mark.parametrize("size", SIZES, ids=str)
-@pytest.mark.parametrize("preset", sorted(SELF_CONTAINED))
+@pytest.mark.parametrize("preset", sorted(PRESETS))
 def test_an_image_of_few_pixels_is_tracked_in_like_any_other(preset, size, kind, recwarn):
     generator = np.random.default_rng(4)
     height, width = size

@@ -19,10 +19,10 @@ from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking import target_filter
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS, SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
 WIDTH, HEIGHT, SIDE = 320, 240, 36
-every_preset = pytest.mark.parametrize("preset", sorted(SELF_CONTAINED))
+every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 
 
 def texture(seed, shape, low, high):
@@ -422,7 +422,7 @@ def test_an_update_without_a_target_says_to_start():
 
 
 def test_an_unknown_preset_or_parameter_names_what_there_is():
-    with pytest.raises(ParameterError, match=r"'fast'; there are: default, learned, li2007"):
+    with pytest.raises(ParameterError, match=r"'fast'; there are: default, li2007"):
         Tracker.from_preset("fast")
     with pytest.raises(ParameterError, match=r"'particle'; did you mean 'particles'\?$"):
         Tracker.from_preset("default", parameters={"particle": 3})
@@ -441,10 +441,7 @@ def test_parameters_change_without_losing_the_target():
     assert estimate.cue_weights["color_contrast"] < 0.5
 
 
-# Without the one that needs a model.
-FEATURE_CUES = [
-    name for name, cue in CUES.items() if not cue.needs_foreground and name != "siamese"
-]
+FEATURE_CUES = [name for name, cue in CUES.items() if not cue.needs_foreground]
 
 
 @pytest.mark.parametrize("only", FEATURE_CUES)

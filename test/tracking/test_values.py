@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Estimate, Tracker
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED
+from pf_tracker_ros.tracking.presets import PRESETS
 
-every_preset = pytest.mark.parametrize("preset", sorted(SELF_CONTAINED))
+every_preset = pytest.mark.parametrize("preset", sorted(PRESETS))
 ARRAYS = ("box_covariance", "particles", "particle_boxes", "weights")
 
 

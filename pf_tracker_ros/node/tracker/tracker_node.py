@@ -348,11 +348,8 @@ class TrackerNode(ManagedNode):
         if arrival in DROPPED_ARRIVALS:
             return _Processed(session.drop(arrival).frame)
         frame = Frame(self._decode(message), stamp)
-        network_use = session.network_use
         outcome = session.process(frame, arrival)
         result = self._frame_result(frame.image)
-        if network_use is not None and session.network_use is not None:
-            result = replace(result, network_use=session.network_use.since(network_use))
         try:
             # A duplicate on which a target could start has no new result.
             if self._frame_publishers and outcome.frame not in SKIPPED:

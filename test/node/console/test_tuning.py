@@ -62,7 +62,6 @@ def test_each_parameter_has_group_range_and_preset_value():
     assert (found["particles"]["value"], found["particles"]["default"]) == (80, 60)
     assert found["preset"]["choices"] == [
         "default",
-        "learned",
         "li2007",
         "zhang2015",
         "zhang_bo",

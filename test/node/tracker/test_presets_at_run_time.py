@@ -8,7 +8,7 @@ from rclpy.parameter import Parameter
 
 from pf_tracker_ros.parameters import declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 RELIABLE = {"image_reliability": "reliable"}
 RCLPY_PARAMETERS = {"use_sim_time", "start_type_description_service"}
@@ -27,7 +27,7 @@ def set_one_request(client, values):
 
 def test_every_change_of_the_preset_keeps_the_target(graph, client, images, boxes):
     graph.tracker(client, seed=1, **RELIABLE)
-    for before, after in itertools.pairwise((*SELF_CONTAINED, SELF_CONTAINED[0])):
+    for before, after in itertools.pairwise((*PRESETS, "default")):
         assert client.set_parameters(preset=before, target_box=boxes[0]).successful
         client.show_all(images[:4])
         assert client.set_parameters(preset=after).successful

@@ -56,7 +56,7 @@ def test_every_parameter_is_described_and_every_float_has_a_range(graph, client)
 REFUSED = {
     "out of range": ("particles", 0, 20, "int, 1 to 100000"),
     "no cue": ("cues", ["smell"], ["color_contrast"], "list of strings, each at most once"),
-    "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'learned'"),
+    "no preset of that name": ("preset", "lee2007", "li2007", "'default' or 'li2007'"),
 }
 
 

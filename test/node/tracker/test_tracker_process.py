@@ -6,12 +6,12 @@ import signal
 import pytest
 from generate import generated_files
 
-from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 DEADLINE = 60.0
 
 
-@pytest.mark.parametrize("preset", SELF_CONTAINED)
+@pytest.mark.parametrize("preset", PRESETS)
 def test_a_preset_file_is_a_valid_ros_parameter_file(graph, client, images, tmp_path, preset):
     path = tmp_path / "preset.yaml"
     path.write_text(generated_files()[f"config/{preset}.yaml"])

@@ -256,7 +256,7 @@ def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, argumen
             "argument console_port:=99999; allowed: int, 0 to 65535",
         ),
         ("params_file:=none.yaml", "argument params_file:=none.yaml; the file does not exist"),
-        ("preset:=lee2007", "argument preset:=lee2007; allowed: default, learned, li2007"),
+        ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007"),
     ],
 )
 def test_a_wrong_argument_ends_the_launch_with_the_reason(shell, given, told):
@@ -331,7 +331,7 @@ def test_the_built_in_detector_of_people_needs_nothing_else(shell, heard, drive)
         ("score_above:=high", "argument score_above:=high; allowed: a number, float"),
         ("score_above:=7", "argument score_above:=7; allowed: float, 0 to 1"),
         ("max_targets:=0", "argument max_targets:=0; allowed: int, 1 to 1000"),
-        ("preset:=lee2007", "argument preset:=lee2007; allowed: default, learned, li2007"),
+        ("preset:=lee2007", "argument preset:=lee2007; allowed: default, li2007"),
         ("built_in_detector:=cars", "built_in_detector:=cars; allowed: none, people, motion"),
     ],
 )
