@@ -350,7 +350,8 @@ class SearchingMeasurer(Measurer):
     def search_window(self, frame: Frame, center_box: NDArray[np.float64]) -> tuple[Search, Region]:
         """A search around a (4,) box, and the region that it reads."""
         search = Search(center_box, self._parameters, frame.size)
-        return search, self._region(frame, search.cover(center_box[None]), center_box, center_box)
+        boxes = search.cover(center_box[None])
+        return search, self._region(frame, boxes, center_box, center_box, estimates_size=False)
 
     def predict_frame(
         self,
