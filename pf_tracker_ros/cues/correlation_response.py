@@ -148,7 +148,7 @@ class CorrelationResponse(SearchableCue):
             which does not measure the size.
         size_bias: Logarithm of the response to the smaller window over that to the larger one, for
             a target of the size in which it was learned: interpolation favors the smaller one.
-            Measured on the first frames of sequences.
+            Measured on sequences, where sizes are right on average.
         memory: Weight of the filter's change from frame to frame (mu); more adapts more slowly.
         training_interval: Frames from one training to the next.
         settling_frames: Number of first frames that are all trained with; over these, the memory
@@ -162,7 +162,7 @@ class CorrelationResponse(SearchableCue):
         *,
         cells: int = 40,
         size_span: float = 1.04,
-        size_bias: float = 0.0045,
+        size_bias: float = 0.007,
         memory: float = 300.0,
         training_interval: int = 3,
         settling_frames: int = 25,
@@ -429,7 +429,7 @@ class CoarseCorrelationResponse(CorrelationResponse):
             windowed,
             cells=24,
             size_span=1.1,
-            size_bias=0.0055,
+            size_bias=0.0085,
             settling_frames=1,
             reuses_windows=False,
         )
