@@ -87,7 +87,7 @@ function showHint(state) {
   at("ghost").toggleAttribute("hidden", !shown);
   if (!shown) return;
   const [x, y, width, height] = suggested ?? editor.centeredBox([frame.width, frame.height]);
-  const [rect, pointer] = at("ghost").children, unit = frame.width / overlay.clientWidth || 1;
+  const [rect, pointer] = at("ghost").children, unit = frame.width / (overlay.clientWidth || frame.width);
   place(rect, [x, y, width, height]);
   set(pointer, { transform: `translate(${x + width} ${y + height}) scale(${unit})` });
   pointer.style.setProperty("--width", `${-width / unit}px`);
@@ -125,7 +125,7 @@ function drawOverlay() {
   const { stamp, width, height } = frame, known = blank && !past ? { stamp, width, height } : frame;
   const values = known.status?.values ?? {}, box = boxIn(known), chosen = known.status?.selected ?? "";
   // Read before any change, as it would trigger another layout afterwards.
-  const unit = frame.width / overlay.clientWidth || 1;
+  const unit = frame.width / (overlay.clientWidth || frame.width);
   overlay.dataset.state = values.state ?? (blank && !past ? blankState : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);
