@@ -252,19 +252,6 @@ Recording = FootageRecording | BagRecording | CameraRecording
 """A source of frames."""
 
 
-def image_size_of(recording: Recording) -> tuple[int, int]:
-    """The (width, height) of the first image of a recording, pixels.
-
-    Raises:
-        FootageError: There is none, or it cannot be read.
-    """
-    with closing(recording.frames()) as frames:
-        for frame in frames:
-            if frame.image is not None:
-                return frame.image.shape[1], frame.image.shape[0]
-    raise FootageError(f"{recording.path} has no image")
-
-
 def _bounding_box(points: list[tuple[float, float]]) -> Box | None:
     """The bounding rectangle of a polygon, None if it spans no area."""
     corners = np.array(points, dtype=np.float64).reshape(-1, 2)
