@@ -152,8 +152,19 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     ghost = page.locator("#ghost:not([hidden]) rect")
     assert [float(ghost.get_attribute(name)) for name in names] == box
     client.wait_for(lambda: client.get_parameters("particles") == [150], "its value")
+    # It is of the first frame.
+    page.keyboard.press("n")
+    page.wait_until(lambda: page.shows(stamp_at(1)), "next frame")
+    assert ghost.count() == 0
+    page.keyboard.press("Home")
+    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    page.wait_until(ghost.count, "suggestion")
     page.drag(box)
     page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
+    page.wait_until(lambda: page.box, "box")
+    page.keyboard.press("s")
+    page.wait_until(ghost.count, "suggestion again")
+    page.drag(box)
     page.wait_until(lambda: page.box, "box")
     assert page.locator("#step-back").is_disabled()
     page.locator("#step-next").click()

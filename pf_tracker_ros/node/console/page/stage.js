@@ -79,13 +79,14 @@ export function begin(box, hasHint) {
   [suggested, hadTarget] = [box, !hasHint];
 }
 
-// Shows what to do, and a ghost of the box to draw.
+// Shows what to do, and a ghost of the box to draw. A suggested box is of the first frame, and shown there each time.
 function showHint(state) {
   hadTarget ||= Boolean(state) && !["idle", "skipped"].includes(state);
-  const shown = !hadTarget && mode === "live" && state === "idle" && (!targets.hasDetector() || suggested);
+  const isSuggested = Boolean(suggested) && frame.index === 0, isIdle = mode === "live" && state === "idle";
+  const shown = isIdle && (isSuggested || (!hadTarget && !targets.hasDetector())), hasGhost = shown && (isSuggested || !suggested);
   at("hint").hidden = !shown;
-  at("ghost").toggleAttribute("hidden", !shown);
-  if (!shown) return;
+  at("ghost").toggleAttribute("hidden", !hasGhost);
+  if (!hasGhost) return;
   const [x, y, width, height] = suggested ?? editor.centeredBox([frame.width, frame.height]);
   const [rect, pointer] = at("ghost").children, unit = frame.width / (overlay.clientWidth || frame.width);
   place(rect, [x, y, width, height]);
