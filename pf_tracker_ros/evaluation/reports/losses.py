@@ -154,7 +154,7 @@ def _fall(confidence: NDArray[np.float64], start: int) -> str:
     values = f"from {high:.2f} to {low:.2f} in {counted(frames, 'frame')}"
     if frames <= _SUDDEN:
         return f"the confidence fell {values}: something covered it, or it jumped"
-    return f"the confidence fell {values}: it was covered or changed its looks slowly"
+    return f"the confidence fell {values}: it was covered or changed its looks"
 
 
 def _outcome(content: SequenceContent, start: int, end: int) -> str:
