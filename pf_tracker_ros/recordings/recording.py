@@ -18,7 +18,6 @@ from pf_tracker_ros.boxes import Box, bounding_box
 from pf_tracker_ros.decoding.image_decoding import decode_image
 from pf_tracker_ros.footage import (
     Footage,
-    FootageError,
     ImageBag,
     PartialFootageError,
     existing_path,

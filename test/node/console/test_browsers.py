@@ -169,9 +169,7 @@ class FullLink(RateController):
         super().acknowledge(0.0)
 
 
-def test_a_full_link_gets_fewer_pictures_instead_of_ones_too_narrow_to_draw_on(
-    client, monkeypatch
-):
+def test_a_full_link_gets_fewer_pictures_instead_of_ones_too_narrow_to_draw_on(client, monkeypatch):
     monkeypatch.setattr(module, "RateController", FullLink)
     page = drawn(client.message(np.zeros((480, 640, 3), np.uint8)), [1, 2, 3])
     assert min(page.widths) == 320
