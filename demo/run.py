@@ -51,7 +51,7 @@ FOLDER = Path(__file__).resolve().parent
 DDS_PROFILE = FOLDER.parent / "config" / "fastdds_large_images.xml"
 LOGS = "log"
 _MEETING_TIMEOUT = 30.0
-_REPLAY_TIMEOUT = 120.0
+_REPLAY_TIMEOUT = 600.0
 # Longer than the 3 s after which DDS sends lost messages again.
 _ANSWER_TIMEOUT = 5.0
 

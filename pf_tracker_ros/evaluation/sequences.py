@@ -14,7 +14,7 @@ from pf_tracker_ros.footage import Footage, FootageError, is_bag, open_footage, 
 from pf_tracker_ros.footage.access import entries, exists, is_folder
 from pf_tracker_ros.footage.ground_truth import GROUND_TRUTH_FILES, ground_truth_file
 from pf_tracker_ros.footage.sequences import IMAGE_FOLDER, SequenceFootage
-from pf_tracker_ros.formats import FormatError, read_tracks
+from pf_tracker_ros.formats import FormatError, describe_recording, read_tracks
 from pf_tracker_ros.plurals import counted
 
 
@@ -152,7 +152,8 @@ def open_labeled_sequences(
         )
     footage = open_footage(source)
     try:
-        tracks = read_tracks(labels, lambda: _image_size(footage))
+        images = (frame.image for frame in footage.frames())
+        tracks = read_tracks(labels, lambda: describe_recording(footage.name, images))
     except FormatError as error:
         raise EvaluationError(str(error)) from error
     sequences: list[Footage] = []
@@ -174,11 +175,6 @@ def open_labeled_sequences(
         except EvaluationError as error:
             failures.append(SequenceFailure(name, error))
     return sequences, failures
-
-
-def _image_size(footage: Footage) -> tuple[int, int]:
-    image = next(iter(footage.frames())).image
-    return image.shape[1], image.shape[0]
 
 
 def usable_ground_truth(footage: Footage) -> NDArray[np.float64]:

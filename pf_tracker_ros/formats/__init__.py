@@ -14,18 +14,24 @@ from pf_tracker_ros.formats.coco import read_coco, write_coco
 from pf_tracker_ros.formats.cvat import is_cvat, read_cvat, write_cvat
 from pf_tracker_ros.formats.kitti import KITTI_COLUMNS, read_kitti, write_kitti
 from pf_tracker_ros.formats.mot import read_mot, write_mot, write_mot_labels
-from pf_tracker_ros.formats.tracks import BoxTrack, FormatError, LabeledBox, RecordingInfo
+from pf_tracker_ros.formats.tracks import (
+    BoxTrack,
+    FormatError,
+    LabeledBox,
+    RecordingInfo,
+    describe_recording,
+)
 from pf_tracker_ros.formats.tracks import read_text as _read_text
-from pf_tracker_ros.formats.yolo import ImageSize, is_yolo, read_yolo, write_yolo
+from pf_tracker_ros.formats.yolo import is_yolo, read_yolo, write_yolo
 
 __all__ = [
     "FORMATS",
     "BoxTrack",
     "FormatError",
-    "ImageSize",
     "LabeledBox",
     "RecordingInfo",
     "WriteTracks",
+    "describe_recording",
     "read_tracks",
 ]
 
@@ -48,13 +54,15 @@ _ACCEPTED = (
 )
 
 
-def read_tracks(path: str | Path, image_size: ImageSize | None = None) -> tuple[BoxTrack, ...]:
+def read_tracks(
+    path: str | Path, describe: Callable[[], RecordingInfo] | None = None
+) -> tuple[BoxTrack, ...]:
     """Read a file of labeled boxes in any of the formats; its content tells which.
 
     Args:
         path: Of the file, or of the folder of YOLO's texts.
-        image_size: Gives the (width, height) of the recording's images in pixels. Called for
-            YOLO's labels, which are shares of it.
+        describe: Describes the recording. Called for YOLO's labels, which are shares of the size
+            of each image.
 
     Returns:
         The tracks in the order of their ids, at least one; each has a box in its first frame.
@@ -64,7 +72,7 @@ def read_tracks(path: str | Path, image_size: ImageSize | None = None) -> tuple[
     """
     source = Path(path).expanduser()
     if is_yolo(source):
-        return read_yolo(source, image_size)
+        return read_yolo(source, describe)
     if is_cvat(source):
         return read_cvat(source)
     text = _read_text(source)

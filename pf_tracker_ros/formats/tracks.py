@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,31 @@ class RecordingInfo:
         """(width, height) of the image of a frame, pixels; (0, 0) if unknown."""
         sizes = (size for first, size in reversed([*self.image_sizes.items()]) if first <= frame)
         return next(sizes, next(iter(self.image_sizes.values()), (0, 0)))
+
+
+def describe_recording(name: str, images: Iterable[NDArray[Any] | None]) -> RecordingInfo:
+    """Describe a recording by its images, all in order; None stands for a damaged one.
+
+    They may end with a FootageError: the frames from there on have the size of the last image.
+
+    Raises:
+        FootageError: There is no image, or none before it.
+    """
+    sizes: dict[int, tuple[int, int]] = {}
+    count = 0
+    try:
+        for image in images:
+            if image is not None:
+                height, width = image.shape[:2]
+                if next(reversed(sizes.values()), None) != (width, height):
+                    sizes[count] = width, height
+            count += 1
+    except FootageError:
+        if not sizes:
+            raise
+    if not sizes:
+        raise FootageError(f"{name} has no image")
+    return RecordingInfo(name, count, sizes)
 
 
 class TracksBuilder:

@@ -4,7 +4,7 @@
 
 Classes count from 0; their labels are in `classes.txt` or `obj.names`, a line each, or under
 `names` in `data.yaml`. Coordinates are shares of the image's width and height, so reading needs the
-size of the images. A sixth column is a track id if it is a whole number in every line, else a
+recording. A sixth column is a track id if it is a whole number in every line, else a
 confidence. Without track ids, each class is a track, with at most one box in a frame.
 
 The number of the frame ends the file's name: `drive_000012.txt`. It counts from 0, as CVAT writes
@@ -39,9 +39,6 @@ from pf_tracker_ros.formats.tracks import (
 )
 from pf_tracker_ros.yaml_files import YamlError, parse_yaml
 
-ImageSize = Callable[[], tuple[int, int]]
-"""Gives the (width, height) of the recording's images in pixels."""
-
 _COORDINATES = ("center x", "center y", "the width", "the height")
 _NUMBERED = re.compile(r"(?:.*\D)?(\d+)\.txt")
 _LABEL_LISTS = ("classes.txt", "obj.names")
@@ -60,17 +57,17 @@ def is_yolo(path: Path) -> bool:
         return False
 
 
-def read_yolo(path: Path, image_size: ImageSize | None) -> tuple[BoxTrack, ...]:
+def read_yolo(path: Path, describe: Callable[[], RecordingInfo] | None) -> tuple[BoxTrack, ...]:
     """Read a folder or an archive.
 
     Args:
         path: Of the folder or archive.
-        image_size: Size of the images.
+        describe: Describes the recording.
 
     Raises:
-        FormatError: It cannot be read, or the size is unknown.
+        FormatError: It cannot be read, or the recording is unknown.
     """
-    if image_size is None:
+    if describe is None:
         raise FormatError(f"{path} has shares of the image's size; it is read with its recording")
     try:
         members = dict(_members(path))
@@ -88,7 +85,7 @@ def read_yolo(path: Path, image_size: ImageSize | None) -> tuple[BoxTrack, ...]:
     ]
     first = _first_frame(texts)
     with_ids = _with_ids([cells for _, _, cells in lines])
-    width, height = image_size() if lines else (0, 0)
+    info = describe() if lines else RecordingInfo(path.name, 0, {})
     tracks = TracksBuilder(path)
     for name, number, cells in lines:
         try:
@@ -100,6 +97,7 @@ def read_yolo(path: Path, image_size: ImageSize | None) -> tuple[BoxTrack, ...]:
                     "id up to 7"
                 )
             x, y, w, h = four_numbers(cells[1:5], _COORDINATES)
+            width, height = info.size_at(frame)
             box = ((x - w / 2) * width, (y - h / 2) * height, w * width, h * height)
             has_confidence = len(cells) > 5 + with_ids
             confidence = as_number(cells[5], "the confidence") if has_confidence else float("nan")

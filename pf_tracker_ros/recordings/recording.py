@@ -18,7 +18,6 @@ from pf_tracker_ros.boxes import Box, bounding_box
 from pf_tracker_ros.decoding.image_decoding import decode_image
 from pf_tracker_ros.footage import (
     Footage,
-    FootageError,
     ImageBag,
     PartialFootageError,
     existing_path,
@@ -250,19 +249,6 @@ class CameraRecording:
 
 Recording = FootageRecording | BagRecording | CameraRecording
 """A source of frames."""
-
-
-def image_size_of(recording: Recording) -> tuple[int, int]:
-    """The (width, height) of the first image of a recording, pixels.
-
-    Raises:
-        FootageError: There is none, or it cannot be read.
-    """
-    with closing(recording.frames()) as frames:
-        for frame in frames:
-            if frame.image is not None:
-                return frame.image.shape[1], frame.image.shape[0]
-    raise FootageError(f"{recording.path} has no image")
 
 
 def _bounding_box(points: list[tuple[float, float]]) -> Box | None:

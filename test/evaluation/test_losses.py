@@ -63,6 +63,10 @@ def test_the_cause_is_a_target_in_front_an_edge_skipped_frames_or_the_confidence
     assert cause(slow).startswith("the confidence fell from 0.90 to 0.30 in 6 frames: it was")
     assert cause(content(out)).startswith("the confidence stayed at 0.90")
     assert cause(content(out, [np.nan] * 7)) == "the confidence is unknown"
+    unreported = content(states(("tracking", 3), ("absent", 4)), [0.9] * 3 + [np.nan] * 4)
+    assert cause(unreported).startswith("not reported: it had ended, or could not be told")
+    hidden = content(states(("occluded", 4), ("tracking", 3)), [0.2] * 4 + [0.9] * 3)
+    assert cause(hidden) == "from the first frame on, at a confidence of 0.20"
 
 
 def test_the_longest_of_many_are_listed_in_order():

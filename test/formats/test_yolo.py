@@ -25,7 +25,7 @@ def write(path, tracks):
 
 
 def read(path):
-    return read_tracks(path, lambda: SIZE)
+    return read_tracks(path, lambda: INFO)
 
 
 @pytest.fixture
@@ -51,6 +51,10 @@ def test_shares_are_of_the_image_of_each_frame(tmp_path):
     large, small = "0 0.5000000 0.5000000 0.5000000 0.5000000\n", "0 0.25"
     assert texts[:2] == [large, large]
     assert texts[2].startswith(small)
+    (track,) = read_tracks(tmp_path / "a.zip", lambda: info)
+    assert {frame: one.box for frame, one in track.boxes.items()} == {
+        frame: pytest.approx(one.box, abs=1e-3) for frame, one in car.items()
+    }
 
 
 def test_an_archive_has_a_text_for_each_frame_as_for_training(tmp_path):

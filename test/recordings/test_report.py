@@ -106,6 +106,24 @@ def test_the_timeline_seeks_in_the_video(track, moving_square_sequence, browser,
     assert width <= 390
 
 
+def test_the_names_of_targets_beside_the_timeline_are_not_cut(
+    track, moving_square_sequence, browser, tmp_path
+):
+    targets = tmp_path / "moving_square.target.yaml"
+    targets.write_text("{target_box: [20, 30, 24, 24], label: person with an umbrella}")
+    output = tmp_path / "out"
+    several = ("--parameter", "max_targets=2", "--report")
+    assert track(moving_square_sequence, "--output", output, *QUICK, *several)[0] == 0
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    try:
+        page.goto((output / "report.html").as_uri())
+        (name,) = page.locator("#timeline a").all()
+        assert name.inner_text() == "target 1 person with an umbrella"
+        assert name.evaluate("it => it.scrollWidth <= it.clientWidth")
+    finally:
+        page.close()
+
+
 def test_a_loss_is_listed_with_its_cause_and_how_it_ended(
     track, moving_square, write_sequence, tmp_path
 ):

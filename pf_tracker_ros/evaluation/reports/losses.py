@@ -3,7 +3,8 @@
 1. An episode is a run of frames in which the target is occluded, lost or absent. Occlusions of
    fewer than `_MIN_OCCLUSION` frames are no episodes.
 2. The cause is read from the last box before it, in this order: frames were skipped, another target
-   covers the box, the box touches the edge of the image, or how fast the confidence fell.
+   covers the box, the box touches the edge of the image, the target was not reported, or how fast
+   the confidence fell.
 """
 
 from __future__ import annotations
@@ -110,6 +111,8 @@ def _cause(
             return f"behind {other.name}"
     if edge := _edge(box, image_size):
         return f"at the {edge} edge of the image"
+    if content.states[start] == "absent":
+        return "not reported: it had ended, or could not be told from a target in front of it"
     return _fall(content.confidence, start)
 
 
@@ -138,8 +141,10 @@ def _fall(confidence: NDArray[np.float64], start: int) -> str:
     low = float(confidence[start])
     past = confidence[max(0, start - _LOOK_BACK) : start]
     past = past[np.isfinite(past)]
-    if math.isnan(low) or not len(past):
+    if math.isnan(low):
         return "the confidence is unknown"
+    if not len(past):
+        return f"from the first frame on, at a confidence of {low:.2f}"
     high = float(past.max())
     if high - low < _NOTABLE_FALL:
         return (
@@ -149,7 +154,7 @@ def _fall(confidence: NDArray[np.float64], start: int) -> str:
     values = f"from {high:.2f} to {low:.2f} in {counted(frames, 'frame')}"
     if frames <= _SUDDEN:
         return f"the confidence fell {values}: something covered it, or it jumped"
-    return f"the confidence fell {values}: it was covered or changed its looks slowly"
+    return f"the confidence fell {values}: it was covered or changed its looks"
 
 
 def _outcome(content: SequenceContent, start: int, end: int) -> str:

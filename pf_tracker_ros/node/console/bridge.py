@@ -301,7 +301,7 @@ class ConsoleBridge:
         await self._send_id("stop_target", message, "stops with the next image")
 
     async def _on_select(self, message: Json) -> None:
-        await self._send_id("select", message, "is selected with the next image")
+        await self._send_id("select", message, "is selected")
 
     async def _send_id(self, topic: str, message: Json, what: str) -> None:
         id = str(message.get("id"))

@@ -15,6 +15,7 @@ from pf_tracker_ros.node.console.frame_synchronizer import DisplayFrame
 from pf_tracker_ros.node.console.image_encoding import (
     QUALITY_LEVELS,
     QualityLevel,
+    count_usable_levels,
     encode_image,
     scale_for,
 )
@@ -145,6 +146,7 @@ class Browsers:
             ahead = frame.number - viewer.number if viewer.number else 0
             interval = (frame.stamp - viewer.stamp) / ahead / NANOSECONDS if ahead else 0.0
             viewer.number, viewer.stamp = frame.number, frame.stamp
+            viewer.rate.level_count = count_usable_levels(self._image_width)
             level = self._for_window(viewer, viewer.rate.quality_level)
             sharpest = self._for_window(viewer, QUALITY_LEVELS[0])
             if is_still:

@@ -13,6 +13,8 @@ from pf_tracker_ros.frames.exposure import range_of, sample, to_8_bit
 # Pixels; screens show no more of a wider picture.
 _MAX_WIDTH = 1920
 _MAX_PIXELS = 2**25
+# Pixels; in a narrower picture nobody recognizes the person to draw a box around.
+_MIN_WIDTH = 320
 # Few scales, so that one encoding serves several windows.
 _SCALES = (1.0, 0.75, 0.5, 0.35, 0.25, 0.18, 0.125)
 
@@ -78,6 +80,11 @@ def encode_image(message: Image | CompressedImage, level: QualityLevel) -> Encod
     except (ImageError, cv2.error, ValueError) as error:
         return EncodedImage(0, 0, b"", f"the image cannot be shown: {error}")
     return EncodedImage(width, height, jpeg.tobytes())
+
+
+def count_usable_levels(image_width: int) -> int:
+    """How many of `QUALITY_LEVELS`, from the best on, are wide enough to draw a target on."""
+    return sum(one.scale == 1.0 or image_width * one.scale >= _MIN_WIDTH for one in QUALITY_LEVELS)
 
 
 def scale_for(image_width: float, window_width: float) -> float:

@@ -7,7 +7,8 @@ slow link:
 2. Every 0.4 s the load of the link and the frame rate are measured.
 3. A full link with too few frames gets a lower quality. If that brings no more frames, the link is
    not the limit, and the quality goes back.
-4. A link with spare capacity gets a higher quality, after a wait that doubles each time the higher
+4. At the lowest usable quality, a full link gets fewer frames.
+5. A link with spare capacity gets a higher quality, after a wait that doubles each time the higher
    quality was too much.
 """
 
@@ -67,6 +68,9 @@ class RateController:
     So a slow link drops frames and quality instead of queuing frames. All times are seconds by a
     monotonic clock.
 
+    Attributes:
+        level_count: Number of quality levels that may be used, from the best on.
+
     Args:
         now: The time.
     """
@@ -79,6 +83,7 @@ class RateController:
         self._round_trip_began: float | None = None
         self._round_trip = math.inf
         self._max_in_flight = _MIN_IN_FLIGHT
+        self.level_count = len(QUALITY_LEVELS)
         self._level = 0
         self._measurement = _Measurement(now)
         self._spare_since = now
@@ -91,7 +96,11 @@ class RateController:
     @property
     def quality_level(self) -> QualityLevel:
         """Of the next frame."""
-        return QUALITY_LEVELS[self._level]
+        return QUALITY_LEVELS[min(self._level, self._last_level)]
+
+    @property
+    def _last_level(self) -> int:
+        return self.level_count - 1
 
     def start_round_trip(self, now: float) -> None:
         """Note that a message is sent which the page acknowledges at once."""
@@ -176,14 +185,14 @@ class RateController:
             self._last_reduction = None
             self._no_gain_until = now + _NO_GAIN_PAUSE
             return
-        if now < self._no_gain_until or self._level == len(QUALITY_LEVELS) - 1:
+        if now < self._no_gain_until or self._level >= self._last_level:
             return
         if self._raised_at is not None:
             self._raise_delay = min(_MAX_RAISE_DELAY, 2.0 * self._raise_delay)
             self._raised_at = None
         self._last_reduction = _Reduction(self._level, rate)
         steps = max(1, round(math.log(rate / target) / math.log(_STEP)))
-        self._set_level(min(len(QUALITY_LEVELS) - 1, self._level + steps))
+        self._set_level(min(self._last_level, self._level + steps))
 
     def _set_level(self, level: int) -> None:
         self._level = level

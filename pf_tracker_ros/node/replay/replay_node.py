@@ -102,9 +102,14 @@ class ReplayNode(Node):
         except (FootageError, NameValidationException) as error:
             for publisher in set(self.publishers) - before:
                 self.destroy_publisher(publisher)
-            waiting = "" if parameters.source else "; waiting for the parameter 'source'"
             self.failure = str(error)
-            self._log.error(f"not playing: {error}{waiting}")
+            advice = (
+                ""
+                if parameters.source
+                else "; start 'replay drive.mcap', or set the parameter: ros2 param set "
+                f"{self.get_fully_qualified_name()} source drive.mcap"
+            )
+            self._log.error(f"not playing: {error}{advice}")
             return
         self._thread = threading.Thread(target=self._run, name="playback", daemon=True)
         self._thread.start()

@@ -37,7 +37,7 @@ function draw() {
   place(at("drawn"), drawn);
   at("handles").toggleAttribute("hidden", !(drawn && editing));
   if (!drawn) { for (const name of NUMBERS) at(`box-${name}`).value = ""; return; }
-  const unit = (sizeOf()?.[0] ?? 1) / overlay.clientWidth || 1;
+  const unit = (sizeOf()?.[0] ?? 1) / (overlay.clientWidth || 1);
   const [x, y, width, height] = drawn;
   const corners = [[x, y], [x + width, y], [x + width, y + height], [x, y + height]];
   [...at("handles").children].forEach((circle, i) =>

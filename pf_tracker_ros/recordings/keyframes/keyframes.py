@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.formats import BoxTrack, FormatError, read_tracks
+from pf_tracker_ros.formats import BoxTrack, FormatError, describe_recording, read_tracks
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.recordings.errors import WRONG_TARGET, RecordingError
-from pf_tracker_ros.recordings.recording import Recording, image_size_of
+from pf_tracker_ros.recordings.recording import Recording
 from pf_tracker_ros.recordings.target import Target, read_targets
 
 _YAML_SUFFIXES = (".yaml", ".yml")
@@ -48,7 +48,9 @@ def read_keyframes(path: Path, recording: Recording) -> tuple[KeyframeTrack, ...
         tracks = _from_targets(read_targets(path, recording.path), str(path))
     else:
         try:
-            tracks = _from_tracks(read_tracks(path, lambda: image_size_of(recording)), str(path))
+            images = (frame.image for frame in recording.frames())
+            found = read_tracks(path, lambda: describe_recording(recording.path.name, images))
+            tracks = _from_tracks(found, str(path))
         except FormatError as error:
             raise RecordingError(str(error), WRONG_TARGET) from error
     if recording.frame_count is not None:

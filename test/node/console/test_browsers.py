@@ -5,6 +5,7 @@ import json
 import struct
 from concurrent.futures import ThreadPoolExecutor
 
+import cv2
 import numpy as np
 import pytest
 
@@ -29,6 +30,7 @@ class Page:
         is_local: Whether it runs on the console's machine.
         received: Number of frames received.
         qualities: Stamp and quality of each frame drawn.
+        widths: Of each picture received, pixels.
     """
 
     def __init__(self, browsers, is_local=True):
@@ -36,6 +38,7 @@ class Page:
         self.is_local = is_local
         self.received = 0
         self.qualities = []
+        self.widths = []
         self._frame = None
         self._changed = asyncio.Event()
 
@@ -48,6 +51,8 @@ class Page:
         (length,) = struct.unpack(">I", message[:4])
         assert self._frame is None
         self._frame = json.loads(message[4 : 4 + length])
+        jpeg = np.frombuffer(message[4 + length :], np.uint8)
+        self.widths.append(cv2.imdecode(jpeg, cv2.IMREAD_COLOR).shape[1])
         self.received += 1
         self._changed.set()
         if not self.is_local:
@@ -81,7 +86,7 @@ def run(scenario):
 
 
 def drawn(image, counts, stamps=None):
-    """Stamp and quality of each frame that a page draws.
+    """A page that has drawn frames.
 
     Args:
         image: Of each frame that is shown.
@@ -102,7 +107,7 @@ def drawn(image, counts, stamps=None):
             await page.wait_for(count)
         task.cancel()
         browsers.close()
-        return page.qualities
+        return page
 
     return run(play)
 
@@ -150,12 +155,30 @@ def test_a_still_picture_is_sent_once_more_in_full_quality(image, monkeypatch):
     monkeypatch.setattr(module, "_STILL_AFTER", 0.05)
     qualities = (SLOW.quality, QUALITY_LEVELS[0].quality)
     expected = [(number, quality) for number in (1, 2, 3) for quality in qualities]
-    assert drawn(image, [2, 4, 6]) == expected
+    assert drawn(image, [2, 4, 6]).qualities == expected
+
+
+class FullLink(RateController):
+    """Of the worst quality, which no acknowledgment raises."""
+
+    def __init__(self, now):
+        super().__init__(now)
+        self._level = len(QUALITY_LEVELS) - 1
+
+    def acknowledge(self, now):
+        super().acknowledge(0.0)
+
+
+def test_a_full_link_gets_fewer_pictures_instead_of_ones_too_narrow_to_draw_on(client, monkeypatch):
+    monkeypatch.setattr(module, "RateController", FullLink)
+    page = drawn(client.message(np.zeros((480, 640, 3), np.uint8)), [1, 2, 3])
+    assert min(page.widths) == 320
 
 
 def test_a_picture_in_full_quality_is_not_sent_again(image, monkeypatch):
     monkeypatch.setattr(module, "_STILL_AFTER", 0.0)
-    assert drawn(image, [1, 2]) == [(number, QUALITY_LEVELS[0].quality) for number in (1, 2)]
+    expected = [(number, QUALITY_LEVELS[0].quality) for number in (1, 2)]
+    assert drawn(image, [1, 2]).qualities == expected
 
 
 def test_a_local_browser_draws_a_frame_after_the_status_of_the_next(image, monkeypatch):
@@ -175,4 +198,4 @@ def test_a_local_browser_draws_a_frame_after_the_status_of_the_next(image, monke
 )
 def test_otherwise_a_local_browser_draws_at_once(image, interval):
     stamps = (2 * INTERVAL, 2 * INTERVAL + interval)
-    assert [stamp for stamp, _ in drawn(image, [1, 2], stamps)] == list(stamps)
+    assert [stamp for stamp, _ in drawn(image, [1, 2], stamps).qualities] == list(stamps)

@@ -152,8 +152,19 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     ghost = page.locator("#ghost:not([hidden]) rect")
     assert [float(ghost.get_attribute(name)) for name in names] == box
     client.wait_for(lambda: client.get_parameters("particles") == [150], "its value")
+    # It is of the first frame.
+    page.keyboard.press("n")
+    page.wait_until(lambda: page.shows(stamp_at(1)), "next frame")
+    assert ghost.count() == 0
+    page.keyboard.press("Home")
+    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    page.wait_until(ghost.count, "suggestion")
     page.drag(box)
     page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
+    page.wait_until(lambda: page.box, "box")
+    page.keyboard.press("s")
+    page.wait_until(ghost.count, "suggestion again")
+    page.drag(box)
     page.wait_until(lambda: page.box, "box")
     assert page.locator("#step-back").is_disabled()
     page.locator("#step-next").click()
@@ -186,6 +197,9 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     tops = page.evaluate(TOPS)
     order = ["stage", "recording", "state-card", "legend", "actions", "plots", "figures", "tune"]
     assert sorted(order, key=tops.get) == order
+    # In one row, also with hundreds of frames.
+    page.locator("#frame").evaluate("it => { it.textContent = '239 / 240'; }")
+    tops = page.evaluate(TOPS)
     rows = {tops[name] for name in ("first", "back", "play", "forward", "loop")}
     assert len(rows) == 1
     assert len({tops[name] for name in ("draw", "stop", "more-button")}) == 1

@@ -87,6 +87,15 @@ def test_a_slow_link_gets_less_quality_and_recent_frames(bytes_per_second):
     assert link.oldest(5.0) < 0.3
 
 
+def test_below_the_lowest_usable_quality_a_link_gets_fewer_frames():
+    link = Link(50e3)
+    link.controller.level_count = 5
+    link.run(20)
+    assert link.controller.quality_level == QUALITY_LEVELS[4]
+    assert 0.5 < link.rate(10.0) < 2.0
+    assert link.oldest(10.0) < 2.5
+
+
 def test_a_link_that_becomes_faster_gets_full_quality_back_and_keeps_it():
     link = Link(0.4e6)
     link.run(10)

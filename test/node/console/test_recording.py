@@ -325,6 +325,22 @@ def test_after_a_seek_and_a_step_back_targets_keep_their_ids(player_of_several):
     page.wait_until(lambda: shows_both(1), "sought frame")
 
 
+def test_in_a_paused_recording_a_click_selects_at_once(player_of_several):
+    page = player_of_several
+    page.locator("#targets-card").wait_for()
+    for count in (1, 2):
+        page.drag((40.0 * count, 30.0, 24.0, 24.0))
+        page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
+    overlay, halo = page.locator("#overlay"), page.locator("#halo")
+    for id, x in (("1", 50.0), ("2", 90.0), ("", 90.0), ("2", 90.0)):
+        page.mouse.click(*page.to_screen(x, 42.0))
+        page.wait_until(lambda: overlay.get_attribute("data-selected") == id, "selection")  # noqa: B023
+        assert halo.is_visible() == bool(id)
+    page.keyboard.press("n")
+    at_frame(page, 1)
+    assert overlay.get_attribute("data-selected") == "2"
+
+
 def test_the_heat_map_needs_a_target(player):
     player.keyboard.press("h")
     player.wait_until(lambda: player.text("note") == "the heat map needs a target", "hint")

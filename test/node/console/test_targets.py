@@ -228,6 +228,16 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
     page.wait_until(lambda: "click a target to select it" in page.text("note"), "hint")
 
 
+def test_no_row_of_five_targets_is_cut(shown, multi_tracker):
+    page, show_until = shown
+    # Each tells in two lines or more why it is out of sight.
+    multi_tracker.targets = dict.fromkeys(range(1, 6), ("person", "occluded"))
+    rows = page.locator("#target-list .choose")
+    show_until(lambda: rows.count() == 5 and "occluded" in rows.last.inner_text(), "targets")
+    hidden = page.locator("#target-list").evaluate("list => list.scrollHeight - list.clientHeight")
+    assert hidden <= 0
+
+
 def test_labels_stay_inside_the_picture(shown, multi_tracker):
     page, show_until = shown
     multi_tracker.targets = {14: ("person", "tracking"), 24: ("a car", "tracking")}

@@ -19,7 +19,7 @@ DEADLINE = 60.0
 @pytest.mark.parametrize(
     ("parameters", "complaint"),
     [
-        ({}, "no source is given; accepted are a video file"),
+        ({}, "no source is given; .*; start 'replay drive.mcap', or .* param set /replay source"),
         ({"source": "/nowhere/at_all"}, "there is no /nowhere/at_all; accepted are"),
         ({"source": __file__}, "is not a video that can be decoded"),
         ({"source": "{folder}", "rate": math.nan}, "'rate' is nan; allowed: float, 0.01 to 1000"),

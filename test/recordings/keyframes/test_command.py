@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -13,9 +14,9 @@ import yaml
 from pf_tracker_ros.evaluation.metrics import overlap
 from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo, read_tracks
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack
+from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack, read_keyframes
 from pf_tracker_ros.recordings.keyframes.tracking import track_between_keyframes
-from pf_tracker_ros.recordings.recording import RecordedFrame
+from pf_tracker_ros.recordings.recording import RecordedFrame, open_recording
 from pf_tracker_ros.tracking.presets import preset_parameters
 
 QUICK = ("--preset", "li2007")
@@ -171,6 +172,18 @@ def test_a_track_is_corrected_in_cvat_and_comes_back(recording, run, truth, trac
     np.testing.assert_allclose(
         done.boxes[keyframes], read_tracks(corrected)[0].ground_truth(20)[keyframes]
     )
+
+
+def test_shares_of_yolo_are_of_the_image_of_each_frame(recording, truth, tmp_path):
+    for path in sorted(recording.iterdir())[12:]:
+        image = cv2.imread(str(path))
+        cv2.imwrite(str(path), cv2.resize(image, None, fx=2.0, fy=2.0))
+    boxes = {3: tuple(truth[3]), 15: tuple(2.0 * truth[15])}
+    info = RecordingInfo("img", 20, {0: (160, 120), 12: (320, 240)})
+    track = BoxTrack(1, "square", {frame: LabeledBox(box) for frame, box in boxes.items()})
+    FORMATS["yolo"]["boxes.yolo.zip"](tmp_path / "boxes.zip", [track], info)
+    (found,) = read_keyframes(tmp_path / "boxes.zip", open_recording(recording))
+    assert found.keyframes == {frame: pytest.approx(box) for frame, box in boxes.items()}
 
 
 def test_several_targets(run, truth, write_target_file):

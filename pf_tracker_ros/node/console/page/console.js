@@ -117,8 +117,9 @@ async function unpack(data) {
 }
 
 async function show(data, requested) {
-  const [frame, bitmap] = await unpack(data);
+  const [received, bitmap] = await unpack(data);
   await requested;
+  const frame = targets.withChoice(received);
   // A skipped frame has no results.
   if (frame.status && frame.status.values.state !== "skipped") timeline.add(frame, targets.describe(frame), data);
   if (bitmap) stage.show(frame, bitmap);
@@ -148,8 +149,9 @@ async function showNewest() {
   const moment = timeline.last(), data = moment?.data;
   recording.showPosition();
   if (!data) return;
-  const [frame, bitmap] = await unpack(data);
+  const [received, bitmap] = await unpack(data);
   if (!bitmap || timeline.looked() || timeline.last() !== moment) return;
+  const frame = targets.withChoice(received);
   stage.show(frame, bitmap);
   showStatus(frame);
 }
@@ -173,32 +175,40 @@ function clearAccepted() {
   accepted = "";
 }
 
+// A late tracker leaves pictures without a status: they keep the last one.
 function takeStatus(frame) {
-  const values = frame.status?.values ?? {};
-  if (isTracked && values.state !== "tracking") clearAccepted();
-  isTracked = Boolean(accepted && values.state && values.state !== "idle");
-  lastStatus = performance.now();
-  if (frame.status) plots.add(values, frame.status.targets);
+  if (frame.status) {
+    const { state } = frame.status.values;
+    if (isTracked && state !== "tracking") clearAccepted();
+    isTracked = Boolean(accepted && state && state !== "idle");
+    lastStatus = performance.now();
+    plots.add(frame.status.values, frame.status.targets);
+  }
   if (!stage.isPast()) showStatus(frame);
 }
 
 function showStatus(frame) {
-  const values = frame.status?.values ?? {};
-  showState(values.state);
   frame.age = Date.now() - Number(BigInt(frame.stamp) / 1000000n);
-  showFigures(frame, values);
+  if (frame.status) {
+    showState(frame.status.values.state);
+    showEstimate(frame);
+  }
+  showPicture(frame);
 }
 
-const showFigures = throttle(FIGURES, (frame, values) => {
+const showEstimate = throttle(FIGURES, (frame) => {
+  const { targets: found, selected, values } = frame.status;
   showConfidence(values.confidence);
-  const { targets: found = [], selected } = frame.status ?? {};
   const own = found.find(({ id }) => id === selected) ?? (found.length === 1 ? found[0] : null);
   why = own ? targets.reason(own, frame) : "";
   if (!healthDue) text("health", healthText());
-  if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
   text("count", number(values.particles, 0));
   text("now-effective", number(values.effective_sample_size, 0));
   text("now-processing", typeof values.processing_time_ms === "number" ? `${number(values.processing_time_ms, 1)} ms` : "–");
+});
+
+const showPicture = throttle(FIGURES, (frame) => {
+  if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
   text("age", Math.abs(frame.age) < 60000 ? `${Math.max(0, frame.age)} ms` : "–");
   showRate();
 });
@@ -235,7 +245,9 @@ function showHealth() {
   const advice = health.text.startsWith("no image for") ? `\n\nStart a camera that publishes on ${health.image_topic}, or play a recording here: console drive.mcap` : "";
   text("missing", `No picture yet: ${health.text}${advice}`);
   text("topic", alive && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
-  if ((!alive || isStale) && !stage.isPast()) { showState(health.state); showConfidence(health.confidence); }
+  // The last status of a paused recording holds until all targets are stopped.
+  const holds = alive && recording.isPaused() && health.state !== "idle";
+  if ((!alive || (isStale && !holds)) && !stage.isPast()) { showState(health.state); showConfidence(health.confidence); }
   const isBlank = !alive || (isStale && health.state === "idle");
   if (isBlank) for (const id of ["count", "now-effective", "now-processing"]) text(id, "–");
   stage.setBlank(isBlank, (alive && health.state) || "");
@@ -268,7 +280,7 @@ heatmap.init(send);
 legend.init();
 recording.init(send, showMoment);
 stage.init(send, note, showNewest);
-targets.init(send);
+targets.init(send, () => { if (recording.isPaused()) showNewest(); });
 timeline.init(look);
 tour.init(send);
 tune.init(send);

@@ -10,6 +10,7 @@ const at = (id) => document.getElementById(id);
 let send, showMoment, state = null, seeking = false, loops = false;
 
 export const isOpen = () => state !== null;
+export const isPaused = () => state?.playing === false;
 
 export function show(next) {
   const last = Math.max(0, (next.frame_count ?? next.frame + 1) - 1);

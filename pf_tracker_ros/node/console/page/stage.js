@@ -79,15 +79,16 @@ export function begin(box, hasHint) {
   [suggested, hadTarget] = [box, !hasHint];
 }
 
-// Shows what to do, and a ghost of the box to draw.
+// Shows what to do, and a ghost of the box to draw. A suggested box is of the first frame, and shown there each time.
 function showHint(state) {
   hadTarget ||= Boolean(state) && !["idle", "skipped"].includes(state);
-  const shown = !hadTarget && mode === "live" && state === "idle" && (!targets.hasDetector() || suggested);
+  const isSuggested = Boolean(suggested) && frame.index === 0, isIdle = mode === "live" && state === "idle";
+  const shown = isIdle && (isSuggested || (!hadTarget && !targets.hasDetector())), hasGhost = shown && (isSuggested || !suggested);
   at("hint").hidden = !shown;
-  at("ghost").toggleAttribute("hidden", !shown);
-  if (!shown) return;
+  at("ghost").toggleAttribute("hidden", !hasGhost);
+  if (!hasGhost) return;
   const [x, y, width, height] = suggested ?? editor.centeredBox([frame.width, frame.height]);
-  const [rect, pointer] = at("ghost").children, unit = frame.width / overlay.clientWidth || 1;
+  const [rect, pointer] = at("ghost").children, unit = frame.width / (overlay.clientWidth || frame.width);
   place(rect, [x, y, width, height]);
   set(pointer, { transform: `translate(${x + width} ${y + height}) scale(${unit})` });
   pointer.style.setProperty("--width", `${-width / unit}px`);
@@ -125,7 +126,7 @@ function drawOverlay() {
   const { stamp, width, height } = frame, known = blank && !past ? { stamp, width, height } : frame;
   const values = known.status?.values ?? {}, box = boxIn(known), chosen = known.status?.selected ?? "";
   // Read before any change, as it would trigger another layout afterwards.
-  const unit = frame.width / overlay.clientWidth || 1;
+  const unit = frame.width / (overlay.clientWidth || frame.width);
   overlay.dataset.state = values.state ?? (blank && !past ? blankState : "");
   overlay.dataset.stamp = frame.stamp;
   overlay.dataset.box = JSON.stringify(box);

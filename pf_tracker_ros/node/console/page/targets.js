@@ -3,13 +3,15 @@
 import { labeledBox, set } from "./box_editor.js";
 import { fit } from "./children.js";
 import { showDetections } from "./legend.js";
+import * as timeline from "./timeline.js";
 
 const TEXT = 14;
 const at = (id) => document.getElementById(id);
 const DETECTED = 1000;   // milliseconds for which detections are shown
 const rows = new Map();    // id to the elements of its row
 const colors = new Map();  // id to the color that the tracker gave it
-let send, maxTargets = 1, count = 0, isBuiltIn = false, detected = null;
+let send, showNewest, maxTargets = 1, count = 0, isBuiltIn = false, detected = null;
+let chosen = null;         // id of the target selected since the newest frame, "" for none, and the frame's stamp
 
 const title = ({ id, label }) => label ? `${id} ${label}` : id;
 
@@ -101,7 +103,21 @@ export function idAt(frame, [u, v]) {
 }
 
 // Selects a target; deselects it if it is selected.
-export const select = (id, selected) => send({ type: "select", id: id === selected ? "0" : id || "0" });
+export function select(id, selected) {
+  const next = id === selected ? "" : id;
+  if (!send({ type: "select", id: next || "0" })) return;
+  chosen = { id: next, stamp: timeline.last()?.stamp };
+  showNewest();
+}
+
+// The newest frame with the target selected since. What it has of another target alone is left out.
+export function withChoice(frame) {
+  if (chosen?.stamp !== frame.stamp || !frame.status) { chosen = null; return frame; }
+  const { targets, values } = frame.status, own = targets.find(({ id }) => id === chosen.id);
+  const state = own?.state ?? ["tracking", "occluded", "lost"].find((one) => targets.some((target) => target.state === one));
+  const known = { state, confidence: own?.confidence, processing_time_ms: values.processing_time_ms };
+  return { ...frame, likelihood: null, status: { ...frame.status, selected: chosen.id, values: known } };
+}
 
 export function setDetections(message) { detected = message; }
 
@@ -149,4 +165,4 @@ export function setMaxTargets(most) {
   at("targets-card").hidden = maxTargets < 2;
 }
 
-export function init(sender) { send = sender; }
+export function init(sender, newest) { [send, showNewest] = [sender, newest]; }

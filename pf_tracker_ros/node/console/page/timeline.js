@@ -11,7 +11,7 @@ const PAGE = 25;                           // moments of the page keys
 const NEAR = 3;                            // pixels to the next moment that a click still means
 const COLORS = { tracking: "--ok", occluded: "--warn", lost: "--error" };
 
-// Of each frame with a status: position (frame of the recording, or milliseconds), time, targets, and the message
+// Of each frame with a status: stamp, position (frame of the recording, or milliseconds), time, targets, and the message
 // with the frame, null once it is dropped.
 let moments = [];
 let bytes = 0;
@@ -41,7 +41,7 @@ export function add(frame, targets, data) {
   // Where time has gone back, later moments are of another run.
   const kept = 1 + moments.findLastIndex((one) => one.position < position);
   for (const gone of moments.splice(kept)) bytes -= gone.data?.byteLength ?? 0;
-  moments.push({ position, index, time, targets, data });
+  moments.push({ stamp: frame.stamp, position, index, time, targets, data });
   bytes += data.byteLength;
   const outdated = isRecording ? moments.length - MOST : moments.findIndex((one) => one.time >= time - CAMERA_WINDOW);
   for (const gone of outdated > 0 ? moments.splice(0, outdated) : []) bytes -= gone.data?.byteLength ?? 0;

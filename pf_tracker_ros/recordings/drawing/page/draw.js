@@ -37,7 +37,7 @@ function setMode(next, box = editor.box()) {
 
 // The picture has the targets of its frame, the list all.
 function showKept() {
-  const unit = (frame?.width ?? 1) / overlay.clientWidth || 1;
+  const unit = (frame?.width ?? 1) / (overlay.clientWidth || 1);
   const here = kept.map((target, i) => [target, i + 1]).filter(([target]) => target.frame === frame?.number);
   at("kept").replaceChildren(...here.map(([{ box, label }, number]) => {
     const group = editor.labeledBox(), [rect, text] = group.children;
