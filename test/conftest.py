@@ -272,6 +272,20 @@ def make_stamped(typestore):
 
 
 @pytest.fixture(scope="session")
+def make_image_message(make_stamped):
+    """Serialize a BGR image as a sensor_msgs/Image."""
+
+    def make(stamp, image):
+        height, width = image.shape[:2]
+        return make_stamped(
+            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
+            is_bigendian=0, step=3 * width, data=image.reshape(-1),
+        )  # fmt: skip
+
+    return make
+
+
+@pytest.fixture(scope="session")
 def make_polygon(typestore):
     """A polygon with corners (x, y), a field for `make_stamped`."""
     types = typestore.types
@@ -304,6 +318,22 @@ def write_bag(typestore):
                     )
                 if message is not None:
                     writer.write(connections[topic, message_type], log_time, message)
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def write_video():
+    """Write images as a video by OpenCV, lossless unless another codec is given; its path."""
+
+    def write(path, images, rate=25.0, codec="FFV1"):
+        height, width = images[0].shape[:2]
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), rate, (width, height))
+        assert writer.isOpened()
+        for image in images:
+            writer.write(image)
+        writer.release()
         return path
 
     return write

@@ -16,23 +16,6 @@ def pictures():
 
 
 @pytest.fixture
-def write_video():
-    """Write pictures into a lossless video."""
-
-    def write(path: Path, images, rate: float = 30.0) -> Path:
-        height, width = images[0].shape[:2]
-        codec = cv2.VideoWriter_fourcc(*"FFV1")
-        writer = cv2.VideoWriter(str(path), codec, rate, (width, height))
-        assert writer.isOpened()
-        for image in images:
-            writer.write(image)
-        writer.release()
-        return path
-
-    return write
-
-
-@pytest.fixture
 def write_images():
     """Write pictures as files of the given names."""
 

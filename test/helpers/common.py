@@ -11,6 +11,17 @@ from pf_tracker_ros.frames import Frame, Region
 
 # Arguments of a command, where the tracker does not matter.
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+# The program `track` where no ROS can be imported.
+TRACK_WITHOUT_ROS = """
+import sys
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rclpy", "sensor_msgs", "std_msgs", "geometry_msgs"}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, NoRos())
+from pf_tracker_ros.recordings.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 def run_command(main, arguments, capsys):

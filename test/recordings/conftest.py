@@ -93,18 +93,16 @@ def rows():
 
 
 @pytest.fixture
-def write_images_bag(make_stamped, write_bag, tmp_path):
+def write_images_bag(make_image_message, write_bag, tmp_path):
     """Writes images at their stamps into a bag, in the given order."""
 
-    def write(name, images, order, storage="MCAP"):
-        messages = []
-        for position, index in enumerate(order):
-            height, width = images[index].shape[:2]
-            message = make_stamped(
-                "sensor_msgs/msg/Image", 10**9 + index * 40_000_000, height=height, width=width,
-                encoding="bgr8", is_bigendian=0, step=3 * width, data=images[index].reshape(-1),
-            )  # fmt: skip
-            messages.append(("/eye", "sensor_msgs/msg/Image", 2 * 10**9 + position, message))
+    def write(name, images, order=None, storage="MCAP", *, interval=_INTERVAL):
+        order = range(len(images)) if order is None else order
+        messages = [
+            ("/eye", "sensor_msgs/msg/Image", 2 * 10**9 + position,
+             make_image_message(10**9 + index * interval, images[index]))
+            for position, index in enumerate(order)
+        ]  # fmt: skip
         return write_bag(tmp_path / name, messages, storage)
 
     return write
@@ -217,6 +215,21 @@ class Watch:
         while not condition():
             assert time.monotonic() < deadline
             time.sleep(0.005)
+
+
+@pytest.fixture
+def wait_for_rows(watch):
+    """Waits until a process has written more than so many rows of boxes.csv into its draft."""
+
+    def wait(process, output, count):
+        def is_written():
+            assert process.poll() is None, process.communicate()
+            drafts = output.glob(".track_*/boxes.csv")
+            return any(path.read_bytes().count(b"\n") > count for path in drafts)
+
+        watch.wait_until(is_written)
+
+    return wait
 
 
 @pytest.fixture
@@ -400,7 +413,7 @@ def detections_message(vision):
 
 
 @pytest.fixture
-def write_walkers(walkers, vision, make_stamped, tmp_path):
+def write_walkers(walkers, vision, make_image_message, tmp_path):
     """Writes a bag of the walkers and of messages of a detector (log time, octets)."""
 
     def write(messages, kind="vision_msgs/msg/Detection2DArray"):
@@ -408,11 +421,7 @@ def write_walkers(walkers, vision, make_stamped, tmp_path):
 
         rows = [(log_time, 0, kind, octets) for log_time, octets in messages]
         for number, image in enumerate(walkers[0]):
-            height, width = image.shape[:2]
-            octets = make_stamped(
-                "sensor_msgs/msg/Image", Library.at(number), height=height, width=width,
-                encoding="bgr8", is_bigendian=0, step=3 * width, data=image.reshape(-1),
-            )  # fmt: skip
+            octets = make_image_message(Library.at(number), image)
             rows.append((Library.at(number) + 1000, 1, "sensor_msgs/msg/Image", octets))
         path = tmp_path / "drive"
         with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:

@@ -1,5 +1,6 @@
 """The command `track` on a single recording: its files, messages and exit codes."""
 
+import errno
 import gc
 import os
 import re
@@ -12,7 +13,7 @@ import time
 import cv2
 import numpy as np
 import pytest
-from common import QUICK, full_disk, one_sentence
+from common import QUICK, TRACK_WITHOUT_ROS, full_disk, one_sentence
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.footage import write_footage
@@ -29,6 +30,9 @@ def hidden(folder):
 def test_every_number_reads_back_to_the_bits_of_the_library(
     track, rows, moving_square, moving_square_sequence, tmp_path
 ):
+    # The label of a single target is no column.
+    target = moving_square_sequence.with_name("moving_square.target.yaml")
+    target.write_text("target_box: [20, 30, 24, 24]\nlabel: car")
     code, said, errors = track(moving_square_sequence, "--output", tmp_path / "out", "--seed", 4)
     assert (code, errors) == (0, "")
     assert said.startswith(f"{moving_square_sequence}: 20 frames (100% tracking), ")
@@ -123,10 +127,10 @@ def test_a_video_is_refused_if_ffmpeg_cannot_have_its_name(track, moving_square_
 
 
 def test_a_file_that_appears_meanwhile_is_not_overwritten_and_the_others_are_written(
-    start_track, long_sequence, tmp_path
+    start_track, wait_for_rows, long_sequence, tmp_path
 ):
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
-    wait_for_rows(tmp_path / "out", 3)
+    wait_for_rows(process, tmp_path / "out", 3)
     (tmp_path / "out" / "overlay.mp4").write_text("mine")
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
@@ -135,33 +139,28 @@ def test_a_file_that_appears_meanwhile_is_not_overwritten_and_the_others_are_wri
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"boxes.csv", "overlay.mp4"}
 
 
-def test_without_permission_nothing_is_tracked(
-    track, ordinary_user, public_folder, moving_square, write_sequence
-):
-    source = write_sequence("square", moving_square.images, moving_square.boxes, public_folder)
-    locked = public_folder / "locked"
-    locked.mkdir(mode=0o555)
-    for output in (locked, locked / "out"):
-        with ordinary_user():
-            code, said, errors = track(source, "--output", output, *QUICK)
-        assert (code, said) == (5, "")
-        assert "cannot be written (Permission denied); change the permi" in one_sentence(errors)
-    assert list(locked.iterdir()) == []
-
-
-def test_an_impossible_output_is_reported_in_one_sentence(
+def test_an_output_that_may_not_or_cannot_be_written_is_told_before_tracking(
     track, ordinary_user, public_folder, moving_square, write_sequence
 ):
     source = write_sequence("square", moving_square.images, moving_square.boxes, public_folder)
     # The first run imports all modules, which the ordinary user may not read.
     assert track(source, "--output", public_folder / "first", *QUICK)[0] == 0
-    closed = public_folder / "closed"
+    locked, closed = public_folder / "locked", public_folder / "closed"
+    locked.mkdir(mode=0o555)
     closed.mkdir(mode=0o700)
-    for output, expected in ((public_folder / ("n" * 300), 1), (closed / "new", 5)):
+    denied = "cannot be written (Permission denied); change the permi"
+    for output, expected, reason in (
+        (locked, 5, denied),
+        (locked / "out", 5, denied),
+        (closed / "new", 5, ""),
+        (public_folder / ("n" * 300), 1, ""),
+    ):
         with ordinary_user():
             code, said, errors = track(source, "--output", output, *QUICK)
         assert (code, said) == (expected, "")
-        assert one_sentence(errors).startswith(f"track: error: {output} ")
+        assert one_sentence(errors).startswith("track: error: ")
+        assert reason in errors
+    assert list(locked.iterdir()) == []
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00nothing that is a video"])
@@ -215,13 +214,9 @@ def test_a_request_that_cannot_be_carried_out(
 
 @pytest.mark.usefixtures("in_this_process")
 def test_options_for_another_kind_of_recording_are_refused(
-    track, moving_square, moving_square_sequence, tmp_path
+    track, moving_square, write_video, moving_square_sequence, tmp_path
 ):
-    path = tmp_path / "drive.avi"
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (160, 120))
-    for image in moving_square.images:
-        video.write(image)
-    video.release()
+    path = write_video(tmp_path / "drive.avi", moving_square.images)
     output = tmp_path / "out"
     code, _, errors = track(path, "--output", output, *BOX, "--frame-rate", "50")
     assert code == 2
@@ -240,32 +235,16 @@ def test_options_for_another_kind_of_recording_are_refused(
     assert track("--archive", tmp_path / "list.txt", "--output", output, *asked)[0] == 0
 
 
-def test_a_single_target_with_a_label_has_no_label_column(track, moving_square_sequence, tmp_path):
-    target = moving_square_sequence.with_name(f"{moving_square_sequence.name}.target.yaml")
-    target.write_text("target_box: [20, 30, 24, 24]\nlabel: car")
-    output = tmp_path / "out"
-    assert track(moving_square_sequence, "--output", output, *QUICK)[0] == 0
-    heading = (output / "boxes.csv").read_text().splitlines()[0]
-    assert heading == "frame,stamp,id,x,y,width,height,state,confidence"
-
-
-def test_a_box_outside_the_image_is_refused(track, moving_square_sequence, tmp_path):
-    code, _, errors = track(
-        moving_square_sequence, "--output", tmp_path / "out", "--box", "900,30,24,24"
-    )
-    assert code == 7
-    assert "frame 0, box from --box: target refused: " in one_sentence(errors)
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_run_that_is_refused_leaves_nothing_behind(track, moving_square_sequence, tmp_path):
+def test_a_box_outside_the_image_is_refused_and_leaves_nothing_behind(
+    track, moving_square_sequence, tmp_path
+):
     pytest.importorskip("pyarrow", reason="needs pyarrow")
     before = threading.active_count()
     outside = ("--box", "900,30,24,24", "--video", "--bag", "--report", "--parquet")
     code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", *outside)
     gc.collect()
     assert code == 7
-    assert len(errors.splitlines()) == 1
+    assert "frame 0, box from --box: target refused: " in one_sentence(errors)
     assert threading.active_count() == before
     assert not (tmp_path / "out").exists()
 
@@ -280,24 +259,13 @@ def test_without_any_target_it_says_how_to_give_one(track, moving_square_sequenc
     )
 
 
-def wait_for_rows(output, count):
-    """Until the file that is being written has so many rows."""
-    deadline = time.monotonic() + 60
-    while True:
-        assert time.monotonic() < deadline
-        drafts = list(output.glob(".track_*/boxes.csv"))
-        if drafts and drafts[0].read_bytes().count(b"\n") > count:
-            return
-        time.sleep(0.01)
-
-
-def test_a_signal_leaves_complete_files(start_track, rows, long_sequence, tmp_path):
+def test_a_signal_leaves_complete_files(start_track, wait_for_rows, rows, long_sequence, tmp_path):
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import Reader
 
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video", "--bag")
     output = tmp_path / "out"
-    wait_for_rows(output, 10)
+    wait_for_rows(process, output, 10)
     process.send_signal(signal.SIGTERM)
     said, errors = process.communicate(timeout=60)
     assert (process.returncode, said) == (143, "")
@@ -313,9 +281,11 @@ def test_a_signal_leaves_complete_files(start_track, rows, long_sequence, tmp_pa
     assert hidden(output) == []
 
 
-def test_a_killed_process_leaves_no_file_that_looks_complete(start_track, long_sequence, tmp_path):
+def test_a_killed_process_leaves_no_file_that_looks_complete(
+    start_track, wait_for_rows, long_sequence, tmp_path
+):
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video")
-    wait_for_rows(tmp_path / "out", 10)
+    wait_for_rows(process, tmp_path / "out", 10)
     process.kill()
     process.wait()
     assert [path for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")] == []
@@ -334,27 +304,23 @@ def test_a_full_disk_keeps_the_rows_before(track, rows, moving_square_sequence, 
     assert hidden(tmp_path / "out") == []
 
 
-def test_a_full_disk_discards_the_video_and_keeps_the_boxes(
-    track, rows, moving_square_sequence, tmp_path
+@pytest.mark.parametrize(
+    "option_size_and_file",
+    [("--video", 5000, "overlay.mp4"), ("--bag", 300_000, "topics.mcap")],
+)
+def test_a_full_disk_discards_video_or_bag_and_keeps_the_boxes(
+    track, rows, moving_square_sequence, option_size_and_file
 ):
-    output = tmp_path / "out"
-    with full_disk(5000):
-        code, said, errors = track(moving_square_sequence, "--output", output, *QUICK, "--video")
-    assert (code, said) == (6, "")
-    assert "overlay.mp4 cannot be written (" in one_sentence(errors)
-    assert len(rows(output)) == 20
-    assert not (output / "overlay.mp4").exists()
-
-
-def test_a_full_disk_ends_a_bag_in_one_sentence(track, rows, moving_square_sequence, tmp_path):
-    output = tmp_path / "out"
-    with full_disk(300_000):
-        code, said, errors = track(moving_square_sequence, "--output", output, *QUICK, "--bag")
+    option, size, file = option_size_and_file
+    output = moving_square_sequence.parent / "out"
+    with full_disk(size):
+        code, said, errors = track(moving_square_sequence, "--output", output, *QUICK, option)
     assert (code, said) == (6, "")
     line = one_sentence(errors)
-    assert "topics.mcap cannot be written (" in line
-    # boxes.csv may have one frame more, written before the bag failed.
-    assert len(rows(output)) - 1 <= int(line.split("; ")[-1].split()[0]) < 20
+    assert f"{file} cannot be written (" in line
+    told = int(line.split("; ")[-1].split()[0])
+    # boxes.csv may have one frame more, written before the other file failed.
+    assert len(rows(output)) - 1 <= told <= len(rows(output)) <= 20
     assert [path.name for path in output.iterdir()] == ["boxes.csv"]
 
 
@@ -362,8 +328,6 @@ def test_a_full_disk_ends_a_bag_in_one_sentence(track, rows, moving_square_seque
     ("number", "code"), [("ENOSPC", 6), ("EDQUOT", 6), ("EROFS", 5), ("EACCES", 5), ("EIO", 1)]
 )
 def test_each_error_of_writing_has_its_exit_code(tmp_path, number, code):
-    import errno
-
     error = OSError(getattr(errno, number), os.strerror(getattr(errno, number)))
     assert unwritable(tmp_path, error).exit_code == code
 
@@ -375,42 +339,24 @@ def test_help_lists_every_exit_code(track):
         assert any(line.split()[:1] == [str(number)] for line in said.splitlines())
 
 
-def test_the_bag_has_the_log_times_of_the_images(
-    track, moving_square, make_stamped, write_bag, tmp_path
-):
+def test_the_bag_has_the_log_times_of_the_images(track, moving_square, write_images_bag, tmp_path):
     from rosbags.rosbag2 import Reader
 
-    messages = []
-    for index, image in enumerate(moving_square.images):
-        stamp = 5 * 10**9 + index * 40_000_000
-        message = make_stamped(
-            "sensor_msgs/msg/Image", stamp, height=120, width=160, encoding="bgr8",
-            is_bigendian=0, step=480, data=image.reshape(-1),
-        )  # fmt: skip
-        messages.append(("/eye", "sensor_msgs/msg/Image", stamp + 12_345, message))
-    bag = write_bag(tmp_path / "drive", messages)
+    bag = write_images_bag("drive", moving_square.images)
     assert track(bag, "--output", tmp_path / "out", *BOX, *QUICK, "--bag")[0] == 0
     with Reader(tmp_path / "out" / "topics.mcap") as reader:
         times = {time for connection, time, _ in reader.messages()}
         counts = {connection.topic: connection.msgcount for connection in reader.connections}
-    assert times == {row[2] for row in messages}
+    assert times == {2 * 10**9 + index for index in range(20)}
     names = ("box", "overlay", "particles", "status")
-    assert counts == {f"/pf_tracker/{name}": len(messages) for name in names}
+    assert counts == {f"/pf_tracker/{name}": 20 for name in names}
 
 
 @pytest.mark.parametrize("step", [0, -10_000_000])
 def test_frames_skipped_for_their_stamps_are_reported_with_the_reason(
-    track, make_stamped, write_bag, tmp_path, step
+    track, write_images_bag, tmp_path, step
 ):
-    rows = []
-    for index in range(4):
-        pixels = np.zeros(120 * 160 * 3, np.uint8)
-        message = make_stamped(
-            "sensor_msgs/msg/Image", 5 * 10**9 + index * step, height=120, width=160,
-            encoding="bgr8", is_bigendian=0, step=480, data=pixels,
-        )  # fmt: skip
-        rows.append(("/eye", "sensor_msgs/msg/Image", 5 * 10**9 + index, message))
-    bag = write_bag(tmp_path / "drive", rows)
+    bag = write_images_bag("drive", np.zeros((4, 120, 160, 3), np.uint8), interval=step)
     as_recorded = ("--as-recorded", *QUICK)
     code, said, errors = track(bag, "--output", tmp_path / "out", *BOX, *as_recorded)
     assert code == 0
@@ -425,7 +371,7 @@ def test_frames_skipped_for_their_stamps_are_reported_with_the_reason(
 def test_a_bag_in_another_order_is_tracked_by_its_stamps_and_told_once(
     track, rows, moving_square, write_images_bag, tmp_path
 ):
-    sorted_bag = write_images_bag("sorted", moving_square.images, range(20))
+    sorted_bag = write_images_bag("sorted", moving_square.images)
     swapped = write_images_bag("swapped", moving_square.images, [i ^ 1 for i in range(20)])
     outputs = [tmp_path / name for name in ("a", "b", "c")]
     assert track(sorted_bag, "--output", outputs[0], *BOX, *QUICK)[::2] == (0, "")
@@ -449,7 +395,7 @@ def test_an_image_of_another_size_is_tracked_on_in_every_kind_of_recording(
     folder.mkdir()
     for index, image in enumerate(images):
         assert cv2.imwrite(str(folder / f"{index}.png"), image)
-    bag, outputs = write_images_bag("cropped_bag", images, range(20)), tmp_path / "outputs"
+    bag, outputs = write_images_bag("cropped_bag", images), tmp_path / "outputs"
     for source in (folder, bag):
         code, _, errors = track(source, "--output", outputs / source.stem, *BOX, *QUICK)
         assert code == 0
@@ -463,7 +409,7 @@ def test_an_image_of_another_size_is_tracked_on_in_every_kind_of_recording(
 def test_a_bag_with_fewer_images_than_it_declares_is_read_in_part(
     track, rows, moving_square, write_images_bag, tmp_path
 ):
-    bag = write_images_bag("drive", moving_square.images, range(20))
+    bag = write_images_bag("drive", moving_square.images)
     metadata = bag / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("message_count: 20", "message_count: 23"))
     code, _, errors = track(bag, "--output", tmp_path / "out", *BOX, *QUICK)
@@ -483,19 +429,9 @@ def test_the_image_topic_of_a_bag_can_be_named(track, rows, moving_square_sequen
 def test_it_needs_no_ros(moving_square_sequence, tmp_path):
     bag = tmp_path / "drive.mcap"
     write_footage(open_footage(moving_square_sequence), bag)
-    code = """
-import sys
-class NoRos:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"rclpy", "sensor_msgs", "std_msgs", "geometry_msgs"}:
-            raise ModuleNotFoundError(name)
-sys.meta_path.insert(0, NoRos())
-from pf_tracker_ros.recordings.__main__ import main
-sys.exit(main(sys.argv[1:]))
-"""
     arguments = [bag, "--output", tmp_path / "out", *QUICK, "--video", "--bag"]
     outcome = subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)],
+        [sys.executable, "-c", TRACK_WITHOUT_ROS, *map(str, arguments)],
         capture_output=True,
         text=True,
         timeout=60,
@@ -507,10 +443,12 @@ sys.exit(main(sys.argv[1:]))
     }
 
 
-def test_the_second_ctrl_c_discards_unfinished_files(start_track, long_sequence, tmp_path):
+def test_the_second_ctrl_c_discards_unfinished_files(
+    start_track, wait_for_rows, long_sequence, tmp_path
+):
     process = start_track(long_sequence, "--output", "out", *QUICK, "--video", "--report")
     output = tmp_path / "out"
-    wait_for_rows(output, 30)
+    wait_for_rows(process, output, 30)
     process.send_signal(signal.SIGINT)
     # The report takes a while.
     while not (output / "boxes.csv").exists():
@@ -524,13 +462,8 @@ def test_the_second_ctrl_c_discards_unfinished_files(start_track, long_sequence,
     assert not (output / "report.html").exists()
 
 
-def test_a_truncated_video_is_reported(track, rows, moving_square, tmp_path):
-    video = tmp_path / "whole.avi"
-    height, width = moving_square.images[0].shape[:2]
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 25, (width, height))
-    for image in moving_square.images:
-        writer.write(image)
-    writer.release()
+def test_a_truncated_video_is_reported(track, rows, moving_square, write_video, tmp_path):
+    video = write_video(tmp_path / "whole.avi", moving_square.images, codec="MJPG")
     octets = video.read_bytes()
     cut = tmp_path / "cut.avi"
     cut.write_bytes(octets[: len(octets) // 2])
