@@ -21,12 +21,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+import pf_tracker_ros
 from pf_tracker_ros.footage import video_decoding
 from pf_tracker_ros.ros_domains import unused_domain
 
 pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 # What is slow and rarely breaks: `make test` leaves these folders and files, and all that runs in a
 # browser, to `make test-all`. `.ci/run` names the parts that they test.
 SLOW = (
@@ -281,6 +283,41 @@ def make_image_message(make_stamped):
             "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
             is_bigendian=0, step=3 * width, data=image.reshape(-1),
         )  # fmt: skip
+
+    return make
+
+
+@pytest.fixture
+def start_module(tmp_path):
+    """Starts a module of the package in the test's folder; it is killed after the test."""
+    processes = []
+
+    def start(module, *arguments, stdout=subprocess.PIPE, **environment):
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"pf_tracker_ros.{module}", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(PACKAGES), **environment},
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="session")
+def walk(moving_square):
+    """A function that gives the moving square there and back for a number of frames."""
+
+    def make(count):
+        order = np.resize(np.r_[np.arange(20), np.arange(18, 0, -1)], count)
+        return moving_square.images[order], moving_square.boxes[order]
 
     return make
 

@@ -72,7 +72,7 @@ def test_a_signal_ends_all_processes_and_results_are_kept(
     assert len(workers) == (0 if jobs == 1 else 2)
     (os.killpg if to_all else os.kill)(process.pid, number)
     output, errors = process.communicate(timeout=DEADLINE)
-    assert (output, errors.decode()) == (b"", f"evaluate: {word}\n")
+    assert (output, errors) == ("", f"evaluate: {word}\n")
     assert process.returncode == 128 + number
     assert not any(map(is_running, workers))
     assert list(json.loads((tmp_path / "r.json").read_text())["sequences"]) == ["short"]
@@ -96,5 +96,5 @@ def test_a_killed_worker_fails_only_its_sequence(
         os.kill(worker, signal.SIGKILL)
     _, errors = process.communicate(timeout=DEADLINE)
     assert process.returncode == 1
-    assert errors.decode().startswith("evaluate: error: walk: one of 2 processes ended unexpec")
+    assert errors.startswith("evaluate: error: walk: one of 2 processes ended unexpec")
     assert list(json.loads((tmp_path / "r.json").read_text())["sequences"]) == ["short"]

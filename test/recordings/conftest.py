@@ -7,16 +7,14 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from common import QUICK, run_command
 
-import pf_tracker_ros
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.recordings.__main__ import main
@@ -24,7 +22,6 @@ from pf_tracker_ros.recordings.archives import executors
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 _COUNT = 16
 _INTERVAL = 40_000_000
 _NAMES = ("x", "y", "width", "height")
@@ -58,27 +55,9 @@ def track(capsys):
 
 
 @pytest.fixture
-def start_track(tmp_path):
+def start_track(start_module):
     """Starts the command as a process, which is killed after the test."""
-    processes = []
-
-    def start(*arguments):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pf_tracker_ros.recordings", *map(str, arguments)],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(PACKAGES)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        processes.append(process)
-        return process
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+    return partial(start_module, "recordings")
 
 
 @pytest.fixture
@@ -109,13 +88,9 @@ def write_images_bag(make_image_message, write_bag, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def long_sequence(write_sequence_in, moving_square, tmp_path_factory):
+def long_sequence(write_sequence_in, walk, tmp_path_factory):
     """The moving square there and back, for a thousand frames; not to change."""
-    order = np.resize(np.r_[np.arange(20), np.arange(18, 0, -1)], 1000)
-    parent = tmp_path_factory.mktemp("shared")
-    return write_sequence_in(
-        parent, "walk", moving_square.images[order], moving_square.boxes[order]
-    )
+    return write_sequence_in(tmp_path_factory.mktemp("shared"), "walk", *walk(1000))
 
 
 @pytest.fixture(scope="session")
