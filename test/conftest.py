@@ -538,6 +538,19 @@ def ordinary_user():
 
 
 @pytest.fixture
+def start_alarm():
+    """A function that lets the test fail unless it ends, or starts anew, within some seconds."""
+
+    def give_up(number, frame):
+        raise TimeoutError("it hangs")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    yield signal.alarm
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.fixture
 def send_stream(monkeypatch):
     """A function that starts to send pictures; returns the address of the camera."""
     pytest.importorskip("av")

@@ -1,6 +1,5 @@
 """Small recordings of every kind, written without the code under test."""
 
-import signal
 from pathlib import Path
 
 import cv2
@@ -54,14 +53,6 @@ def make_message(make_stamped, make_polygon):
 
 
 @pytest.fixture
-def no_hang():
+def no_hang(start_alarm):
     """End a test that hangs."""
-
-    def give_up(number, frame):
-        raise TimeoutError("it hangs")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(20)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    start_alarm(20)
