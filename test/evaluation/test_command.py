@@ -79,11 +79,15 @@ def test_progress_goes_to_a_terminal_on_standard_error_only(evaluate, monkeypatc
 
 
 def test_overridden_parameters_are_recorded(evaluate, short_sequence, tmp_path):
-    given = ("--parameter", "particles=17", "--parameter", "cues=hog,color_histogram")
+    values = ("particles=17", "proposal.method=transition", "cues=hog,color_histogram")
+    given = [part for value in values for part in ("--parameter", value)]
     code, _, errors = evaluate(short_sequence, "--seeds", "1", "--output", "r.json", *given)
     assert code == 0, errors
     document = json.loads((tmp_path / "r.json").read_text())
-    assert document["parameters"] == {"particles": 17, "cues": ["hog", "color_histogram"]}
+    assert document["parameters"] == {
+        **{"particles": 17, "proposal.method": "transition"},
+        "cues": ["hog", "color_histogram"],
+    }
 
 
 def test_parameters_are_read_by_their_declared_type():

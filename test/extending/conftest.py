@@ -1,6 +1,7 @@
 """Runs code in processes with one more file in a package's folder."""
 
 import json
+import os
 import subprocess
 import sys
 from contextlib import ExitStack
@@ -8,8 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from common import overlap
 
 HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+TIMEOUT = 120.0
 
 # The folder is added to the package's path before any import, so the package itself discovers
 # the file.
@@ -96,14 +100,24 @@ def extended(tmp_path_factory, moving_square):
 
 
 @pytest.fixture
-def overlaps(moving_square):
-    """A function that computes the intersection over union of boxes and the true ones."""
+def least_overlap(moving_square):
+    """A function that computes the least intersection over union of boxes with the true ones."""
+    return lambda boxes: min(map(overlap, boxes, moving_square.boxes[1:]))
 
-    def compute(boxes, start=0):
-        found, true = np.array(boxes), moving_square.boxes[start + 1 :]
-        corner = np.maximum(found[:, :2], true[:, :2])
-        end = np.minimum(found[:, :2] + found[:, 2:], true[:, :2] + true[:, 2:])
-        common = np.prod(np.maximum(end - corner, 0.0), axis=1)
-        return common / (found[:, 2:].prod(axis=1) + true[:, 2:].prod(axis=1) - common)
 
-    return compute
+@pytest.fixture(scope="session")
+def run_beside():
+    """Runs Python in a process that finds packages in some folders."""
+
+    def run(folders, code, *arguments):
+        path = [*folders, ROOT, ROOT / "test" / "helpers"]
+        return subprocess.run(
+            [sys.executable, "-c", code, *arguments],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path))},
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT,
+            check=False,
+        )
+
+    return run

@@ -1,7 +1,6 @@
 """Parts of other packages: installed by pip, found by their entry points."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
@@ -29,6 +28,7 @@ def refusal(function, *arguments, **keywords):
 """
 # A bright square that moves over a dark image.
 SCENE = """
+from common import overlap
 from pf_tracker_ros import MultiTracker, Tracker
 
 boxes = [(20.0 + 2 * n, 30.0 + n, 24.0, 24.0) for n in range(20)]
@@ -45,12 +45,6 @@ def follow(**parameters):
     })
     tracker.start(images[0], boxes[0])
     return [tracker.update(image).box for image in images[1:]]
-
-def overlap(box, other):
-    corner = np.maximum(box[:2], other[:2])
-    end = np.minimum(np.add(box[:2], box[2:]), np.add(other[:2], other[2:]))
-    common = np.prod(np.maximum(end - corner, 0.0))
-    return common / (np.prod(box[2:]) + np.prod(other[2:]) - common)
 
 def least_overlap(found):
     return min(map(overlap, found, boxes[-len(found):]))
@@ -87,22 +81,19 @@ def example(tmp_path_factory):
     return installed(package, tmp_path_factory.mktemp("installed"))
 
 
-def run(code, *folders):
-    """Run code with packages in some folders; returns the JSON that it prints, and its log."""
-    path = os.pathsep.join(map(str, (*folders, ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", PRELUDE + code],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout), done.stderr
+@pytest.fixture
+def run(run_beside):
+    """Runs code with packages in some folders; returns the JSON that it prints, and its log."""
+
+    def start(code, *folders):
+        done = run_beside(folders, PRELUDE + code)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout), done.stderr
+
+    return start
 
 
-def test_names_are_known_without_importing_a_part(parts):
+def test_names_are_known_without_importing_a_part(run, parts):
     code = """
 import pf_tracker_ros
 from pf_tracker_ros import Tracker
@@ -120,10 +111,8 @@ print(json.dumps([early, [one for one in sys.modules if "parts_of_mine" in one],
     assert [own[-1] for own in names[1:]] == ["cell_means", "unlike_others", "mostly_stratified"]
 
 
-def test_a_tracker_uses_them_and_their_parameters(parts):
-    code = (
-        SCENE
-        + """
+def test_a_tracker_uses_them_and_their_parameters(run, parts):
+    code = """
 both = ("correlation_response", "brightness")
 choices = [
     {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__weight": 0.9},
@@ -139,20 +128,17 @@ choices = [
 found = [follow(**choice) for choice in choices]
 print(json.dumps([found, [least_overlap(one) for one in found]]))
 """
-    )
-    (found, overlaps), _ = run(code, parts)
+    (found, overlaps), _ = run(SCENE + code, parts)
     assert min(overlaps) > 0.4
     assert found[0] != found[1]
     assert found[3] != found[4]
     assert found[5] != found[6]
 
 
-def test_tracks_have_the_descriptors_of_the_chosen_appearance(parts):
+def test_tracks_have_the_descriptors_of_the_chosen_appearance(run, parts):
     """A detector in every second frame; the appearance is changed at the end."""
     pytest.importorskip("scipy")
-    code = (
-        SCENE
-        + """
+    code = """
 from pf_tracker_ros import Detections
 
 def ids(**parameters):
@@ -169,15 +155,14 @@ track, = tracker._manager._track_set.tracks
 again = [target.id for target in tracker.update(images[-1], 0.1, Detections([boxes[-1]]))]
 print(json.dumps([last, color, len(track.descriptor), again]))
 """
-    )
-    (last, color, length, again), _ = run(code, parts)
+    (last, color, length, again), _ = run(SCENE + code, parts)
     assert last == again == [1]
     # Cyan of (90, 230, 230) with a lighter middle.
     assert color == pytest.approx([0.5, 0.9, 0.88], abs=0.06)
     assert length == 3200
 
 
-def test_an_unusable_part_is_logged_once_and_rejected_only_when_chosen(parts):
+def test_an_unusable_part_is_logged_once_and_rejected_only_when_chosen(run, parts):
     code = """
 from pf_tracker_ros import Tracker
 Tracker.from_preset("default")
@@ -204,7 +189,7 @@ print(json.dumps([
     assert sorted(log.splitlines()) == sorted([broken, unlike, taken])
 
 
-def test_a_name_that_two_packages_declare_is_unusable(parts, tmp_path):
+def test_a_name_that_two_packages_declare_is_unusable(run, parts, tmp_path):
     info = tmp_path / "another-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: another\nVersion: 1.0\n")
@@ -230,11 +215,9 @@ print(json.dumps([
     )
 
 
-def test_the_example_of_the_page_detects_and_tracks(example):
+def test_the_example_of_the_page_detects_and_tracks(run, example):
     pytest.importorskip("scipy")
-    code = (
-        SCENE
-        + """
+    code = """
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import build, declarations
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
@@ -251,15 +234,14 @@ print(json.dumps([
     declarations(NodeParameters)[name].unit,
 ]))
 """
-    )
-    (found, least, blind_count, unit), _ = run(code, example)
+    (found, least, blind_count, unit), _ = run(SCENE + code, example)
     assert found == [[1, "bright"]]
     assert least > 0.6
     assert blind_count == 0
     assert unit == "gray levels"
 
 
-def test_their_parameters_are_in_the_generated_documents(parts, example):
+def test_their_parameters_are_in_the_generated_documents(run, parts, example):
     pytest.importorskip("rclpy")
     code = """
 sys.path.insert(0, "tools")
@@ -275,7 +257,7 @@ print(json.dumps(generate.generated_files()["docs/parameters.md"]))
         assert f"| `{name}` |" in text
 
 
-def test_the_node_accepts_them_like_built_in_parts(parts, example):
+def test_the_node_accepts_them_like_built_in_parts(run, parts, example):
     pytest.importorskip("rclpy")
     code = """
 import rclpy

@@ -15,6 +15,8 @@ SHOW = "import pf_tracker_ros; print(pf_tracker_ros.__version__)"
 
 def test_the_version_is_that_of_the_manifest():
     assert pf_tracker_ros.__version__ == VERSION
+    assert {"Estimate", "Tracker", "__version__"} <= set(pf_tracker_ros.__all__)
+    assert not hasattr(pf_tracker_ros, "version")
 
 
 def test_the_version_of_sources_that_are_not_installed_is_theirs(tmp_path):
@@ -40,8 +42,3 @@ def test_an_import_and_the_version_load_neither_numpy_nor_opencv():
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
     assert outcome.stdout.splitlines()[1] == "[]"
-
-
-def test_the_version_is_listed_and_other_names_are_not_there():
-    assert {"Estimate", "Tracker", "__version__"} <= set(pf_tracker_ros.__all__)
-    assert not hasattr(pf_tracker_ros, "version")

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import TARGET
 from common import QUICK, run_command
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.recordings.archives import executors
+from pf_tracker_ros.recordings.archives import executors, results
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -100,13 +101,12 @@ def archive(write_sequence_in, moving_square, tmp_path_factory):
     sequence = (moving_square.images, moving_square.boxes)
     for number in range(10):
         write_sequence_in(folder / f"day_{number % 2}", f"drive_{number}", *sequence)
-    target = "target_box: [20, 30, 24, 24]"
     images = write_sequence_in(folder, "pictures", *sequence)
     (images / "img").rename(folder / "shots")
     shutil.rmtree(images)
-    (folder / "shots.target.yaml").write_text(target.replace("20, 30", "900, 30"))
+    (folder / "shots.target.yaml").write_text(TARGET.replace("20, 30", "900, 30"))
     (folder / "noise.mp4").write_bytes(b"\x00no video")
-    (folder / "noise.target.yaml").write_text(target)
+    (folder / "noise.target.yaml").write_text(TARGET)
     broken = write_sequence_in(folder, "broken", *sequence)
     (broken / "img" / "0013.png").write_bytes(b"no picture")
     return folder
@@ -128,6 +128,18 @@ def serial(archive, tmp_path_factory):
     ):
         code = main(["--archive", str(archive), "--output", str(output), *QUICK])
     return output, (code, said.getvalue(), errors.getvalue())
+
+
+@pytest.fixture
+def memory(monkeypatch):
+    """An empty store in memory that takes results."""
+    fsspec = pytest.importorskip("fsspec")
+    monkeypatch.setattr(results, "_OBJECT_STORES", ("memory",))
+    store = fsspec.filesystem("memory")
+    store.store.clear()
+    store.pseudo_dirs[:] = [""]
+    yield store
+    store.store.clear()
 
 
 @pytest.fixture
@@ -345,43 +357,33 @@ def vision(typestore):
 @pytest.fixture
 def detections_message(vision):
     """Serializes detections as a vision_msgs/Detection2DArray, without the code under test."""
-    types = vision.types
 
-    def header(stamp):
-        seconds, nanoseconds = divmod(stamp, 10**9)
-        time = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-        return types["std_msgs/msg/Header"](stamp=time, frame_id="lens")
+    def new(name, package="vision_msgs", **fields):
+        return vision.types[f"{package}/msg/{name}"](**fields)
 
     def make(stamp, boxes, *, little_endian=True):
-        pose = types["geometry_msgs/msg/Pose"](
-            position=types["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=0.0),
-            orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-        )
-        pose = types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36))
+        seconds, nanoseconds = divmod(stamp, 10**9)
+        time = new("Time", "builtin_interfaces", sec=seconds, nanosec=nanoseconds)
+        header = new("Header", "std_msgs", stamp=time, frame_id="lens")
+        place = new("Point", "geometry_msgs", x=0.0, y=0.0, z=0.0)
+        turn = new("Quaternion", "geometry_msgs", x=0.0, y=0.0, z=0.0, w=1.0)
+        pose = new("Pose", "geometry_msgs", position=place, orientation=turn)
+        pose = new("PoseWithCovariance", "geometry_msgs", pose=pose, covariance=np.zeros(36))
         detections = []
         for number, (x, y, width, height) in enumerate(boxes):
             results = [
-                types["vision_msgs/msg/ObjectHypothesisWithPose"](
-                    hypothesis=types["vision_msgs/msg/ObjectHypothesis"](
-                        class_id=label, score=score
-                    ),
-                    pose=pose,
-                )
+                new("ObjectHypothesisWithPose", pose=pose,
+                    hypothesis=new("ObjectHypothesis", class_id=label, score=score))
                 for label, score in (("tree", 0.1), ("walker", 0.9))
-            ]
-            point = types["vision_msgs/msg/Point2D"](x=x + width / 2, y=y + height / 2)
-            bbox = types["vision_msgs/msg/BoundingBox2D"](
-                center=types["vision_msgs/msg/Pose2D"](position=point, theta=0.0),
-                size_x=width,
-                size_y=height,
-            )
+            ]  # fmt: skip
+            point = new("Point2D", x=x + width / 2, y=y + height / 2)
+            center = new("Pose2D", position=point, theta=0.0)
+            box = new("BoundingBox2D", center=center, size_x=width, size_y=height)
             detections.append(
-                types["vision_msgs/msg/Detection2D"](
-                    header=header(stamp), results=results, bbox=bbox, id="x" * number
-                )
+                new("Detection2D", header=header, results=results, bbox=box, id="x" * number)
             )
+        message = new("Detection2DArray", header=header, detections=detections)
         kind = "vision_msgs/msg/Detection2DArray"
-        message = types[kind](header=header(stamp), detections=detections)
         return bytes(vision.serialize_cdr(message, kind, little_endian=little_endian))
 
     return make

@@ -74,21 +74,6 @@ def test_video_and_parquet_say_the_same(track, rows, moving_square_sequence, tmp
     assert pictures[10][y - 1 : y + 2, x + 6 : x + 18].max(axis=0).min() > 150
 
 
-def test_a_lost_target_has_no_box(track, rows, moving_square, write_sequence, tmp_path):
-    gone = np.repeat(moving_square.images[:1] // 8, 40, axis=0)
-    noise = np.random.default_rng(0).integers(0, 255, gone.shape, dtype=np.uint8)
-    images = [*moving_square.images[:4], *noise]
-    boxes = np.resize(moving_square.boxes[:4], (44, 4))
-    source = write_sequence("gone", images, boxes)
-    soon = ("--parameter", "track.lost_after=0.2")
-    assert track(source, "--output", tmp_path / "out", "--preset", "li2007", *soon)[0] == 0
-    found = rows(tmp_path / "out")
-    assert found[-1]["state"] == "lost"
-    for row in found:
-        assert (row["x"] == "") == (row["state"] == "lost")
-        assert row["confidence"]
-
-
 def test_an_output_that_exists_is_left_alone(track, moving_square_sequence, tmp_path):
     output = tmp_path / "out"
     output.mkdir()
@@ -181,13 +166,17 @@ def test_the_results_before_an_unreadable_frame_are_kept(
 ):
     (moving_square_sequence / "img" / "0013.png").write_bytes(b"not a picture")
     output = tmp_path / "out"
-    code, said, errors = track(moving_square_sequence, "--output", output, *QUICK, "--video")
+    asked = (*QUICK, "--video", "--report")
+    code, said, errors = track(moving_square_sequence, "--output", output, *asked)
     assert (code, said) == (3, "")
     line = one_sentence(errors)
     assert "0013.png cannot be decoded" in line
     assert line.endswith("; 12 frames were tracked")
     assert len(rows(output)) == 12
     assert cv2.VideoCapture(str(output / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 12
+    page = (output / "report.html").read_text()
+    assert '<td data-figure="frames" data-value="12"' in page
+    assert page.count("<figure><img") >= 8
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,10 @@ import os
 import shutil
 
 import pytest
+from archives import fail_late
 from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives import results as results_module
 from pf_tracker_ros.recordings.archives.results import ResultsFolder, ResultsStore
 
 RECORDS = {".lock", ".track_files.json"}
@@ -258,18 +258,6 @@ def test_a_done_file_that_is_a_pipe_is_not_read(run, drive):
 
 
 @pytest.fixture
-def memory(monkeypatch):
-    """A store in memory that takes results."""
-    fsspec = pytest.importorskip("fsspec")
-    monkeypatch.setattr(results_module, "_OBJECT_STORES", ("memory",))
-    store = fsspec.filesystem("memory")
-    store.store.clear()
-    store.pseudo_dirs[:] = [""]
-    yield store
-    store.store.clear()
-
-
-@pytest.fixture
 def put_objects(memory, tmp_path):
     """Puts files of a name and text into the store as the results of `drive`."""
 
@@ -316,23 +304,22 @@ def test_the_manifest_of_another_in_a_store_stays(memory):
     assert memory.cat_file("/boxes/archive.json") == b"mine"
 
 
-def test_added_objects_stay_after_an_upload_that_failed(memory, put_objects, monkeypatch):
-    put_file = type(memory).put_file
-
-    def fail_late(self, local, remote, **further):
-        if remote.endswith("done.json"):
-            raise ConnectionError("the line is dead")
-        put_file(self, local, remote, **further)
-
+def test_added_objects_stay_and_results_are_replaced_after_an_upload_that_failed(
+    memory, put_objects, monkeypatch
+):
+    put_objects({"boxes.csv": "0", "boxes.mot.txt": "0"})
     with monkeypatch.context() as patch:
-        patch.setattr(type(memory), "put_file", fail_late)
-        with pytest.raises(RecordingError, match="the line is dead"):
-            put_objects({"boxes.csv": "1"})
+        fail_late(memory, patch)
+        for _ in range(2):
+            with pytest.raises(RecordingError, match="the line is dead"):
+                put_objects({"boxes.csv": "1"})
+            assert "/boxes/drive/done.json" not in memory.store
     memory.pipe_file("/boxes/drive/corrected.zip", b"work")
     assert ResultsStore("memory://boxes").kept_files("drive") == ["corrected.zip"]
     put_objects({"boxes.csv": "2"}, ["corrected.zip"])
-    assert memory.cat_file("/boxes/drive/corrected.zip") == b"work"
-    assert memory.cat_file("/boxes/drive/boxes.csv") == b"2"
+    found = {name.rpartition("/")[2]: memory.cat_file(name) for name in memory.find("/boxes/drive")}
+    del found["done.json"]
+    assert found == {"boxes.csv": b"2", "corrected.zip": b"work"}
 
 
 def test_another_program_s_lock_in_a_store_stays(memory, fleet, track):

@@ -11,14 +11,13 @@ import sys
 from pathlib import Path
 
 import pytest
+from archives import options_of
 from common import QUICK
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.results import ResultsFolder
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory, run_tasks
-from pf_tracker_ros.recordings.command_line import parser
-from pf_tracker_ros.recordings.plan import apply_parameter_file
 
 needs_ray = pytest.mark.skipif(
     subprocess.run(
@@ -135,12 +134,6 @@ def test_without_ray_it_says_what_to_install(archive, track, monkeypatch, tmp_pa
     assert "ray is not installed: pip install ray, or '.[ray]' in the sources" in errors
 
 
-def options_of(*arguments):
-    options = parser().parse_args(["--archive", "a", "--output", "b", *QUICK, *arguments])
-    apply_parameter_file(options)
-    return options
-
-
 class LossyExecutor:
     """Runs tasks in this process, and reports for some that their worker has ended.
 
@@ -166,7 +159,7 @@ def tasks(own_archive, tmp_path):
     """Three tasks in a locked folder."""
     recordings = {f"drive_{n}": own_archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
     with ResultsFolder(tmp_path / "out").locked() as results:
-        yield make_tasks(recordings, results, options_of())
+        yield make_tasks(recordings, results, options_of(*QUICK))
 
 
 def test_lost_tasks_are_repeated_as_long_as_others_complete(tasks):
@@ -214,7 +207,7 @@ def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, ow
     )
     plain = required_memory(task)
     assert 200e6 < plain < 300e6
-    full = dataclasses.replace(task, options=options_of("--video", "--report"))
+    full = dataclasses.replace(task, options=options_of(*QUICK, "--video", "--report"))
     assert required_memory(full) > 1.5 * plain
     # Large images are assumed where the size is unknown.
     assert required_memory(tasks[1]) > 1.5 * plain
