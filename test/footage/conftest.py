@@ -32,19 +32,13 @@ def make_message(make_stamped, make_polygon):
     """Serialize a message of the common interfaces with a stamp in nanoseconds."""
 
     def make(message_type, stamp, *, little_endian=True):
+        data = np.arange(6, dtype=np.uint8) + stamp % 50
         fields = {
             "sensor_msgs/msg/Image": {
-                "height": 2,
-                "width": 3,
-                "encoding": "mono8",
-                "is_bigendian": 0,
-                "step": 3,
-                "data": np.arange(6, dtype=np.uint8) + stamp % 50,
+                **{"height": 2, "width": 3, "encoding": "mono8", "is_bigendian": 0, "step": 3},
+                "data": data,
             },
-            "sensor_msgs/msg/CompressedImage": {
-                "format": "jpeg",
-                "data": np.arange(5, dtype=np.uint8),
-            },
+            "sensor_msgs/msg/CompressedImage": {"format": "jpeg", "data": data[:5]},
             "geometry_msgs/msg/PolygonStamped": {"polygon": make_polygon((1.0, 2.0))},
         }[message_type]
         return make_stamped(message_type, stamp, little_endian=little_endian, **fields)

@@ -119,34 +119,38 @@ def test_rosbag2_py_is_preferred(bag_folder, messages, monkeypatch):
     assert set(library.opened) == {("SequentialReader", str(bag_folder), "")}
 
 
-@pytest.mark.parametrize(("name", "storage"), [("talk.mcap", "mcap"), ("talk.db3", "sqlite3")])
-def test_rosbag2_py_receives_the_storage_of_a_file(tmp_path, messages, monkeypatch, name, storage):
-    library = DocumentedRosbag2(TOPICS, messages)
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("talk.mcap", "", ("SequentialReader", "mcap")),
+        ("talk.db3", "", ("SequentialReader", "sqlite3")),
+        ("talk", "zstd", ("SequentialCompressionReader", "")),
+    ],
+)
+def test_rosbag2_py_receives_the_storage_of_a_file_and_decompresses(
+    bag_folder, messages, monkeypatch, case
+):
+    name, compression, opened = case
+    library = DocumentedRosbag2(TOPICS, messages, compression_format=compression)
     monkeypatch.setitem(sys.modules, "rosbag2_py", library)
-    (tmp_path / name).touch()
-    assert len(list(open_bag(tmp_path / name).images())) == 2
-    assert set(library.opened) == {("SequentialReader", str(tmp_path / name), storage)}
+    path = bag_folder.with_name(name)
+    path.touch()
+    assert len(list(open_bag(path).images())) == 2
+    assert set(library.opened) == {(opened[0], str(path), opened[1])}
 
 
 @pytest.mark.parametrize("name", ["../other.mcap", "/etc/passwd"])
 def test_a_bag_that_names_a_file_elsewhere_is_refused(bag_folder, messages, monkeypatch, name):
     library = DocumentedRosbag2(TOPICS, messages, paths=["talk_0.mcap", name])
-    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
-    with pytest.raises(FootageError, match=f"names the file {name}, which is not in its folder"):
-        open_bag(bag_folder)
-
-
-def test_a_pipe_in_a_bag_is_not_opened(bag_folder):
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "rosbag2_py", library)
+        with pytest.raises(
+            FootageError, match=f"names the file {name}, which is not in its folder"
+        ):
+            open_bag(bag_folder)
     os.mkfifo(bag_folder / "talk_0")
     with pytest.raises(FootageError, match="talk_0 is a FIFO; accepted are regular files"):
         open_bag(bag_folder)
-
-
-def test_rosbag2_py_decompresses_bags(bag_folder, messages, monkeypatch):
-    library = DocumentedRosbag2(TOPICS, messages, compression_format="zstd")
-    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
-    assert len(list(open_bag(bag_folder).images())) == 2
-    assert {name for name, *_ in library.opened} == {"SequentialCompressionReader"}
 
 
 def test_errors_of_rosbag2_py_become_footage_errors(bag_folder, messages, monkeypatch):

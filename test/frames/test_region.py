@@ -13,15 +13,11 @@ def image():
     return cv2.resize(noise, (161, 121), interpolation=cv2.INTER_CUBIC)
 
 
-def test_the_region_covers_only_the_boxes(image):
+def test_the_region_covers_only_the_boxes_and_computes_a_map_once(image):
     region = Region(Frame(image), np.array([[50.0, 40.0, 10.0, 10.0], [60.0, 45.0, 12.0, 8.0]]))
     assert region.pixels.shape[1] <= 22 + 6
     assert region.pixels.shape[0] <= 13 + 6
     assert region.padding == (0, 0, 0, 0)
-
-
-def test_a_map_is_computed_once(image):
-    region = Region(Frame(image), np.array([[50.0, 40.0, 10.0, 10.0]]))
     assert region.gradient_integral(8) is region.gradient_integral(8)
     assert region.gradient_integral(4) is not region.gradient_integral(8)
     assert region.gray is region.gray

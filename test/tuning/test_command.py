@@ -13,7 +13,6 @@ import pytest
 import pf_tracker_ros
 from pf_tracker_ros.parameter_files import read_parameter_file
 from pf_tracker_ros.tuning import __main__
-from pf_tracker_ros.tuning.search_space import CUE_RANGES, RANGES
 
 optuna = pytest.importorskip("optuna")
 pytest.importorskip("scipy")
@@ -203,10 +202,3 @@ def finished_trials(journal):
         study = optuna.load_study(study_name="all", storage=storage)
         trials = study.get_trials(states=[optuna.trial.TrialState.COMPLETE])
         return [trial.params for trial in trials]
-
-
-def test_the_page_of_the_documentation_lists_the_tuned_parameters():
-    page = Path(__file__).parents[2] / "docs" / "tuning.md"
-    text = page.read_text(encoding="utf-8")
-    for name in (*RANGES, *(f"<cue>.{parameter}" for parameter in CUE_RANGES)):
-        assert f"`{name}`" in text, name
