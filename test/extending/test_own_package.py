@@ -1,96 +1,25 @@
 """Parts of other packages: installed by pip, found by their entry points."""
 
-import json
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from pf_tracker_ros.cues import CUES
 
-TIMEOUT = 120.0
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 
-PRELUDE = """
-import json, sys
-import numpy as np
-
-def refusal(function, *arguments, **keywords):
-    try:
-        function(*arguments, **keywords)
-    except ValueError as error:
-        return str(error)
-"""
-# A bright square that moves over a dark image.
-SCENE = """
-from common import overlap
-from pf_tracker_ros import MultiTracker, Tracker
-
-boxes = [(20.0 + 2 * n, 30.0 + n, 24.0, 24.0) for n in range(20)]
-images = []
-for x, y, width, height in np.array(boxes, int):
-    image = np.random.default_rng(0).integers(30, 90, (120, 160, 3)).astype(np.uint8)
-    image[y:y + height, x:x + width] = (90, 230, 230)
-    image[y + 8:y + 16, x + 8:x + 16] = (200, 230, 210)
-    images.append(image)
-
-def follow(**parameters):
-    tracker = Tracker.from_preset(parameters.pop("preset", "default"), parameters={
-        name.replace("__", "."): value for name, value in parameters.items()
-    })
-    tracker.start(images[0], boxes[0])
-    return [tracker.update(image).box for image in images[1:]]
-
-def least_overlap(found):
-    return min(map(overlap, found, boxes[-len(found):]))
-"""
-
-
-def installed(package, folder):
-    """Install a package's folder into a folder."""
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
-    command += ["--no-build-isolation", "--disable-pip-version-check", "--target", folder, package]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
-    assert done.returncode == 0, done.stderr
-    return folder
-
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory):
-    """The folder in which a package with a part of every kind is installed."""
-    package = tmp_path_factory.mktemp("package") / "parts"
-    shutil.copytree(HERE / "own_package", package)
-    for example in ("cues/brightness.py", "filter/random_walk.py", "features/cell_means.py"):
-        shutil.copy(HERE / example, package / "parts_of_mine")
-    return installed(package, tmp_path_factory.mktemp("parts"))
-
-
-@pytest.fixture(scope="module")
-def example(tmp_path_factory):
+def example(installed, tmp_path_factory):
     """The folder in which the example of docs/extending.md is installed."""
     package = tmp_path_factory.mktemp("example")
     (project,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     (module,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     (package / "pyproject.toml").write_text(project)
     (package / "bright_things.py").write_text(module)
-    return installed(package, tmp_path_factory.mktemp("installed"))
-
-
-@pytest.fixture
-def run(run_beside):
-    """Runs code with packages in some folders; returns the JSON that it prints, and its log."""
-
-    def start(code, *folders):
-        done = run_beside(folders, PRELUDE + code)
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout), done.stderr
-
-    return start
+    return installed(package)
 
 
 def test_names_are_known_without_importing_a_part(run, parts):
@@ -104,7 +33,7 @@ from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
 names = [list(one) for one in (CUES, FEATURES, MOTION_MODELS, RESAMPLERS)]
 print(json.dumps([early, [one for one in sys.modules if "parts_of_mine" in one], names]))
 """
-    (early, imported, names), _ = run(code, parts)
+    (early, imported, names), _ = run("import json, sys\n" + code, parts, prelude="")
     assert early == []
     assert imported == []
     assert names[0] == [*CUES, "beyond_reach", "brightness"]
@@ -128,7 +57,7 @@ choices = [
 found = [follow(**choice) for choice in choices]
 print(json.dumps([found, [least_overlap(one) for one in found]]))
 """
-    (found, overlaps), _ = run(SCENE + code, parts)
+    (found, overlaps), _ = run(code, parts)
     assert min(overlaps) > 0.4
     assert found[0] != found[1]
     assert found[3] != found[4]
@@ -155,7 +84,7 @@ track, = tracker._manager._track_set.tracks
 again = [target.id for target in tracker.update(images[-1], 0.1, Detections([boxes[-1]]))]
 print(json.dumps([last, color, len(track.descriptor), again]))
 """
-    (last, color, length, again), _ = run(SCENE + code, parts)
+    (last, color, length, again), _ = run(code, parts)
     assert last == again == [1]
     # Cyan of (90, 230, 230) with a lighter middle.
     assert color == pytest.approx([0.5, 0.9, 0.88], abs=0.06)
@@ -164,7 +93,6 @@ print(json.dumps([last, color, len(track.descriptor), again]))
 
 def test_an_unusable_part_is_logged_once_and_rejected_only_when_chosen(run, parts):
     code = """
-from pf_tracker_ros import Tracker
 Tracker.from_preset("default")
 print(json.dumps([
     refusal(Tracker.from_preset, "default", parameters=chosen)
@@ -197,7 +125,6 @@ def test_a_name_that_two_packages_declare_is_unusable(run, parts, tmp_path):
         "[pf_tracker_ros.cues]\nbrightness = json:loads\nnameless = json:loads\n"
     )
     code = """
-from pf_tracker_ros import Tracker
 print(json.dumps([
     refusal(Tracker.from_preset, "default", parameters={"cues": (name,)})
     for name in ("brightness", "nameless")
@@ -219,7 +146,7 @@ def test_the_example_of_the_page_detects_and_tracks(run, example):
     pytest.importorskip("scipy")
     code = """
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 name = "built_in_detectors.bright.above"
 node = build(NodeParameters, {"built_in_detector": "bright", name: 100})
@@ -234,7 +161,7 @@ print(json.dumps([
     declarations(NodeParameters)[name].unit,
 ]))
 """
-    (found, least, blind_count, unit), _ = run(SCENE + code, example)
+    (found, least, blind_count, unit), _ = run(code, example)
     assert found == [[1, "bright"]]
     assert least > 0.6
     assert blind_count == 0

@@ -216,9 +216,11 @@ def test_a_list_names_recordings_beside_it(own_archive):
     listed = own_archive / "some.txt"
     listed.write_text("# the first day\nday_0/drive_0\n\nday_1/drive_1  # and one of the second\n")
     assert list(find_recordings(listed)) == ["day_0/drive_0", "day_1/drive_1"]
-    listed.write_text("day_0/drive_0\nday_0/drive_0\n")
-    with pytest.raises(RecordingError, match="would share the results folder day_0/drive_0"):
-        find_recordings(listed)
+    (own_archive / "empty").mkdir()
+    with pytest.raises(RecordingError, match=r"such as drive\.target\.yaml for drive\.mcap"):
+        find_recordings(own_archive / "empty")
+    with pytest.raises(FootageError, match="there is no archive"):
+        find_recordings(own_archive / "nowhere")
     listed.write_text("day_0/drive_0\nday_0/drive_0/img\n")
     with pytest.raises(RecordingError, match=r"is inside .*drive_0, which is a recording"):
         find_recordings(listed)
@@ -253,13 +255,6 @@ def test_a_list_and_an_output_that_are_none_are_refused(track, tmp_path):
         (tmp_path / "list.txt").write_bytes(text)
         code, _, errors = track("--archive", tmp_path / "list.txt", "--output", output)
         assert (code, reason in one_sentence(errors)) == (expected, True)
-
-
-def test_an_archive_without_recordings_says_what_they_need(tmp_path):
-    with pytest.raises(RecordingError, match=r"such as drive\.target\.yaml for drive\.mcap"):
-        find_recordings(tmp_path)
-    with pytest.raises(FootageError, match="there is no archive"):
-        find_recordings(tmp_path / "nowhere")
 
 
 def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
@@ -309,35 +304,24 @@ def test_damaged_and_unreadable_recordings_are_reported_and_do_not_stop_the_othe
     assert f"track: cut.avi: {damage}" in errors
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("drive.mp4",), "SOURCE applies to a single recording"),
-        (("--box", "1,2,3,4"), "--box applies to a single recording"),
-        (("--report", "there"), "--report DIR applies to a single recording"),
-        (("--jobs", "0"), "whole numbers from 1"),
-    ],
-)
-def test_options_of_a_single_recording_are_refused(archive, track, tmp_path, arguments, said):
-    code, _, errors = track("--archive", archive, "--output", tmp_path / "out", *arguments)
-    assert code == 2
-    assert said in errors
-    code, _, errors = track("--output", tmp_path / "out")
-    assert code == 2
-    assert "SOURCE is missing; give a recording, or --archive" in errors
-    for option in ("--detections", "--report"):
-        code, _, errors = track("--output", tmp_path / "out", option, "drive.mp4")
-        assert code == 2
-        assert f"drive.mp4 was read as the value of {option}: put SOURCE first" in errors
-
-
-@pytest.mark.parametrize("option", ["--ray=local", "--jobs=2", "--dry-run"])
-def test_options_of_archives_are_refused_without_one(
-    track, moving_square_sequence, tmp_path, option
+def test_options_of_a_single_recording_and_of_archives_are_refused_for_the_other(
+    archive, track, tmp_path
 ):
-    code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", option)
-    assert code == 2
-    assert f"{option.partition('=')[0]} applies to archives" in errors
+    given, recording = ("--archive", archive), archive / "day_0" / "drive_0"
+    for arguments, said in (
+        ((*given, "drive.mp4"), "SOURCE applies to a single recording"),
+        ((*given, "--box", "1,2,3,4"), "--box applies to a single recording"),
+        ((*given, "--report", "there"), "--report DIR applies to a single recording"),
+        ((*given, "--jobs", "0"), "whole numbers from 1"),
+        ((), "SOURCE is missing; give a recording, or --archive"),
+        (("--detections", "drive.mp4"), "read as the value of --detections: put SOURCE first"),
+        (("--report", "drive.mp4"), "read as the value of --report: put SOURCE first"),
+        ((recording, "--ray=local"), "--ray applies to archives"),
+        ((recording, "--jobs=2"), "--jobs applies to archives"),
+        ((recording, "--dry-run"), "--dry-run applies to archives"),
+    ):
+        code, _, errors = track("--output", tmp_path / "out", *arguments)
+        assert (code, said in errors) == (2, True), errors
 
 
 def test_circular_links_are_reported_and_do_not_stop_the_others(

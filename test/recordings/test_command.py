@@ -33,12 +33,18 @@ def test_every_number_reads_back_to_the_bits_of_the_library(
     # The label of a single target is no column.
     target = moving_square_sequence.with_name("moving_square.target.yaml")
     target.write_text("target_box: [20, 30, 24, 24]\nlabel: car")
-    code, said, errors = track(moving_square_sequence, "--output", tmp_path / "out", "--seed", 4)
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow")
+    given = ("--output", tmp_path / "out", "--seed", 4, "--parquet", "--video")
+    code, said, errors = track(moving_square_sequence, *given)
     assert (code, errors) == (0, "")
     assert said.startswith(f"{moving_square_sequence}: 20 frames (100% tracking), ")
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.csv"]
     tracker = Tracker.from_preset("default", seed=4)
     found = rows(tmp_path / "out")
+    table = parquet.read_table(tmp_path / "out" / "boxes.parquet").to_pylist()
+    assert [{name: str(value) for name, value in row.items()} for row in table] == found
+    capture = cv2.VideoCapture(str(tmp_path / "out" / "overlay.mp4"))
+    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(25.0)
+    assert capture.get(cv2.CAP_PROP_FRAME_COUNT) == 20
     assert list(found[0]) == [
         *("frame", "stamp", "id", "x", "y", "width", "height", "state", "confidence")
     ]
@@ -54,24 +60,6 @@ def test_every_number_reads_back_to_the_bits_of_the_library(
         assert box == expected.box
         assert float(row["confidence"]) == expected.confidence
         assert row["state"] == expected.state
-
-
-def test_video_and_parquet_say_the_same(track, rows, moving_square_sequence, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow")
-    output = tmp_path / "out"
-    code, _, _ = track(moving_square_sequence, "--output", output, *QUICK, "--video", "--parquet")
-    assert code == 0
-    table = parquet.read_table(output / "boxes.parquet").to_pylist()
-    assert [{name: str(value) for name, value in row.items()} for row in table] == rows(output)
-    capture = cv2.VideoCapture(str(output / "overlay.mp4"))
-    assert capture.get(cv2.CAP_PROP_FPS) == pytest.approx(25.0)
-    pictures = []
-    while (read := capture.read())[0]:
-        pictures.append(read[1])
-    assert len(pictures) == 20
-    # The box is drawn in white on what is red and yellow there.
-    x, y = (round(float(rows(output)[10][name])) for name in ("x", "y"))
-    assert pictures[10][y - 1 : y + 2, x + 6 : x + 18].max(axis=0).min() > 150
 
 
 def test_an_output_that_exists_is_left_alone(track, moving_square_sequence, tmp_path):
@@ -322,23 +310,9 @@ def test_each_error_of_writing_has_its_exit_code(tmp_path, number, code):
 
 
 def test_help_lists_every_exit_code(track):
-    code, said, _ = track("--help")
-    assert code == 0
-    for number in (0, 1, 2, 3, 4, 5, 6, 7, 8, 130, 143):
-        assert any(line.split()[:1] == [str(number)] for line in said.splitlines())
-
-
-def test_the_bag_has_the_log_times_of_the_images(track, moving_square, write_images_bag, tmp_path):
-    from rosbags.rosbag2 import Reader
-
-    bag = write_images_bag("drive", moving_square.images)
-    assert track(bag, "--output", tmp_path / "out", *BOX, *QUICK, "--bag")[0] == 0
-    with Reader(tmp_path / "out" / "topics.mcap") as reader:
-        times = {time for connection, time, _ in reader.messages()}
-        counts = {connection.topic: connection.msgcount for connection in reader.connections}
-    assert times == {2 * 10**9 + index for index in range(20)}
-    names = ("box", "overlay", "particles", "status")
-    assert counts == {f"/pf_tracker/{name}": 20 for name in names}
+    said = track("--help")[1]
+    codes = {line.split()[0] for line in said.splitlines() if line.split()}
+    assert codes >= {*map(str, range(9)), "130", "143"}
 
 
 @pytest.mark.parametrize("step", [0, -10_000_000])
@@ -360,6 +334,8 @@ def test_frames_skipped_for_their_stamps_are_reported_with_the_reason(
 def test_a_bag_in_another_order_is_tracked_by_its_stamps_and_told_once(
     track, rows, moving_square, write_images_bag, tmp_path
 ):
+    from rosbags.rosbag2 import Reader
+
     sorted_bag = write_images_bag("sorted", moving_square.images)
     swapped = write_images_bag("swapped", moving_square.images, [i ^ 1 for i in range(20)])
     outputs = [tmp_path / name for name in ("a", "b", "c")]
@@ -371,6 +347,13 @@ def test_a_bag_in_another_order_is_tracked_by_its_stamps_and_told_once(
         "--as-recorded they are skipped, as in the node\n"
     )
     assert rows(outputs[1]) == rows(outputs[0])
+    # Its results have the log times of the images.
+    with Reader(outputs[1] / "topics.mcap") as reader:
+        times = {time for _, time, _ in reader.messages()}
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    assert times == {2 * 10**9 + index for index in range(20)}
+    names = ("box", "overlay", "particles", "status")
+    assert counts == {f"/pf_tracker/{name}": 20 for name in names}
     code, said, _ = track(swapped, "--output", outputs[2], *BOX, *QUICK, "--as-recorded")
     assert code == 0
     assert "50% skipped" in said
@@ -407,18 +390,20 @@ def test_a_bag_with_fewer_images_than_it_declares_is_read_in_part(
     assert len(rows(tmp_path / "out")) == 20
 
 
-def test_the_image_topic_of_a_bag_can_be_named(track, rows, moving_square_sequence, tmp_path):
+def test_it_needs_no_ros(track, moving_square_sequence, tmp_path):
     bag = tmp_path / "drive.mcap"
     write_footage(open_footage(moving_square_sequence), bag, topic="/left/image")
-    assert track(bag, "--output", tmp_path / "a", "--bag-topic", "/right/image")[0] == 3
-    assert track(bag, "--output", tmp_path / "a", "--bag-topic", "/left/image", *QUICK)[0] == 0
-    assert len(rows(tmp_path / "a")) == 20
-
-
-def test_it_needs_no_ros(moving_square_sequence, tmp_path):
-    bag = tmp_path / "drive.mcap"
-    write_footage(open_footage(moving_square_sequence), bag)
-    arguments = [bag, "--output", tmp_path / "out", *QUICK, "--video", "--bag"]
+    assert track(bag, "--output", tmp_path / "out", "--bag-topic", "/right/image")[0] == 3
+    arguments = [
+        bag,
+        "--bag-topic",
+        "/left/image",
+        "--output",
+        tmp_path / "out",
+        *QUICK,
+        "--video",
+        "--bag",
+    ]
     outcome = subprocess.run(
         [sys.executable, "-c", TRACK_WITHOUT_ROS, *map(str, arguments)],
         capture_output=True,

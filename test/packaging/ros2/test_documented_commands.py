@@ -9,6 +9,7 @@ import contextlib
 import re
 import shutil
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -24,44 +25,36 @@ def commands_of(document):
 
 
 @dataclass(frozen=True)
-class Elsewhere:
-    """A command that is not run here, and where it is run or why nowhere."""
-
-    command: str
-    reason: str
-
-
-@dataclass(frozen=True)
-class Ends:
-    """A command that ends by itself with success; `shows` is in what it prints.
+class Step:
+    """A command of a document.
 
     Attributes:
+        shows: What a command that ends prints.
+        reason: Where a command is run that is not run here, or why nowhere.
+        goes_on: Whether it goes on until one that `ends` it comes, or the document ends.
+        node: Waited for before the next command.
+        prints: Waited for as well, in what a command that goes on prints.
+        box: Topic on which a box comes once it runs.
+        ends: Beginnings of the commands that are ended first, as with Ctrl-C.
         needs: A verb of `ros2` that not every machine has.
     """
 
     command: str
     shows: str = ""
-    needs: str = ""
-
-
-@dataclass(frozen=True)
-class GoesOn:
-    """A command that goes on until one that `ends` it comes, or the document ends.
-
-    Attributes:
-        node: Waited for before the next command.
-        prints: Waited for as well, in what the command prints.
-        box: Topic on which a box comes once it runs.
-        ends: Beginnings of the commands that are ended first, as with Ctrl-C.
-        needs: As in `Ends`.
-    """
-
-    command: str
+    reason: str = ""
+    goes_on: bool = False
     node: str = ""
     prints: str = ""
     box: str = ""
     ends: tuple[str, ...] = ()
     needs: str = ""
+
+
+def elsewhere(command, reason):
+    return Step(command, reason=reason)
+
+
+going_on = partial(Step, goes_on=True)
 
 
 INSTALLED = "test_installations.py installs in this way without the network"
@@ -79,26 +72,26 @@ SEVERAL = f"{LAUNCH} detector.launch.py image:=/camera/image_raw detections:=/yo
 
 TRACK_CONSOLE = f"{LAUNCH} tracker.launch.py image:=/camera/image_raw console:=true"
 INSTALL = [
-    Elsewhere(
+    elsewhere(
         "git clone https://github.com/pf-tracker-ros/pf_tracker_ros src/pf_tracker_ros", INSTALLED
     ),
-    Elsewhere("rosdep install --from-paths src --ignore-src", "installs packages on the machine"),
-    Ends("colcon build --packages-select pf_tracker_ros", "1 package finished"),
-    Ends("source install/setup.bash"),
+    elsewhere("rosdep install --from-paths src --ignore-src", "installs packages on the machine"),
+    Step("colcon build --packages-select pf_tracker_ros", "1 package finished"),
+    Step("source install/setup.bash"),
 ]
 
 README = [
-    Elsewhere("make console", "test/node/console"),
-    Elsewhere("make demo", "test/demo"),
-    Elsewhere("make test", "this is it"),
+    elsewhere("make console", "test/node/console"),
+    elsewhere("make demo", "test/demo"),
+    elsewhere("make test", "this is it"),
     *INSTALL,
-    GoesOn(TRACK_CONSOLE, node="/console", prints="images on /camera/image_raw"),
-    Ends(
+    going_on(TRACK_CONSOLE, node="/console", prints="images on /camera/image_raw"),
+    Step(
         f"{RUN} track drive.mcap --box 42,188,44,132 --output tracked --video --report",
         "tracked",
     ),
-    GoesOn(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
-    GoesOn(
+    going_on(SEVERAL, prints="targets on /pf_tracker", ends=(f"{LAUNCH} tracker",)),
+    going_on(
         f"{LAUNCH} follow.launch.py image:=/camera/image_raw camera_height:=1.2 "
         "built_in_detector:=people",
         node="/localizer",
@@ -108,29 +101,29 @@ README = [
 ]
 
 FIRST_STEPS = [
-    Elsewhere(
+    elsewhere(
         ".venv/bin/track demo/hidden/hidden.mcap --box 42,188,44,132 --output tracked --video "
         "--report",
         "test/recordings",
     ),
     *INSTALL,
-    Elsewhere("python3 -m venv ~/pf_tracker", INSTALLED),
-    Elsewhere("~/pf_tracker/bin/pip install '.[ros,console,recordings,evaluation]'", INSTALLED),
-    GoesOn(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
-    GoesOn(
+    elsewhere("python3 -m venv ~/pf_tracker", INSTALLED),
+    elsewhere("~/pf_tracker/bin/pip install '.[ros,console,recordings,evaluation]'", INSTALLED),
+    going_on(f"{RUN} tracker --ros-args -r image:=/camera/image_raw", node="/pf_tracker"),
+    going_on(
         f"{RUN} replay drive.mcap --ros-args -r image:=/camera/image_raw -p loop:=true "
         '-p target_box:="[42, 188, 44, 132]"',
         box="/pf_tracker/box",
     ),
-    Ends(f"{RUN} watch --once", "target 1  tracking"),
-    Ends(f"ros2 topic pub --once /pf_tracker/target {BLUE_COAT}", "publishing #1"),
-    Ends("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
-    GoesOn(
+    Step(f"{RUN} watch --once", "target 1  tracking"),
+    Step(f"ros2 topic pub --once /pf_tracker/target {BLUE_COAT}", "publishing #1"),
+    Step("ros2 param set /pf_tracker preset li2007", "Set parameter successful"),
+    going_on(
         f'{LAUNCH} replay.launch.py source:=drive.mcap target_box:="[42, 188, 44, 132]"',
         prints=TARGET_TAKEN,
         ends=(f"{RUN} tracker", f"{RUN} replay"),
     ),
-    GoesOn(
+    going_on(
         f"{LAUNCH} tracker.launch.py image:=/camera/image_raw preset:=li2007",
         node="/pf_tracker",
         ends=(f"{LAUNCH} replay",),
@@ -138,7 +131,7 @@ FIRST_STEPS = [
 ]
 
 BENCHMARKS = [
-    Ends(
+    Step(
         f"{RUN} evaluate sequences --preset default --seeds 3 --output result.json "
         "--plot success.png",
         "moving_square",
@@ -146,77 +139,77 @@ BENCHMARKS = [
 ]
 
 NODE = [
-    GoesOn(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
-    Ends(
+    going_on(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
+    Step(
         'ros2 topic pub --once /pf_tracker/select std_msgs/msg/UInt32 "{data: 1}"',
         "publishing #1",
     ),
-    GoesOn(
+    going_on(
         f"{RUN} tracker --ros-args -p autostart:=false",
         node="/pf_tracker",
         prints="waiting to be configured",
         ends=(f"{LAUNCH} detector",),
     ),
-    Ends("ros2 lifecycle set /pf_tracker configure", "Transitioning successful"),
-    Ends("ros2 lifecycle set /pf_tracker activate", "Transitioning successful"),
-    Ends("ros2 param set /pf_tracker preset zhang2015", "Set parameter successful"),
-    Ends(
+    Step("ros2 lifecycle set /pf_tracker configure", "Transitioning successful"),
+    Step("ros2 lifecycle set /pf_tracker activate", "Transitioning successful"),
+    Step("ros2 param set /pf_tracker preset zhang2015", "Set parameter successful"),
+    Step(
         f"ros2 param load /pf_tracker {SHARE}/config/li2007.yaml",
         "Set parameter preset successful",
     ),
-    Ends(f"export FASTRTPS_DEFAULT_PROFILES_FILE={SHARE}/config/fastdds_large_images.xml"),
-    Ends("ros2 topic echo --once --full-length /diagnostics", "last_error"),
+    Step(f"export FASTRTPS_DEFAULT_PROFILES_FILE={SHARE}/config/fastdds_large_images.xml"),
+    Step("ros2 topic echo --once --full-length /diagnostics", "last_error"),
 ]
 
 USB_CAMERA = [
-    Elsewhere("ros2 run usb_cam usb_cam_node_exe --ros-args -r __ns:=/camera", "needs a camera"),
-    GoesOn(TRACK_CONSOLE, node="/pf_tracker"),
-    Elsewhere(f"{RUN} watch", "needs a camera"),
-    GoesOn(
+    elsewhere("ros2 run usb_cam usb_cam_node_exe --ros-args -r __ns:=/camera", "needs a camera"),
+    going_on(TRACK_CONSOLE, node="/pf_tracker"),
+    elsewhere(f"{RUN} watch", "needs a camera"),
+    going_on(
         f"{LAUNCH} tracker.launch.py namespace:=left image:=/left/image_raw",
         node="/left/pf_tracker",
         ends=(f"{LAUNCH} tracker",),
     ),
-    GoesOn(
+    going_on(
         f"{LAUNCH} tracker.launch.py namespace:=right image:=/right/image_raw preset:=zhang2015",
         node="/right/pf_tracker",
     ),
-    Ends(f"ros2 topic pub --once /left/pf_tracker/target {POLYGON}", "publishing #1"),
+    Step(f"ros2 topic pub --once /left/pf_tracker/target {POLYGON}", "publishing #1"),
 ]
 
 DEPTH_CAMERA = [
-    Elsewhere(
+    elsewhere(
         "ros2 launch realsense2_camera rs_launch.py align_depth.enable:=true", "needs a camera"
     ),
-    GoesOn(
+    going_on(
         f"{LAUNCH} follow.launch.py image:=/camera/camera/color/image_raw "
         "depth:=/camera/camera/aligned_depth_to_color/image_raw odom:=/odom camera_height:=0.6",
         prints="camera_info on /camera/camera/color/camera_info, depth on "
         "/camera/camera/aligned_depth_to_color/image_raw, odom on /odom",
     ),
-    Elsewhere(f"{RUN} watch", "test_watch.py"),
+    elsewhere(f"{RUN} watch", "test_watch.py"),
 ]
 
 LOCALIZER = [
-    GoesOn(
+    going_on(
         f"{LAUNCH} follow.launch.py image:=/camera/image_raw camera_height:=1.2 "
         "built_in_detector:=people",
         node="/localizer",
         prints="camera_info on /camera/camera_info",
     ),
-    Elsewhere(f"{RUN} watch", "test_watch.py"),
+    elsewhere(f"{RUN} watch", "test_watch.py"),
 ]
 
 THERMAL_CAMERA = [
-    GoesOn(
+    going_on(
         f"{LAUNCH} tracker.launch.py image:=/thermal/image_raw console:=true",
         prints="images on /thermal/image_raw",
     ),
 ]
 
 YOLO = [
-    GoesOn(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
-    Elsewhere(
+    going_on(f"{SEVERAL} labels:=person,car", node="/pf_tracker", prints="targets on /pf_tracker"),
+    elsewhere(
         "tracker --ros-args -r image:=/camera/image_raw -r detections:=/yolo/detections "
         "-p max_targets:=32 -p \"detector.labels:=['person', 'car']\"",
         "for an environment without the command ros2",
@@ -224,19 +217,19 @@ YOLO = [
 ]
 
 BAG = [
-    GoesOn(
+    going_on(
         "ros2 bag record -s mcap /camera/image_raw /pf_tracker/box /pf_tracker/status",
         needs="bag",
     ),
-    Elsewhere(
+    elsewhere(
         f"ros2 bag record -s mcap --storage-config-file {SHARE}/config/rosbag2_record.yaml "
         "/camera/image_raw /camera/camera_info /odom /imu /tf /tf_static /pf_tracker/status "
         "/pf_tracker/boxes",
         "needs rosbag2 with the storage plugin for MCAP",
     ),
-    GoesOn(f"{LAUNCH} tracker.launch.py", node="/pf_tracker", ends=("ros2 bag",)),
-    GoesOn(f"{RUN} console rosbag2_2026_01_01", node="/console"),
-    GoesOn(
+    going_on(f"{LAUNCH} tracker.launch.py", node="/pf_tracker", ends=("ros2 bag",)),
+    going_on(f"{RUN} console rosbag2_2026_01_01", node="/console"),
+    going_on(
         f"{LAUNCH} replay.launch.py source:=rosbag2_2026_01_01 bag_topic:=/camera/image_raw "
         'lockstep:=true target_box:="[42, 188, 44, 132]"',
         prints=TARGET_TAKEN,
@@ -245,7 +238,7 @@ BAG = [
 ]
 
 DOCKER = [
-    Elsewhere(command, "needs Docker")
+    elsewhere(command, "needs Docker")
     for command in (
         "docker build -t pf_tracker .",
         "docker run --rm --network host --ipc host -e ROS_DOMAIN_ID pf_tracker",
@@ -256,35 +249,35 @@ DOCKER = [
 ]
 
 FOLLOW = [
-    GoesOn(
+    going_on(
         f"{LAUNCH} follow.launch.py image:=/camera/color/image_raw "
         "depth:=/camera/aligned_depth_to_color/image_raw odom:=/odom camera_height:=0.6 "
         "detections:=/yolo/detections labels:=person score_above:=0.4 console:=true",
         node="/localizer",
         prints="camera_info on /camera/color/camera_info",
     ),
-    Elsewhere(
+    elsewhere(
         "python3 examples/follow_person.py --ros-args -r odom:=/odom -r cmd_vel:=/cmd_vel "
         "-p distance:=2.0 -p fastest:=0.8",
         "test_follow_person.py",
     ),
-    Elsewhere(
+    elsewhere(
         "ros2 action send_goal /follow_object nav2_msgs/action/FollowObject "
         '"{pose_topic: /localizer/pose}"',
         "needs Nav2",
     ),
 ]
 RECIPES = [
-    GoesOn(
+    going_on(
         f"{RUN} localizer --ros-args -r camera_info:=/camera/camera_info",
         node="/localizer",
         prints="camera_info on /camera/camera_info",
     ),
-    Elsewhere(
+    elsewhere(
         "python3 examples/gimbal.py --ros-args -r cmd_vel:=/gimbal/cmd_vel", "test_gimbal.py"
     ),
-    Elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
-    Elsewhere(f"rviz2 -d {SHARE}/config/localizer.rviz", "opens a window; test_displays.py"),
+    elsewhere(f"rviz2 -d {SHARE}/config/tracker.rviz", "opens a window; test_displays.py"),
+    elsewhere(f"rviz2 -d {SHARE}/config/localizer.rviz", "opens a window; test_displays.py"),
 ]
 DOCUMENTS = {
     "README.md": README,
@@ -327,24 +320,24 @@ def test_the_commands_work_as_written_and_in_order(prepared, heard, document):
 
     shell = prepared
     with contextlib.ExitStack() as last:
-        going_on = {}
+        running_ones = {}
         for step in DOCUMENTS[document]:
-            if isinstance(step, Elsewhere):
+            if step.reason:
                 continue
             if step.needs and shell.run(f"ros2 {step.needs} --help").returncode:
                 continue
-            if isinstance(step, Ends):
+            if not step.goes_on:
                 outcome = shell.run(step.command)
                 assert outcome.returncode == 0, outcome.stdout + outcome.stderr
                 assert step.shows in outcome.stdout + outcome.stderr
                 continue
-            for command in [one for one in going_on if one.startswith(step.ends)]:
-                assert going_on.pop(command).end() == 0, command
-            going_on[step.command] = running = last.enter_context(shell.started(step.command))
+            for command in [one for one in running_ones if one.startswith(step.ends)]:
+                assert running_ones.pop(command).end() == 0, command
+            running_ones[step.command] = running = last.enter_context(shell.started(step.command))
             running.wait_for(step.prints)
             if step.node:
                 shell.wait_for_node(step.node)
             if step.box:
                 heard(PolygonStamped, step.box)
-        for command, running in going_on.items():
+        for command, running in running_ones.items():
             assert running.end() == 0, command
