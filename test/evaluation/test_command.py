@@ -2,13 +2,11 @@ import json
 import sys
 from functools import partial
 
-import cv2
 import pytest
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
     EvaluationError,
-    __main__,
     evaluate_sequence,
     read_sequences,
 )
@@ -177,15 +175,6 @@ def test_missing_package_is_named_with_its_installation(refusal, monkeypatch, pa
     monkeypatch.setitem(sys.modules, package, None)
     line = refusal("short", *options)
     assert f"{package} is not installed: pip install {package}" in line
-
-
-def test_plot_shows_the_preset(short_sequence, tmp_path):
-    plot = tmp_path / "success.png"
-    assert __main__.main([str(short_sequence), "--seeds", "1", "--plot", str(plot)]) == 0
-    image = cv2.imread(str(plot))
-    assert min(image.shape[:2]) >= 400
-    # The preset's curve is the only thing in color.
-    assert (image.max(axis=2) - image.min(axis=2) > 60).any()
 
 
 def test_a_parameter_file_equals_typed_parameters(evaluate, refusal, short_sequence, tmp_path):

@@ -115,8 +115,8 @@ def listening(pid):
 
 
 @needs_ray
-@pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:1"])
-def test_without_a_cluster_it_says_how_to_start_one(start_track, archive, tmp_path, address):
+def test_without_a_cluster_it_says_how_to_start_one(start_track, archive, tmp_path):
+    address = "127.0.0.1:1"
     process = start_track(
         "--archive", archive, "--output", tmp_path / "out", "--ray", address, *QUICK
     )
@@ -179,25 +179,25 @@ def test_a_recording_that_ends_every_worker_is_reported_and_does_not_stop_the_ot
     assert executor.rounds[1:] == [["drive_1"]] * 4
 
 
-def test_a_worker_with_another_version_refuses_tasks(tasks):
-    others = [dataclasses.replace(task, version="0.0.1") for task in tasks]
-    found = dict(run_tasks(others, LossyExecutor(lambda name, number: False)))
-    for task, entry in found.items():
-        assert entry.exit_code == 1
-        assert ", not 0.0.1; install the same everywhere" in entry.error
-        assert not (task.results.path / task.name).exists()
-
-
-def test_a_worker_with_an_unshared_folder_or_of_a_former_run_does_not_write(tasks, tmp_path):
+def test_a_worker_of_another_version_folder_or_run_does_not_write(tasks, tmp_path):
     elsewhere = dataclasses.replace(tasks[0].results, path=tmp_path / "unshared")
-    others = [dataclasses.replace(task, results=elsewhere) for task in tasks]
-    for _, entry in run_tasks(others, LossyExecutor(lambda name, number: False)):
-        assert "is not the folder of the run; give a folder that all machines share" in entry.error
-    assert not (tmp_path / "unshared").exists()
+    for changed, reason in (
+        ({"version": "0.0.1"}, ", not 0.0.1; install the same everywhere"),
+        (
+            {"results": elsewhere},
+            "is not the folder of the run; give a folder that all machines share",
+        ),
+    ):
+        others = [dataclasses.replace(task, **changed) for task in tasks]
+        found = dict(run_tasks(others, LossyExecutor(lambda name, number: False)))
+        assert len(found) == len(tasks)
+        for entry in found.values():
+            assert (entry.exit_code, reason in entry.error) == (1, True), entry.error
     former = dataclasses.replace(tasks[0].results, run="former")
     with pytest.raises(RecordingError, match="another run is writing into"):
         former.put(tmp_path, "drive_0")
-    assert not (tmp_path / "out" / "drive_0").exists()
+    assert not (tmp_path / "unshared").exists()
+    assert not list((tmp_path / "out").glob("drive_*"))
 
 
 def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, own_archive):

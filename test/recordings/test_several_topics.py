@@ -12,18 +12,13 @@ COUNT = 16
 def test_detections_of_a_bag_are_applied_at_their_stamps_when_they_arrive(
     tracked, write_walkers, detections_message, library, little_endian
 ):
-    boxes = library.boxes
+    def message(frame):
+        boxes = library.boxes[frame]
+        return detections_message(library.at(frame), boxes, little_endian=little_endian)
+
     # (frame of the detections, frame of their arrival): at once, two frames late, one frame late.
     frames = ((0, 0), (4, 6), (9, 10))
-    bag = write_walkers(
-        [
-            (
-                library.at(arrival) + 1000,
-                detections_message(library.at(frame), boxes[frame], little_endian=little_endian),
-            )
-            for frame, arrival in frames
-        ]
-    )
+    bag = write_walkers([(library.at(later) + 1000, message(frame)) for frame, later in frames])
     code, errors, found = tracked(bag, "--detections-topic", "/found", "--seed", 2)
     assert (code, errors) == (0, "")
     expected = {arrival: [(library.detections(frame), frame)] for frame, arrival in frames}

@@ -29,17 +29,13 @@ def write_target(moving_square_sequence):
     return write
 
 
-def test_the_file_stands_beside_the_recording(tmp_path):
-    assert target_file(tmp_path / "drive.mcap") == tmp_path / "drive.target.yaml"
-    folder = tmp_path / "run.1"
-    folder.mkdir()
-    assert target_file(folder) == tmp_path / "run.1.target.yaml"
-
-
 def test_a_box_precedes_the_target_file_which_precedes_the_truth(
     moving_square_sequence, write_target
 ):
-    recording = open_recording(moving_square_sequence)
+    recording, folder = open_recording(moving_square_sequence), moving_square_sequence.parent
+    assert target_file(folder / "drive.mcap") == folder / "drive.target.yaml"
+    (folder / "run.1").mkdir()
+    assert target_file(folder / "run.1") == folder / "run.1.target.yaml"
     assert choose_target(recording, None).box is None
     write_target("target_box: [1, 2, 3, 4.5]\nlabel: car")
     target = choose_target(recording, None)
@@ -175,7 +171,7 @@ def drawn():
     return [Target((1.0, 2.0, 30.0, 40.0), 7, 3, (160, 120))]
 
 
-def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn):
+def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn, monkeypatch):
     kept = tmp_path / "kept.yaml"
     kept.write_text("target_box: [9, 9, 9, 9]\n")
     link = tmp_path / "drive.target.yaml"
@@ -185,6 +181,15 @@ def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn):
     assert save_targets(drawn, tmp_path / "drive.mcap", may_replace=True) == link
     assert link.is_symlink()
     assert "target_box: [1.0, 2.0, 30.0, 40.0]" in kept.read_text()
+
+    def fail(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    # What cannot be written leaves nothing behind.
+    monkeypatch.setattr(Path, "write_text", fail)
+    with pytest.raises(OSError, match="No space left"):
+        save_targets(drawn, tmp_path / "other.mcap", may_replace=True)
+    assert sorted(tmp_path.iterdir()) == [link, kept]
 
 
 @pytest.mark.parametrize("kind", ["pipe", "link to a pipe", "folder", "link to itself"])
@@ -201,16 +206,6 @@ def test_what_is_no_file_is_not_written_over(tmp_path, drawn, kind):
         save_targets(drawn, tmp_path / "drive.mcap", may_replace=True)
     assert (path.lstat().st_mode, path.lstat().st_ino) == (before.st_mode, before.st_ino)
     assert pipe.is_fifo()
-
-
-def test_a_target_file_that_cannot_be_written_leaves_nothing_behind(tmp_path, drawn, monkeypatch):
-    def fail(*_, **__):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_text", fail)
-    with pytest.raises(OSError, match="No space left"):
-        save_targets(drawn, tmp_path / "drive.mcap", may_replace=True)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_video_keeps_its_size_if_the_images_change(

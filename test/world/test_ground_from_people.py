@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.world import CameraModel, GroundPlane, fit_ground_plane
+from pf_tracker_ros.world.height_line import HeightLine
 
 
 def people(camera, box_of, plane, count, *, noise=0.0, height_sd=0.0, seed=0, distances=(5, 25)):
@@ -150,3 +151,17 @@ def test_wrong_arguments_are_rejected(camera, box_of, boxes, options, message):
         boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 60)
     with pytest.raises(ValueError, match=message):
         fit_ground_plane(camera, boxes, **options)
+
+
+def test_before_a_level_camera_the_line_of_heights_is_the_ground(camera, box_of):
+    """Slope and horizon by the geometry, and by the plane that is learned from the same people."""
+    places = [(distance, 0.02 * distance - 0.2) for distance in np.linspace(4.0, 20.0, 60)]
+    boxes = np.array([box_of(camera, GroundPlane.from_angles(1.4), *place)[0] for place in places])
+    line = HeightLine.fit(boxes[:, 1] + boxes[:, 3], boxes[:, 3])
+    assert line.slope == pytest.approx(1.75 / 1.4, rel=1e-4)
+    # Edges count half a pixel more than the calibration.
+    horizon = line.lower_edge - line.height / line.slope
+    assert horizon == pytest.approx(camera.cy + 0.5, abs=0.02)
+    learned = fit_ground_plane(camera, boxes).plane
+    assert 1.75 / line.slope == pytest.approx(learned.height, rel=1e-3)
+    assert learned.pitch == pytest.approx(0.0, abs=1e-3)

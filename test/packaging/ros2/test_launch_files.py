@@ -107,11 +107,6 @@ def parameters_set(tree):
     }
 
 
-def test_there_is_a_launch_file_for_each_use():
-    names = [f"{name}.launch.py" for name in ("detector", "follow", "replay", "tracker")]
-    assert [path.name for path in LAUNCH_FILES] == names
-
-
 @each_launch_file
 def test_each_argument_that_is_read_is_declared_and_each_declared_one_is_read(path):
     tree = parsed(path)
@@ -119,6 +114,8 @@ def test_each_argument_that_is_read_is_declared_and_each_declared_one_is_read(pa
 
 
 def test_what_is_shared_is_read_where_it_is_called():
+    names = [f"{name}.launch.py" for name in ("detector", "follow", "replay", "tracker")]
+    assert [path.name for path in LAUNCH_FILES] == names
     detector, follow, replay, tracker = map(parsed, LAUNCH_FILES)
     both = {"image_reliability", "params_file", "console", "use_sim_time", "log_level", "seed"}
     assert both <= read(detector) & read(follow) & read(tracker)
@@ -126,6 +123,15 @@ def test_what_is_shared_is_read_where_it_is_called():
     assert "use_sim_time" not in read(replay)
     assert {"preset", "seed"} <= {*constants(parsed(SHARING))["TRACKER_PARAMETERS"]}
     assert parameters_set(replay) == {"rate", "target_box"}
+    # The replay publisher hands the tracker only arguments that it has.
+    (handed,) = [
+        keyword.value.func.value
+        for call in calls(replay)
+        for keyword in call.keywords
+        if keyword.arg == "launch_arguments"
+    ]
+    given = {key.value for key in handed.keys if key is not None}
+    assert given | {*constants(replay)["FORWARDED_ARGUMENTS"]} == declared(tracker)
 
 
 def test_each_shared_argument_is_described_and_declared_by_several_files():
@@ -136,18 +142,6 @@ def test_each_shared_argument_is_described_and_declared_by_several_files():
         assert description.endswith(".")
         assert default in ("", "false", name)
     assert described.keys() == {name for names in named for name in names}
-
-
-def test_the_replay_publisher_hands_the_tracker_only_arguments_that_it_has():
-    *_, replay, tracker = map(parsed, LAUNCH_FILES)
-    (handed,) = [
-        keyword.value.func.value
-        for call in calls(replay)
-        for keyword in call.keywords
-        if keyword.arg == "launch_arguments"
-    ]
-    names = {key.value for key in handed.keys if key is not None}
-    assert names | {*constants(replay)["FORWARDED_ARGUMENTS"]} == declared(tracker)
 
 
 def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
@@ -161,12 +155,8 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
     of_node = declarations(NodeParameters)
     of_tracker = of_node | declarations(TrackerParameters)
     of_localizer = declarations(LocalizerParameters)
-    of_each = (
-        of_tracker,
-        of_tracker | of_localizer,
-        declarations(ReplayParameters),
-        of_node,
-    )
+    of_replay = declarations(ReplayParameters)
+    of_each = of_tracker, of_tracker | of_localizer, of_replay, of_node
     shared = constants(parsed(SHARING))
     for path, known in zip(LAUNCH_FILES, of_each, strict=True):
         tree = parsed(path)
@@ -182,20 +172,6 @@ def test_the_parameters_that_are_set_exist_and_have_the_type_that_is_given():
 # From here on the launch files are run.
 
 
-@pytest.fixture
-def messages():
-    """The message types that the nodes publish."""
-    pytest.importorskip("rclpy")
-    from diagnostic_msgs.msg import DiagnosticArray
-    from geometry_msgs.msg import PolygonStamped
-
-    return {"status": DiagnosticArray, "box": PolygonStamped}
-
-
-def values(status):
-    return {item.key: item.value for item in status.status[0].values}
-
-
 def test_a_replay_is_tracked_and_ends_with_its_recording(shell, drive):
     with shell.started(f"{REPLAY} source:={drive} {TARGET} rate:=2.0 seed:=3") as launch:
         assert launch.wait(60.0) == 0
@@ -208,11 +184,13 @@ def test_a_replay_is_tracked_and_ends_with_its_recording(shell, drive):
         assert told in launch.output
 
 
-def test_every_flag_is_taken_as_python_and_yaml_write_it(shell, heard, messages, drive):
+def test_every_flag_is_taken_as_python_and_yaml_write_it(shell, heard, drive):
+    from geometry_msgs.msg import PolygonStamped
+
     flags = "lockstep:=True publish_clock:=TRUE large_images:=False start_paused:=false loop:=1"
     command = f"{REPLAY} source:={drive} {TARGET} {flags} namespace:=left preset:=li2007"
     with shell.started(f"{command} image:=/camera/image_raw log_level:=debug") as launch:
-        box = heard(messages["box"], "/left/pf_tracker/box")
+        box = heard(PolygonStamped, "/left/pf_tracker/box")
         assert 1 <= box.header.stamp.sec <= 5
         assert launch.end() == 0
     assert "[DEBUG]" in launch.output
@@ -265,14 +243,18 @@ def test_a_recording_that_cannot_be_played_ends_the_launch(shell, drive, argumen
         (FOLLOW, "method:=radar", "auto, ground, height, depth"),
         (FOLLOW, "rectified:=perhaps", "true or false"),
         (FOLLOW, "max_targets:=0", "int, 1 to 1000"),
+        # Of the tracker that a replay starts.
+        (f"{REPLAY} source:=drive.mcap {TARGET}", "seed:=some", "int, 0 to 2147483647"),
+        (f"{REPLAY} source:=drive.mcap {TARGET}", "params_file:=none.yaml", ""),
     ],
 )
-def test_a_wrong_argument_ends_the_launch_with_the_reason(shell, file, given, allowed):
+def test_a_wrong_argument_ends_the_launch_with_the_reason(shell, drive, file, given, allowed):
     console = "console:=true " if given.startswith("console_port") else ""
     outcome = shell.run(f"{file} {console}{given}")
     told = f"allowed: {allowed}" if allowed else "the file does not exist"
     assert outcome.returncode != 0
     assert f"argument {given}; {told}" in outcome.stdout + outcome.stderr
+    assert "process started" not in outcome.stdout + outcome.stderr
 
 
 @pytest.mark.parametrize("lockstep", ["true", "false"])
@@ -285,26 +267,17 @@ def test_a_replay_launch_ends_with_its_tracker(shell, drive, lockstep):
     assert "the tracker has ended with the exit code 1" in launch.output
 
 
-@pytest.mark.parametrize(
-    "given", ["preset:=lee2007", "params_file:=none.yaml", "seed:=some", "console:=perhaps"]
-)
-def test_a_wrong_argument_of_the_tracker_starts_no_replay(shell, drive, given):
-    outcome = shell.run(f"{REPLAY} source:={drive} {TARGET} {given}")
-    assert outcome.returncode != 0
-    assert f"argument {given}" in outcome.stdout + outcome.stderr
-    assert "process started" not in outcome.stdout + outcome.stderr
+def test_a_tracker_takes_the_preset_over_the_file_and_the_time_from_the_clock(shell, heard, drive):
+    from diagnostic_msgs.msg import DiagnosticArray
 
-
-def test_a_tracker_takes_the_preset_over_the_file_and_the_time_from_the_clock(
-    shell, heard, messages, drive
-):
     own = shell.folder / "own.yaml"
     own.write_text("/**:\n  ros__parameters:\n    preset: default\n    particles: 77\n")
     command = f"{TRACKER} params_file:={own} preset:=li2007 use_sim_time:=True autostart:=True"
     replay = f"ros2 run pf_tracker_ros replay {drive} --ros-args -p loop:=true"
     with shell.started(command) as launch, shell.started(f"{replay} -p publish_clock:=true"):
-        status = heard(messages["status"], "/pf_tracker/status")
-        assert values(status)["preset"] == "li2007"
+        status = heard(DiagnosticArray, "/pf_tracker/status")
+        values = {item.key: item.value for item in status.status[0].values}
+        assert values["preset"] == "li2007"
         assert launch.end() == 0
     assert "preset li2007; images on /image" in launch.output
 
