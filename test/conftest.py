@@ -341,7 +341,7 @@ def write_bag(typestore):
     A row without a message makes its topic known and no more.
     """
 
-    def write(path, rows, storage="MCAP", compression="NONE"):
+    def write(path, rows, storage="MCAP", compression="NONE", types=typestore):
         from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
         writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
@@ -351,7 +351,7 @@ def write_bag(typestore):
             for topic, message_type, log_time, message in rows:
                 if (topic, message_type) not in connections:
                     connections[topic, message_type] = writer.add_connection(
-                        topic, message_type, typestore=typestore
+                        topic, message_type, typestore=types
                     )
                 if message is not None:
                     writer.write(connections[topic, message_type], log_time, message)

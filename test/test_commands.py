@@ -1,25 +1,16 @@
 """What the executables do with arguments that are not for ROS."""
 
 import os
-import subprocess
 import sys
 
 import pytest
-
-TIMEOUT = 60.0
+from common import run_python
 
 
 def run(name, *arguments, before="", **options):
     """Runs a command after some code in its process."""
     code = f"import sys\n{before}\nimport pf_tracker_ros.commands as c; sys.exit(c.{name}())"
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-        **options,
-    )
+    return run_python(code, *arguments, **options)
 
 
 @pytest.mark.parametrize("name", ["tracker", "localizer", "replay", "console"])

@@ -1,8 +1,6 @@
-import subprocess
-import sys
-
 import numpy as np
 import pytest
+from common import run_python
 
 from pf_tracker_ros import Estimate
 from pf_tracker_ros.overlay import STATE_COLORS, draw_overlay
@@ -86,7 +84,7 @@ image = np.zeros((48, 160, 3), np.uint8)
 drawn = draw_overlay(image, None, "car \\ud800")
 assert (drawn == draw_overlay(image, None, "car ?")).all()
 """
-    subprocess.run([sys.executable, "-c", program], check=True)
+    run_python(program, check=True)
 
 
 def test_gray_becomes_the_same_gray_in_color():

@@ -2,18 +2,16 @@
 
 import importlib
 import json
-import subprocess
 import sys
 from dataclasses import dataclass
 
 import pytest
+from common import run_python
 
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
 from pf_tracker_ros.parameters import declarations, declared
 from pf_tracker_ros.registry import NoParameters, Registry
-
-TIMEOUT = 60.0
 
 
 @dataclass(frozen=True)
@@ -98,9 +96,7 @@ from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
 print(json.dumps([list(CUES), list(MOTION_MODELS), list(RESAMPLERS)]))
 """
-    printed = subprocess.run(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, timeout=TIMEOUT, check=True
-    ).stdout
+    printed = run_python(code).stdout
     assert json.loads(printed) == [list(CUES), list(MOTION_MODELS), list(RESAMPLERS)]
 
 

@@ -5,14 +5,13 @@ import io
 import json
 import re
 import struct
-import subprocess
-import sys
 import zlib
 from array import array
 
 import cv2
 import numpy as np
 import pytest
+from common import run_python
 from PIL import Image as Picture
 from PIL import ImageFile, PngImagePlugin
 from sensor_msgs.msg import CompressedImage
@@ -244,8 +243,7 @@ def test_no_bomb_takes_much_memory_or_fills_the_log(tmp_path):
     files = {"ordinary": BASELINE} | {name: make() for name, (make, _) in BOMBS.items()}
     for name, data in files.items():
         (tmp_path / name).write_bytes(data)
-    arguments = [sys.executable, "-c", MEASURE, *(tmp_path / name for name in files)]
-    process = subprocess.run(arguments, capture_output=True, text=True, check=False)
+    process = run_python(MEASURE, *(tmp_path / name for name in files))
     lines = process.stderr.splitlines()
     assert process.returncode == 0, lines[-5:]
     grown = json.loads(process.stdout)

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from common import run_python
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -83,14 +84,8 @@ def run_beside():
 
     def run(folders, code, *arguments):
         path = [*folders, ROOT, ROOT / "test" / "helpers"]
-        return subprocess.run(
-            [sys.executable, "-c", code, *arguments],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path))},
-            capture_output=True,
-            text=True,
-            timeout=TIMEOUT,
-            check=False,
-        )
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path))}
+        return run_python(code, *arguments, env=environment)
 
     return run
 

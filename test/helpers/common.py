@@ -1,6 +1,8 @@
 """What several folders of tests need: drawn images, regions, overlaps, messages of commands."""
 
 import resource
+import subprocess
+import sys
 from contextlib import contextmanager
 
 import cv2
@@ -32,6 +34,13 @@ def run_command(main, arguments, capsys):
         code = ended.code
     printed = capsys.readouterr()
     return code, printed.out, printed.err
+
+
+def run_python(code, *arguments, check=False, **options):
+    """Runs code in a process of its own, to its end."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    options = {"capture_output": True, "text": True, "timeout": 120, **options}
+    return subprocess.run(command, check=check, **options)
 
 
 def texture(seed, height, width, low=0, high=256, *, cell=6):

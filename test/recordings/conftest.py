@@ -390,25 +390,16 @@ def detections_message(vision):
 
 
 @pytest.fixture
-def write_walkers(walkers, vision, make_image_message, tmp_path):
+def write_walkers(walkers, vision, make_image_message, write_bag, tmp_path):
     """Writes a bag of the walkers and of messages of a detector (log time, octets)."""
 
     def write(messages, kind="vision_msgs/msg/Detection2DArray"):
-        from rosbags.rosbag2 import StoragePlugin, Writer
-
-        rows = [(log_time, 0, kind, octets) for log_time, octets in messages]
+        rows = [("/found", kind, log_time, octets) for log_time, octets in messages]
         for number, image in enumerate(walkers[0]):
-            octets = make_image_message(Library.at(number), image)
-            rows.append((Library.at(number) + 1000, 1, "sensor_msgs/msg/Image", octets))
-        path = tmp_path / "drive"
-        with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            topics = {}
-            for log_time, index, message_type, octets in sorted(rows):
-                if message_type not in topics:
-                    topics[message_type] = writer.add_connection(
-                        ("/found", "/eye")[index], message_type, typestore=vision
-                    )
-                writer.write(topics[message_type], log_time, octets)
-        return path
+            stamp = Library.at(number)
+            octets = make_image_message(stamp, image)
+            rows.append(("/eye", "sensor_msgs/msg/Image", stamp + 1000, octets))
+        rows.sort(key=lambda row: (row[2], row[0] == "/eye"))
+        return write_bag(tmp_path / "drive", rows, types=vision)
 
     return write

@@ -5,15 +5,13 @@ import gc
 import os
 import re
 import signal
-import subprocess
-import sys
 import threading
 import time
 
 import cv2
 import numpy as np
 import pytest
-from common import QUICK, TRACK_WITHOUT_ROS, full_disk, one_sentence
+from common import QUICK, TRACK_WITHOUT_ROS, full_disk, one_sentence, run_python
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.footage import write_footage
@@ -404,13 +402,7 @@ def test_it_needs_no_ros(track, moving_square_sequence, tmp_path):
         "--video",
         "--bag",
     ]
-    outcome = subprocess.run(
-        [sys.executable, "-c", TRACK_WITHOUT_ROS, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    outcome = run_python(TRACK_WITHOUT_ROS, *arguments)
     assert (outcome.returncode, outcome.stderr) == (0, "")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         *("boxes.csv", "overlay.mp4", "topics.mcap")

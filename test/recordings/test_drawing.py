@@ -142,7 +142,7 @@ def first_box(rows, folder):
 
 @pytest.mark.parametrize("max_targets", [2, 1])
 def test_the_note_offers_another_target_if_there_may_be_one(
-    start_draw, open_page, images, max_targets
+    start_draw, open_page, rows, images, max_targets
 ):
     output = images.parents[1] / "out"
     command = start_draw(images, "--output", output, "--parameter", f"max_targets={max_targets}")
@@ -156,31 +156,21 @@ def test_the_note_offers_another_target_if_there_may_be_one(
     page.keyboard.press("r")
     page.get_by_text("drag a box around the target").wait_for()
     assert (note.inner_text().endswith(offered), note.get_attribute("data-level")) == (True, "ok")
-
-
-def test_a_box_is_drawn_corrected_and_tracked(start_draw, open_page, rows, track, images):
-    tmp_path = images.parents[1]
-    command = start_draw(images, "--output", tmp_path / "out")
-    page = open_page(command)
-    assert page.locator("#name").inner_text() == "img"
-    drag(page, (20, 30), (60, 70))
-    assert page.locator("#handles circle:visible").count() == 4
-    drag(page, (60, 70), (44, 54))
+    if max_targets == 1:
+        return
+    drag(page, (20, 30), (44, 54))
+    page.keyboard.press("a")
+    # No more than `max_targets` are kept.
+    drag(page, (100, 20), (140, 60))
+    assert page.locator("#add").is_disabled()
+    page.keyboard.press("a")
+    assert page.locator("#list li").count() == 1
+    page.keyboard.press("Escape")
+    # The kept targets are tracked without another box.
     page.keyboard.press("Enter")
     page.get_by_text("tracking begins").wait_for()
-    assert page.locator("#send").is_disabled()
-    code, output, errors = command.end()
-    assert (code, errors) == (0, "")
-    file = images.parent / "img.target.yaml"
-    assert f"saved as {file}" in output
-    frame, found = first_box(rows, tmp_path / "out")
-    assert (frame, found) == (0, pytest.approx(BOX, abs=0.5))
-    saved = yaml.safe_load(file.read_text())
-    assert (saved["frame"], saved["stamp"]) == (0, 10**9)
-    assert (saved["recording"], saved["image_size"]) == ("img", [160, 120])
-    # The saved target gives the same boxes.
-    assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
-    assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
+    assert command.end()[0] == 0
+    assert {row["id"] for row in rows(output)} == {"1"}
 
 
 def test_a_box_is_drawn_on_another_frame_and_placed_by_keys(
@@ -204,14 +194,17 @@ def test_a_box_is_drawn_on_another_frame_and_placed_by_keys(
     assert [row["state"] for row in rows(tmp_path / "out")[:4]] == ["idle"] * 3 + ["tracking"]
 
 
-def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, rows, images):
+def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, rows, track, images):
     tmp_path = images.parents[1]
     command = start_draw(images, "--output", tmp_path / "out")
     page = open_page(command)
     assert page.locator("#send").is_disabled()
     assert page.locator("#add").is_disabled()
     assert page.locator("#undo").is_disabled()
-    drag(page, (20, 30), (44, 54))
+    assert page.locator("#name").inner_text() == "img"
+    drag(page, (20, 30), (60, 70))
+    assert page.locator("#handles circle:visible").count() == 4
+    drag(page, (60, 70), (44, 54))
     page.locator("#label").fill("\u00e4: 'square'")
     page.locator("#add").click()
     assert page.locator("#drawn:not([hidden])").count() == 0
@@ -237,8 +230,12 @@ def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, row
     page.get_by_text("tracking begins").wait_for()
     code, output, errors = command.end()
     assert (code, errors) == (0, "")
+    file = images.parent / "img.target.yaml"
     assert output.splitlines()[0].startswith("targets ")
-    first, second = yaml.safe_load((images.parent / "img.target.yaml").read_text())["targets"]
+    assert f"saved as {file}" in output
+    saved = yaml.safe_load(file.read_text())
+    assert saved["recording"] == "img"
+    first, second = saved["targets"]
     assert first["image_size"] == second["image_size"] == [160, 120]
     assert first["label"] == "\u00e4: 'square'"
     assert (first["frame"], first["target_box"]) == (0, pytest.approx(BOX, abs=0.5))
@@ -246,24 +243,9 @@ def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, row
     found = rows(tmp_path / "out")
     assert {row["id"] for row in found} == {"1", "2"}
     assert next(row["frame"] for row in found if row["id"] == "2") == "2"
-
-
-def test_at_most_max_targets_are_drawn(start_draw, open_page, rows, images):
-    output = images.parent / "out"
-    command = start_draw(images, "--output", output, "--parameter", "max_targets=2")
-    page = open_page(command)
-    drag(page, (20, 30), (44, 54))
-    page.keyboard.press("a")
-    drag(page, (100, 20), (140, 60))
-    assert page.locator("#add").is_disabled()
-    page.keyboard.press("a")
-    assert page.locator("#list li").count() == 1
-    page.keyboard.press("Escape")
-    # The kept targets are tracked without another box.
-    page.keyboard.press("Enter")
-    page.get_by_text("tracking begins").wait_for()
-    assert command.end()[0] == 0
-    assert {row["id"] for row in rows(output)} == {"1"}
+    # The saved targets give the same boxes.
+    assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
+    assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
 
 
 def test_cancel_on_the_page_ends_without_tracking(start_draw, open_page, images, tmp_path):
