@@ -218,20 +218,25 @@ def test_parts_share_tunables_that_they_declare_alike():
     assert boat.of_devices["spare"] == Radio(channel=7)
 
 
-def test_a_tunable_of_every_part_is_always_active():
-    drives = Registry("drive", prefix="")
-
+def machine_of(drives):
     @dataclass(frozen=True)
     class Machine:
         kind: str = declared("sail", "Kind.", choices=drives)
+        height: float = declared(5.0, "Height.", minimum=0.0, maximum=30.0)
         of_kinds: dict[str, Any] = parts("kind", drives)
 
+    return Machine
+
+
+def test_a_tunable_of_every_part_is_always_active():
+    drives = Registry("drive", prefix="")
+    machine = machine_of(drives)
     for name, one in {"sail": Sail, "diesel": Diesel}.items():
         drives.register(name, one)(dict)
-    draft = declarations(Machine)["draft"]
+    draft = declarations(machine)["draft"]
     assert (draft.condition, draft.description) == (None, "Draft.")
     drives.register("oars")(dict)
-    assert declarations(Machine)["draft"].condition == ("kind", ("sail", "diesel"))
+    assert declarations(machine)["draft"].condition == ("kind", ("sail", "diesel"))
 
 
 @dataclass(frozen=True)
@@ -247,22 +252,15 @@ class Balloon:
 @pytest.mark.parametrize(("other", "name"), [(Barge, "draft"), (Balloon, "height")])
 def test_one_name_for_two_tunables_is_refused(other, name):
     drives = Registry("drive", prefix="")
-
-    @dataclass(frozen=True)
-    class Machine:
-        kind: str = declared("sail", "Kind.", choices=drives)
-        height: float = declared(5.0, "Height.", minimum=0.0, maximum=30.0)
-        of_kinds: dict[str, Any] = parts("kind", drives)
-
+    machine = machine_of(drives)
     drives.register("sail", Sail)(dict)
     # A single choice makes no condition.
-    assert list(declarations(Machine)) == ["height", "area", "draft"]
-    assert declarations(Machine)["draft"].condition is None
+    assert list(declarations(machine)) == ["height", "area", "draft"]
+    assert declarations(machine)["draft"].condition is None
     drives.register("other", other)(dict)
-    with pytest.raises(
-        TypeError, match=f"'{name}' is declared differently for .*other; declare it"
-    ):
-        declarations(Machine)
+    reason = f"'{name}' is declared differently for .*other; declare it"
+    with pytest.raises(TypeError, match=reason):
+        declarations(machine)
 
 
 WHY_UNKNOWN = {

@@ -99,10 +99,13 @@ def compute(seconds):
         pass
 
 
+def scored(truth, *outputs):
+    """The result of a tracker with these outputs."""
+    return evaluate_sequence(MemoryFootage(truth), lambda seed: ScriptedTracker(*outputs), [0])
+
+
 def test_the_first_frame_counts_with_the_given_box():
-    result = evaluate_sequence(
-        MemoryFootage([TARGET] * 4), lambda seed: ScriptedTracker(FAR, FAR, OVERLAPPING), [0]
-    )
+    result = scored([TARGET] * 4, FAR, FAR, OVERLAPPING)
     assert result.boxes[0].tolist() == [list(box) for box in (TARGET, FAR, FAR, OVERLAPPING)]
     # Overlaps 1, 0, 0, 1/3: above 20, 0, 0 and 7 (0 .. .3) of the 21 thresholds.
     assert result.scores.success_auc == pytest.approx((20 + 7) / 4 / 21)
@@ -111,8 +114,7 @@ def test_the_first_frame_counts_with_the_given_box():
 
 
 def test_lost_frame_keeps_the_last_box():
-    tracker = ScriptedTracker(LOST, OVERLAPPING, LOST, FAR, LOST)
-    result = evaluate_sequence(MemoryFootage([TARGET] * 6), lambda seed: tracker, [0])
+    result = scored([TARGET] * 6, LOST, OVERLAPPING, LOST, FAR, LOST)
     expected = [TARGET, TARGET, OVERLAPPING, OVERLAPPING, FAR, FAR]
     assert result.boxes[0].tolist() == [list(box) for box in expected]
     assert result.lost[0].tolist() == [False, True, False, True, False, True]
@@ -158,13 +160,7 @@ def test_frames_without_true_box_are_tracked_but_not_scored():
 
 
 def test_means_weigh_long_and_short_sequences_alike():
-    short = evaluate_sequence(
-        MemoryFootage([TARGET] * 2), lambda seed: ScriptedTracker(TARGET), seeds=[0]
-    )
-    long = evaluate_sequence(
-        MemoryFootage([TARGET] * 8), lambda seed: ScriptedTracker(*[FAR] * 7), seeds=[0]
-    )
-    mean = mean_scores([short, long])
+    mean = mean_scores([scored([TARGET] * 2, TARGET), scored([TARGET] * 8, *[FAR] * 7)])
     assert mean.success_auc == pytest.approx((20 / 21 + 20 / 21 / 8) / 2)
     assert mean.precision_20px == pytest.approx((1 + 1 / 8) / 2)
     assert mean.frames == 5
@@ -285,9 +281,7 @@ def test_the_request_is_checked_before_tracking():
 @pytest.mark.parametrize("box", [(np.nan, 0, 1, 1), (0, 0, np.inf, 1), (0, 0, 1)])
 def test_an_invalid_box_is_refused_with_its_frame(box):
     with pytest.raises(EvaluationError, match=r"drawn, frame 3: .*4 finite numbers"):
-        evaluate_sequence(
-            MemoryFootage([TARGET] * 3), lambda seed: ScriptedTracker(TARGET, box), [0]
-        )
+        scored([TARGET] * 3, TARGET, box)
 
 
 def test_an_error_of_the_tracker_names_sequence_and_frame():

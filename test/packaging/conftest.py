@@ -14,6 +14,7 @@ import sys
 import sysconfig
 import tempfile
 import venv
+from collections import namedtuple
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -247,8 +248,8 @@ def colcon_installation(workspace, colcon, sourced):
     """`colcon build` and `source install/setup.bash`."""
     colcon("build")
     prefix = workspace / "install" / PACKAGE
-    python = Path(sys.executable)
-    return Installation(prefix, prefix / "lib" / PACKAGE, python, sourced("install"))
+    binaries = prefix / "lib" / PACKAGE
+    return Installation(prefix, binaries, Path(sys.executable), sourced("install"))
 
 
 @pytest.fixture(scope="session")
@@ -303,12 +304,7 @@ def without_opencv(make_pip_installation):
     return make_pip_installation("bare", ["numpy"])[0]
 
 
-@dataclass(frozen=True)
-class WithoutExtra:
-    """The package installed with pip without any extra beside an OpenCV, and what pip took."""
-
-    installation: Installation
-    report: dict
+WithoutExtra = namedtuple("WithoutExtra", "installation report")
 
 
 @pytest.fixture(scope="session")

@@ -97,30 +97,21 @@ def test_only_changed_recordings_are_tracked_again(own_archive, track, tmp_path)
     assert "10 tracked, 0 up to date, 3 failed" in said
 
 
-def test_killed_workers_cost_only_the_recordings_in_progress(
+def test_killed_workers_and_killed_drivers_cost_only_the_recordings_in_progress(
     serial, archive, start_track, watch, tmp_path
 ):
     output = tmp_path / "out"
-    process = start_track("--archive", archive, "--output", output, "--jobs", 2, *QUICK)
-    for count in (1, 3, 5):
-        watch.wait_for_results(output, count)
-        watch.kill_worker(process, "spawn_main")
-    process.communicate(timeout=120)
-    assert process.returncode == 1
-    assert watch.boxes(output) == watch.boxes(serial[0])
-    assert not list(output.rglob(".archive_*"))
-
-
-def test_a_killed_driver_continues_with_the_next_run(serial, archive, start_track, watch, tmp_path):
-    output = tmp_path / "out"
     arguments = ("--archive", archive, "--output", output, "--jobs", 2, *QUICK)
-    for count in (0, 2, 5, 8):
+    for count in (0, 2, 5):
         process = start_track(*arguments)
         watch.wait_for_results(output, count)
         process.kill()
         process.communicate()
         watch.assert_whole(output)
     process = start_track(*arguments)
+    for count in (6, 8):
+        watch.wait_for_results(output, count)
+        watch.kill_worker(process, "spawn_main")
     process.communicate(timeout=120)
     assert process.returncode == 1
     assert watch.boxes(output) == watch.boxes(serial[0])
@@ -185,31 +176,26 @@ def test_a_dry_run_writes_nothing_and_estimates_the_time(archive, track, tmp_pat
 
 
 def test_without_targets_an_archive_says_how_to_give_them(track, moving_square_sequence, tmp_path):
-    images = moving_square_sequence / "img"
-    listed = tmp_path / "list.txt"
+    images, listed = moving_square_sequence / "img", tmp_path / "list.txt"
     listed.write_text(f"{images}\n")
-    given = ("--archive", listed, "--output", tmp_path / "out", *QUICK)
-    advice = (
-        f"no target for {images}; write img.target.yaml beside it, or detect targets with "
-        "--detections, --detections-topic or --detector"
-    )
-    code, said, _ = track(*given, "--dry-run")
-    assert code == 0
-    assert said.splitlines() == [
-        f"would fail: {advice}",
-        "1 of 1 recording, 0 frames; 1 cannot be tracked",
-    ]
-    code, said, errors = track(*given)
-    assert code == 1
-    assert errors == f"track: error: {advice}\n"
-    assert "\n1 recording: 0 tracked, 0 up to date, 1 failed" in said
     (tmp_path / "empty").mkdir()
-    for dry in ([], ["--dry-run"]):
-        code, _, errors = track(
-            *("--archive", tmp_path / "empty", "--output", tmp_path / "out", *dry)
-        )
-        assert code == 2
-        assert "or a detector: --detections, --detections-topic or --detector" in errors
+    how = "--detections, --detections-topic or --detector"
+    advice = (
+        f"no target for {images}; write img.target.yaml beside it, or detect targets with {how}"
+    )
+    for source, further, expected, said in (
+        (
+            listed,
+            ["--dry-run"],
+            0,
+            f"would fail: {advice}\n1 of 1 recording, 0 frames; 1 cannot be",
+        ),
+        (listed, [], 1, f"track: error: {advice}\n"),
+        (tmp_path / "empty", [], 2, f"or a detector: {how}"),
+        (tmp_path / "empty", ["--dry-run"], 2, f"or a detector: {how}"),
+    ):
+        code, output, errors = track("--archive", source, "--output", tmp_path / "out", *further)
+        assert (code, said in output + errors) == (expected, True), output + errors
 
 
 def test_a_list_names_recordings_beside_it(own_archive):
@@ -260,20 +246,19 @@ def test_a_list_and_an_output_that_are_none_are_refused(track, tmp_path):
 def test_a_target_file_is_for_the_recording_that_it_names(tmp_path):
     for name in ("drive.mp4", "drive.txt", "drive.avi"):
         (tmp_path / name).write_bytes(b"")
-    target = tmp_path / "drive.target.yaml"
-    target.write_text("recording: drive.avi\ntarget_box: [1, 2, 3, 4]")
-    assert list(find_recordings(tmp_path)) == ["drive.avi"]
-    # One that names a recording that is not there is refused with it.
-    target.write_text("recording: ride.avi\ntarget_box: [1, 2, 3, 4]")
-    assert list(find_recordings(tmp_path)) == ["drive.avi", "drive.mp4"]
-    # Without a name, it is for the entries with the suffix of a video.
-    target.write_text("target_box: [1, 2, 3, 4]")
-    assert list(find_recordings(tmp_path)) == ["drive.avi", "drive.mp4"]
-    (tmp_path / "DJI_1.MP4").write_bytes(b"")
-    (tmp_path / "DJI_1.SRT").write_bytes(b"")
-    (tmp_path / "DJI_1.target.yaml").write_text("target_box: [1, 2, 3, 4]")
-    assert "DJI_1.MP4" in find_recordings(tmp_path)
-    assert "DJI_1.SRT" not in find_recordings(tmp_path)
+    target, box = tmp_path / "drive.target.yaml", "target_box: [1, 2, 3, 4]"
+    for text, found in (
+        (f"recording: drive.avi\n{box}", ["drive.avi"]),
+        # One that names a recording that is not there is refused with it.
+        (f"recording: ride.avi\n{box}", ["drive.avi", "drive.mp4"]),
+        # Without a name, it is for the entries with the suffix of a video.
+        (box, ["drive.avi", "drive.mp4"]),
+    ):
+        target.write_text(text)
+        assert list(find_recordings(tmp_path)) == found
+    for suffix, text in (("MP4", ""), ("SRT", ""), ("target.yaml", box)):
+        (tmp_path / f"DJI_1.{suffix}").write_text(text)
+    assert {"DJI_1.MP4"} == find_recordings(tmp_path).keys() - {"drive.avi", "drive.mp4"}
 
 
 def test_damaged_and_unreadable_recordings_are_reported_and_do_not_stop_the_others(

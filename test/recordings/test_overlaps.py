@@ -108,9 +108,7 @@ def test_results_may_go_below_the_archive(write_sequence, moving_square, track, 
     write_sequence("walk", moving_square.images[:3], moving_square.boxes[:3], folder)
     for counts in ("1 tracked, 0 up to date", "0 tracked, 1 up to date"):
         code, said, _ = track("--archive", folder, "--output", folder / "out", *QUICK)
-        assert code == 0
-        assert counts in said
-    assert (folder / "out" / "walk" / "boxes.csv").is_file()
+        assert (code, counts in said) == (0, True)
 
 
 @pytest.mark.usefixtures("in_this_process")

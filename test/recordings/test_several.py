@@ -41,10 +41,8 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     assert "(best state in each frame: " in said
     assert "), 2 targets, " in said
     found = rows(output)
-    assert [(row["frame"], row["id"], row["state"]) for row in found[:2]] == [
-        ("0", "", "idle"),
-        ("1", "", "idle"),
-    ]
+    idle = [("0", "", "idle"), ("1", "", "idle")]
+    assert [(row["frame"], row["id"], row["state"]) for row in found[:2]] == idle
     assert found[0]["x"] == found[0]["confidence"] == ""
     assert next(row["frame"] for row in found if row["id"] == "2") == "6"
     first = next(row for row in found if row["id"] == "1")
