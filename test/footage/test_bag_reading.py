@@ -12,6 +12,16 @@ IMAGE = "sensor_msgs/msg/Image"
 POLYGON = "geometry_msgs/msg/PolygonStamped"
 
 
+def options(*names):
+    """Makes objects of given or empty attributes."""
+
+    def make(*given, **named):
+        filled = dict(zip(names, given, strict=False))
+        return SimpleNamespace(**{**dict.fromkeys(names, ""), **filled, **named})
+
+    return make
+
+
 class DocumentedRosbag2(ModuleType):
     """A stand-in for `rosbag2_py`, which is on no package index: its documented interface.
 
@@ -20,53 +30,29 @@ class DocumentedRosbag2(ModuleType):
 
     def __init__(self, topics, messages, compression_format="", paths=()):
         super().__init__("rosbag2_py")
-        self.opened = []
-        library = self
-
-        class StorageOptions:
-            def __init__(self, uri, storage_id=""):
-                self.uri, self.storage_id = uri, storage_id
-
-        class ConverterOptions:
-            def __init__(self, input_serialization_format="", output_serialization_format=""):
-                self.formats = input_serialization_format, output_serialization_format
-
-        class StorageFilter:
-            def __init__(self, topics=()):
-                self.topics = list(topics)
-
-        def metadata():
-            infos = [
-                SimpleNamespace(
-                    topic_metadata=SimpleNamespace(name=name, type=kind), message_count=count
-                )
-                for name, kind, count in topics
-            ]
-            return SimpleNamespace(
-                topics_with_message_count=infos,
-                compression_format=compression_format,
-                relative_file_paths=list(paths),
-            )
-
-        class MetadataIo:
-            def read_metadata(self, uri):
-                assert isinstance(uri, str)
-                return metadata()
+        self.opened = opened = []
+        infos = [
+            SimpleNamespace(topic_metadata=SimpleNamespace(name=name, type=kind), message_count=n)
+            for name, kind, n in topics
+        ]
+        metadata = SimpleNamespace(
+            topics_with_message_count=infos,
+            compression_format=compression_format,
+            relative_file_paths=list(paths),
+        )
 
         class Reader:
-            def open(self, storage_options, converter_options):
-                assert converter_options.formats == ("cdr", "cdr")
-                assert isinstance(storage_options.uri, str)
-                library.opened.append(
-                    (type(self).__name__, storage_options.uri, storage_options.storage_id)
-                )
+            def open(self, storage, converter):
+                assert {*vars(converter).values()} == {"cdr"}
+                assert isinstance(storage.uri, str)
+                opened.append((type(self).__name__, storage.uri, storage.storage_id))
                 self.left = list(messages)
 
             def get_metadata(self):
-                return metadata()
+                return metadata
 
             def get_all_topics_and_types(self):
-                return [info.topic_metadata for info in metadata().topics_with_message_count]
+                return [info.topic_metadata for info in infos]
 
             def set_filter(self, storage_filter):
                 self.left = [row for row in self.left if row[0] in storage_filter.topics]
@@ -80,8 +66,10 @@ class DocumentedRosbag2(ModuleType):
                     raise row[1]
                 return row
 
-        self.StorageOptions, self.ConverterOptions = StorageOptions, ConverterOptions
-        self.StorageFilter, self.MetadataIo = StorageFilter, MetadataIo
+        self.StorageOptions = options("uri", "storage_id")
+        self.ConverterOptions = options("input_serialization_format", "output_serialization_format")
+        self.StorageFilter = options("topics")
+        self.MetadataIo = lambda: SimpleNamespace(read_metadata=lambda uri: metadata)
         self.SequentialReader = type("SequentialReader", (Reader,), {})
         self.SequentialCompressionReader = type("SequentialCompressionReader", (Reader,), {})
 

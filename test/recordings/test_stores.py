@@ -11,21 +11,14 @@ import tempfile
 import time
 
 import pytest
-from archives import options_of
 from common import QUICK
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.results import ResultsStore, results_at
+from pf_tracker_ros.recordings.archives.results import results_at
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.sources import find_recordings, local_copy
 from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
-from pf_tracker_ros.recordings.archives.tasks import (
-    done_entries,
-    make_tasks,
-    run_tasks,
-    write_manifest,
-)
 
 fsspec = pytest.importorskip("fsspec")
 
@@ -37,16 +30,6 @@ def fleet(archive, memory):
     return memory
 
 
-class SameProcess:
-    """Runs tasks in this process, which has the store in memory."""
-
-    workers = 1
-
-    @staticmethod
-    def run(work, tasks):
-        return enumerate(map(work, tasks))
-
-
 @pytest.fixture
 def scratch(monkeypatch, tmp_path):
     """The folder where scratch folders are made."""
@@ -56,16 +39,16 @@ def scratch(monkeypatch, tmp_path):
     return folder
 
 
-def run(archive="memory://fleet", url="memory://boxes", arguments=QUICK):
-    """Track what is not up to date; name to entry of all, and the names that were tracked."""
-    with ResultsStore(url).locked() as results:
-        tasks = make_tasks(find_recordings(archive), results, options_of(*arguments))
-        done = done_entries(tasks, results)
-        pending = [task for task in tasks if task.name not in done]
-        found = {task.name: entry for task, entry in run_tasks(pending, SameProcess())}
-        entries = {**done, **found}
-        write_manifest(results, [entries[task.name] for task in tasks])
-        return entries, set(found)
+@pytest.fixture
+def run(fleet, track, in_this_process):
+    """Tracks into memory://boxes; the entries of the manifest by name, and what was printed."""
+
+    def start(archive="memory://fleet", *further):
+        _, said, _ = track("--archive", archive, "--output", "memory://boxes", *QUICK, *further)
+        entries = json.loads(fleet.cat_file("/boxes/archive.json"))
+        return {entry["name"]: entry for entry in entries}, said
+
+    return start
 
 
 def stored(store, url="/boxes"):
@@ -77,49 +60,43 @@ def stored(store, url="/boxes"):
     }
 
 
-def test_the_results_in_a_store_equal_those_in_folders(serial, fleet, archive, scratch, watch):
-    output, (_, _, errors) = serial
-    assert list(find_recordings("memory://fleet")) == list(find_recordings(archive))
+def test_the_results_in_a_store_equal_those_in_folders(serial, archive, run, scratch, watch):
+    fleet = fsspec.filesystem("memory")
     entries, _ = run()
-    assert stored(fleet) == watch.boxes(output)
-    manifest = json.loads(fleet.cat_file("/boxes/archive.json"))
-    local = json.loads((output / "archive.json").read_text())
-    keys = ("name", "exit_code", "frames", "states")
-    assert [[entry[key] for key in keys] for entry in manifest] == [
-        [entry[key] for key in keys] for entry in local
-    ]
-    sentences = [entry.error for entry in entries.values() if entry.error]
-    assert sorted(sentences) == sorted(
-        line.removeprefix("track: error: ").replace(str(archive), "memory://fleet")
-        for line in errors.splitlines()
-    )
+    assert stored(fleet) == watch.boxes(serial[0])
+    local = (serial[0] / "archive.json").read_text().replace(str(archive), "memory://fleet")
+    assert list(entries) == [entry["name"] for entry in json.loads(local)]
+    for entry in json.loads(local):
+        for key in ("exit_code", "frames", "states", "error"):
+            assert entries[entry["name"]][key] == entry[key]
     assert list(scratch.iterdir()) == []
 
 
-def test_detections_in_a_store_are_found_beside_their_recordings(fleet, own_archive, track, watch):
+def test_detections_in_a_store_are_found_beside_their_recordings(
+    fleet, own_archive, run, track, watch
+):
     pytest.importorskip("scipy")
-    given = (*QUICK, "--detections")
-    for name in ("drive_0", "drive_2"):
-        fleet.pipe_file(f"/fleet/day_0/{name}.detections.csv", b"4,-1,33,37,24,24,0.9,square\n")
-        (own_archive / "day_0" / f"{name}.detections.csv").write_text(
-            "4,-1,33,37,24,24,0.9,square\n"
-        )
+    for name in ("drive_0.detections.csv", "drive_2.detections.csv"):
+        text = "4,-1,33,37,24,24,0.9,square\n"
+        fleet.pipe_file(f"/fleet/day_0/{name}", text.encode())
+        (own_archive / "day_0" / name).write_text(text)
     output = own_archive.with_name("local")
-    assert track("--archive", own_archive / "day_0", "--output", output, *given)[0] == 1
-    entries, _ = run("memory://fleet/day_0", arguments=given)
+    given = ("--archive", own_archive / "day_0", "--output", output)
+    assert track(*given, *QUICK, "--detections")[0] == 1
+    entries, _ = run("memory://fleet/day_0", "--detections")
     found = stored(fleet)
     assert found == watch.boxes(output)
     assert set(found) == {"drive_0", "drive_2"}
-    assert entries["drive_4"].error == (
+    assert entries["drive_4"]["error"] == (
         "no detections for memory://fleet/day_0/drive_4; write drive_4.detections.csv beside it"
     )
     fleet.pipe_file("/fleet/day_0/drive_2.detections.csv", b"2,-1,25,33,24,24,0.9,square\n")
-    _, done = run("memory://fleet/day_0", arguments=given)
-    assert done == {f"drive_{number}" for number in (2, 4, 6, 8)}
+    _, said = run("memory://fleet/day_0", "--detections")
+    assert "5 recordings: 1 tracked, 1 up to date, 3 failed" in said
     assert stored(fleet)["drive_2"] != found["drive_2"]
 
 
-def test_errors_of_a_recording_in_a_store_name_its_url(fleet, track, scratch, tmp_path):
+def test_errors_of_a_recording_in_a_store_name_its_url(fleet, run, track, scratch, tmp_path):
     fleet.pipe_file("/fleet/clip.mp4", b"no video")
     fleet.pipe_file("/fleet/clip.target.yaml", b"target_box: [1, 2, 3]")
     source, output = "memory://fleet/clip.mp4", tmp_path / "out"
@@ -132,18 +109,19 @@ def test_errors_of_a_recording_in_a_store_name_its_url(fleet, track, scratch, tm
     code, _, late = track("memory://fleet/broken", "--output", output, *QUICK)
     assert code == 3
     entries, _ = run()
-    messages = [*broken, errors, without, late, *(entry.error for entry in entries.values())]
+    messages = [*broken, errors, without, late, *(entry["error"] for entry in entries.values())]
     assert sum("memory://fleet/" in text for text in messages) >= 8
     assert not any(str(scratch) in text for text in messages)
     assert "memory://fleet/broken/img/0013.png cannot be decoded" in late
     assert "no detections for memory://fleet/shots; write shots.detections.csv" in without
 
 
-def test_the_files_of_a_run_with_more_outputs_are_removed(fleet):
+def test_the_files_of_a_run_with_more_outputs_are_removed(fleet, run):
     fleet.pipe_file("/fleet/some.txt", b"day_0/drive_0\nmemory://fleet/day_1/drive_1  # by URL\n")
     pytest.importorskip("matplotlib")
-    _, done = run("memory://fleet/some.txt", arguments=(*QUICK, "--report"))
-    assert done == {"day_0/drive_0", "day_1/drive_1"}
+    entries, said = run("memory://fleet/some.txt", "--report")
+    assert entries.keys() == {"day_0/drive_0", "day_1/drive_1"}
+    assert "2 recordings: 2 tracked" in said
     page = fleet.cat_file("/boxes/day_1/drive_1/report.html").decode()
     assert "memory://fleet/day_1/drive_1" in page
     assert tempfile.gettempdir() + "/" not in page
