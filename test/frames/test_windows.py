@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from common import block_means
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,26 +18,6 @@ def image():
 
 def window(image, center, side, pixels, gray=False):
     return read_window(Frame(image), np.array(center, float), np.full(2, side), pixels, gray)
-
-
-def block_means(image, reduction):
-    """The image reduced by a whole factor, the last row and column repeated to fill a block.
-
-    Blocks larger than 8 x 8 are sampled by 4 x 4 pixels, spread evenly.
-    """
-    missing = [(0, -length % reduction) for length in image.shape[:2]]
-    padded = np.pad(image, missing + [(0, 0)] * (image.ndim - 2), mode="edge").astype(float)
-    if reduction > 8:
-        starts = ((np.arange(4) + 0.5) * reduction / 4).astype(int)
-        for axis in (0, 1):
-            blocks = np.arange(0, padded.shape[axis], reduction)
-            padded = padded.take(np.add.outer(blocks, starts).ravel(), axis=axis)
-        reduction = 4
-    height, width = padded.shape[:2]
-    blocks = padded.reshape(
-        height // reduction, reduction, width // reduction, reduction, *image.shape[2:]
-    )
-    return blocks.mean(axis=(1, 3))
 
 
 def bilinear_window(image, center, side, pixels, reduction):

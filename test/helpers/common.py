@@ -91,3 +91,23 @@ def full_disk(size):
 def box_of(message):
     """The bounding box of a PolygonStamped."""
     return bounding_box([(point.x, point.y) for point in message.polygon.points])
+
+
+def block_means(image, reduction):
+    """The image reduced by a whole factor, the last row and column repeated to fill a block.
+
+    Blocks larger than 8 x 8 are sampled by 4 x 4 pixels, spread evenly.
+    """
+    missing = [(0, -length % reduction) for length in image.shape[:2]]
+    padded = np.pad(image, missing + [(0, 0)] * (image.ndim - 2), mode="edge").astype(float)
+    if reduction > 8:
+        starts = ((np.arange(4) + 0.5) * reduction / 4).astype(int)
+        for axis in (0, 1):
+            blocks = np.arange(0, padded.shape[axis], reduction)
+            padded = padded.take(np.add.outer(blocks, starts).ravel(), axis=axis)
+        reduction = 4
+    height, width = padded.shape[:2]
+    blocks = padded.reshape(
+        height // reduction, reduction, width // reduction, reduction, *image.shape[2:]
+    )
+    return blocks.mean(axis=(1, 3))

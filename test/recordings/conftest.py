@@ -7,7 +7,6 @@ import json
 import os
 import shutil
 import signal
-import time
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 import pytest
 from archives import TARGET
 from common import QUICK, run_command
+from processes import processes_below, wait_until
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
@@ -176,36 +176,20 @@ class Watch:
     @classmethod
     def wait_for_results(cls, output, count):
         """Wait for a number of finished recordings."""
-        cls.wait_until(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
+        wait_until(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
 
     @classmethod
     def kill_worker(cls, driver, name):
         """Kill a process below the driver that has a name in its command line."""
         found = []
-        cls.wait_until(lambda: found.extend(cls.below(driver.pid, name)) or found)
+        wait_until(lambda: found.extend(processes_below(driver.pid, name)) or found)
         # It may have ended in between.
         with contextlib.suppress(ProcessLookupError):
             os.kill(found[0], signal.SIGKILL)
 
-    @classmethod
-    def below(cls, pid, name):
-        """The processes below one, at any depth, with a name in their command line."""
-        for child in _read(pid, f"task/{pid}/children").split():
-            yield from cls.below(int(child), name)
-            if name in _read(child, "cmdline"):
-                yield int(child)
-
-    @staticmethod
-    def wait_until(condition):
-        """Wait for a condition."""
-        deadline = time.monotonic() + 120
-        while not condition():
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
-
 
 @pytest.fixture
-def wait_for_rows(watch):
+def wait_for_rows():
     """Waits until a process has written more than so many rows of boxes.csv into its draft."""
 
     def wait(process, output, count):
@@ -214,7 +198,7 @@ def wait_for_rows(watch):
             drafts = output.glob(".track_*/boxes.csv")
             return any(path.read_bytes().count(b"\n") > count for path in drafts)
 
-        watch.wait_until(is_written)
+        wait_until(is_written)
 
     return wait
 
@@ -223,13 +207,6 @@ def wait_for_rows(watch):
 def watch():
     """Observes the processes of an archive."""
     return Watch()
-
-
-def _read(pid, name):
-    try:
-        return Path(f"/proc/{pid}/{name}").read_text()
-    except OSError:
-        return ""
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ import cv2
 import pytest
 from archives import TARGET
 from common import QUICK, one_sentence
+from processes import wait_until
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
@@ -149,7 +150,7 @@ def test_a_run_keeps_the_unfinished_files_of_another_command_in_its_folder(
 def test_two_runs_do_not_write_into_one_folder(archive, start_track, track, watch, tmp_path):
     output = tmp_path / "out"
     process = start_track("--archive", archive, "--output", output, *QUICK)
-    watch.wait_until(lambda: list(output.rglob(".archive_*")))
+    wait_until(lambda: list(output.rglob(".archive_*")))
     # The first run must not end before the second one starts.
     process.send_signal(signal.SIGSTOP)
     code, _, errors = track("--archive", archive, "--output", output, *QUICK)

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from archives import options_of
 from common import QUICK
+from processes import processes_below
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
@@ -85,7 +86,7 @@ def test_ctrl_c_ends_the_cluster_which_listens_on_the_loopback_interface_only(
     output = tmp_path / "out"
     driver = start_on_ray(output)
     watch.wait_for_results(output, 1)
-    processes = [driver.pid, *watch.below(driver.pid, "ray")]
+    processes = [driver.pid, *processes_below(driver.pid, "ray")]
     assert len(processes) > 3
     addresses = [address for pid in processes for address in listening(pid)]
     assert addresses
