@@ -273,63 +273,51 @@ def interlaced(image):
     return header(width, height, color_type=color_type, interlacing=1) + pixels + END
 
 
-def described():
-    information = PngImagePlugin.PngInfo()
-    information.add_text("Comment", "A photograph. " * 100, zip=True)
-    return {"pnginfo": information, "dpi": (300, 300)}
-
-
 def files_of_pillow():
     picture = Picture.fromarray(PHOTOGRAPH[:37, :53])
     transparent = Picture.fromarray(np.dstack([PHOTOGRAPH, PHOTOGRAPH[..., 0]])[:37, :53])
-    palette = picture.quantize(16)
+    palette, flat = picture.quantize(16), Picture.new("RGB", (640, 480), (90, 90, 90))
+    described = PngImagePlugin.PngInfo()
+    described.add_text("Comment", "A photograph. " * 100, zip=True)
     deep = Picture.fromarray(PHOTOGRAPH[:37, :53, 0].astype(np.uint16) * 200)
-    for mode in ("1", "L", "LA", "RGB"):
-        yield f"PNG {mode}", by_pillow(transparent.convert("RGB").convert(mode), "PNG")
-    yield "PNG RGBA", by_pillow(transparent, "PNG")
-    yield "PNG 16 bit", by_pillow(deep, "PNG")
-    yield "PNG palette", by_pillow(palette, "PNG")
-    yield "PNG of 3 colors", by_pillow(picture.quantize(3), "PNG")
-    yield "PNG transparent palette", by_pillow(palette, "PNG", transparency=bytes(range(16)))
-    yield "PNG transparent gray", by_pillow(picture.convert("L"), "PNG", transparency=7)
-    yield "PNG described", by_pillow(picture, "PNG", **described())
-    yield "PNG not compressed", by_pillow(picture, "PNG", compress_level=0)
-    for mode in ("L", "RGB", "CMYK"):
-        for progressive in (False, True):
-            options = {"progressive": progressive, "optimize": progressive, "quality": 90}
-            name = f"JPEG {mode} {'progressive' if progressive else 'baseline'}"
-            yield name, by_pillow(picture.convert(mode), "JPEG", **options)
-    yield "JPEG 4:4:4", by_pillow(picture, "JPEG", subsampling=0)
-    yield "JPEG described", by_pillow(picture, "JPEG", comment="x" * 60000, icc_profile=bytes(9999))
-    flat = Picture.new("RGB", (640, 480), (90, 90, 90))
+    yield from ((f"PNG {mode}", picture.convert(mode), "PNG", {}) for mode in ("1", "L", "LA"))
+    yield from (
+        ("PNG RGB", picture, "PNG", {}),
+        ("PNG RGBA", transparent, "PNG", {}),
+        ("PNG 16 bit", deep, "PNG", {}),
+        ("PNG palette", palette, "PNG", {}),
+        ("PNG of 3 colors", picture.quantize(3), "PNG", {}),
+        ("PNG transparent palette", palette, "PNG", {"transparency": bytes(range(16))}),
+        ("PNG transparent gray", picture.convert("L"), "PNG", {"transparency": 7}),
+        ("PNG described", picture, "PNG", {"pnginfo": described, "dpi": (300, 300)}),
+        ("PNG not compressed", picture, "PNG", {"compress_level": 0}),
+        ("JPEG 4:4:4", picture, "JPEG", {"subsampling": 0}),
+        ("JPEG described", picture, "JPEG", {"comment": "x" * 60000, "icc_profile": bytes(9999)}),
+    )
     for progressive in (False, True):
-        yield f"JPEG flat {progressive}", by_pillow(flat, "JPEG", progressive=progressive)
-        yield (
-            f"JPEG flat optimized {progressive}",
-            by_pillow(flat, "JPEG", progressive=progressive, optimize=True, quality=5),
-        )
+        options = {"progressive": progressive, "optimize": progressive, "quality": 90}
+        for mode in ("L", "RGB", "CMYK"):
+            yield f"JPEG {mode} {progressive}", picture.convert(mode), "JPEG", options
+        yield f"JPEG flat {progressive}", flat, "JPEG", {"progressive": progressive}
+        optimized = {"progressive": progressive, "optimize": True, "quality": 5}
+        yield f"JPEG flat optimized {progressive}", flat, "JPEG", optimized
 
 
 def files_of_opencv():
     color = PHOTOGRAPH[:41, :55]
-    deep = color.astype(np.uint16) * 201
-    alpha = np.dstack([color, color[..., 0]])
-    for name, image in (("color", color), ("gray", color[..., 0]), ("alpha", alpha)):
-        yield f"PNG {name}", cv2.imencode(".png", image)[1].tobytes()
-    for name, image in (("color", deep), ("gray", deep[..., 0])):
-        yield f"PNG 16 bit {name}", cv2.imencode(".png", image)[1].tobytes()
-    for name, options in {
-        "restarts": (cv2.IMWRITE_JPEG_RST_INTERVAL, 1),
-        "progressive": (cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
-        "optimized": (cv2.IMWRITE_JPEG_OPTIMIZE, 1),
-    }.items():
-        for channels, image in (("color", color), ("gray", color[..., 0])):
-            yield f"JPEG {channels} {name}", cv2.imencode(".jpg", image, options)[1].tobytes()
+    gray, deep = color[..., 0], color.astype(np.uint16) * 201
+    images = {"color": color, "gray": gray, "alpha": np.dstack([color, gray])}
+    images |= {"16 bit color": deep, "16 bit gray": deep[..., 0]}
+    yield from ((f"PNG {name}", ".png", image, ()) for name, image in images.items())
+    for name in ("RST_INTERVAL", "PROGRESSIVE", "OPTIMIZE"):
+        for channels in ("color", "gray"):
+            options = (getattr(cv2, f"IMWRITE_JPEG_{name}"), 1)
+            yield f"JPEG {channels} {name}", ".jpg", images[channels], options
 
 
 ORDINARY = {
-    **{f"Pillow {name}": data for name, data in files_of_pillow()},
-    **{f"OpenCV {name}": data for name, data in files_of_opencv()},
+    **{f"Pillow {name}": by_pillow(*made, **options) for name, *made, options in files_of_pillow()},
+    **{f"OpenCV {name}": cv2.imencode(*made)[1].tobytes() for name, *made in files_of_opencv()},
     "PNG interlaced gray": interlaced(PHOTOGRAPH[:13, :11, 0]),
     "PNG interlaced color": interlaced(PHOTOGRAPH[:30, :41]),
     "PNG interlaced, one column": interlaced(PHOTOGRAPH[:30, :1]),

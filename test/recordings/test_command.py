@@ -90,13 +90,6 @@ def test_an_output_in_the_recording_is_refused(
     assert sorted(moving_square_sequence.rglob("*")) == before
 
 
-def test_a_video_is_refused_if_ffmpeg_cannot_have_its_name(track, moving_square_sequence, tmp_path):
-    folder = tmp_path / os.fsdecode(b"\xe4")
-    code, _, errors = track(moving_square_sequence, "--output", folder, "--video", *QUICK)
-    assert code == 2
-    assert "--video cannot write into --output" in one_sentence(errors)
-
-
 def test_a_file_that_appears_meanwhile_is_not_overwritten_and_the_others_are_written(
     start_track, wait_for_rows, long_sequence, tmp_path
 ):
@@ -134,19 +127,6 @@ def test_an_output_that_may_not_or_cannot_be_written_is_told_before_tracking(
     assert list(locked.iterdir()) == []
 
 
-@pytest.mark.parametrize("content", [b"", b"\x00nothing that is a video"])
-def test_a_source_that_cannot_be_read(track, tmp_path, content):
-    source = tmp_path / "drive.mp4"
-    source.write_bytes(content)
-    code, said, errors = track(source, "--output", tmp_path / "out", *BOX)
-    assert (code, said) == (3, "")
-    assert "drive.mp4" in one_sentence(errors)
-    assert not (tmp_path / "out").exists()
-    code, _, errors = track(tmp_path / "nowhere", "--output", tmp_path / "out", *BOX)
-    assert code == 3
-    assert "there is no " in one_sentence(errors)
-
-
 def test_the_results_before_an_unreadable_frame_are_kept(
     track, rows, moving_square_sequence, tmp_path
 ):
@@ -165,49 +145,56 @@ def test_the_results_before_an_unreadable_frame_are_kept(
     assert page.count("<figure><img") >= 8
 
 
+SQUARE, IMAGES = "moving_square", "moving_square/img"
+NOT_UTF_8 = os.fsdecode(b"\xe4")
+
+
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    "request_of",
     [
-        (["--box", "1,2,3"], "x,y,width,height in pixels"),
-        (["--box", "1,2,0,4"], "width and height above 0"),
-        (["--box", "-1,2,9,9"], "begins with '-' after '=', such as --box=-3,4,50,60"),
-        (["--box", "1,2,nan,4"], "width and height above 0"),
-        ([*BOX, "--preset", "best"], "no preset 'best'; there are: default"),
-        ([*BOX, "--parameter", "particles=none"], "particles"),
-        ([*BOX, "--seed", "-1"], "whole numbers from 0"),
-        ([*BOX, "--frame-rate", "0"], "0.01 to 10000"),
+        (SQUARE, ["--box", "1,2,3"], "x,y,width,height in pixels"),
+        (SQUARE, ["--box", "1,2,0,4"], "width and height above 0"),
+        (SQUARE, ["--box", "-1,2,9,9"], "begins with '-' after '=', such as --box=-3,4,50,60"),
+        (SQUARE, ["--box", "1,2,nan,4"], "width and height above 0"),
+        (SQUARE, [*BOX, "--preset", "best"], "no preset 'best'; there are: default"),
+        (SQUARE, [*BOX, "--parameter", "particles=none"], "particles"),
+        (SQUARE, [*BOX, "--seed", "-1"], "whole numbers from 0"),
+        (SQUARE, [*BOX, "--frame-rate", "0"], "0.01 to 10000"),
+        (SQUARE, ["--bag-topic", "/eye"], "--bag-topic applies to bags, and"),
+        (SQUARE, ["--video", "--output", NOT_UTF_8], "--video cannot write into --output"),
+        (IMAGES, [], "; give --box X,Y,W,H for the first frame, draw it with --draw, find targets"),
+        ("a.avi", [*BOX, "--frame-rate", "9"], "--frame-rate applies to folders of images, and"),
+        # Recordings that cannot be read.
+        ("empty.mp4", BOX, "empty.mp4"),
+        ("noise.mp4", BOX, "noise.mp4"),
+        ("nowhere", BOX, "there is no "),
     ],
 )
 def test_a_request_that_cannot_be_carried_out(
-    track, moving_square_sequence, tmp_path, arguments, said
+    track, moving_square_sequence, write_video, request_of
 ):
-    code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", *arguments)
-    assert code == 2
+    source, arguments, said = request_of
+    folder = moving_square_sequence.parent
+    if source.endswith((".avi", ".mp4")):
+        content = {"empty.mp4": b"", "noise.mp4": b"\x00nothing that is a video"}
+        (folder / source).write_bytes(content.get(source, b""))
+    if source == "a.avi":
+        write_video(folder / source, np.zeros((3, 48, 64, 3), np.uint8))
+    code, printed, errors = track(folder / source, "--output", folder / "out", *arguments)
+    assert (code, printed) == (3 if arguments is BOX else 2, "")
     assert said in one_sentence(errors)
-    assert not (tmp_path / "out").exists()
+    assert not (folder / "out").exists()
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_options_for_another_kind_of_recording_are_refused(
+def test_the_frame_rate_applies_to_the_folders_of_images_of_an_archive(
     track, moving_square, write_video, moving_square_sequence, tmp_path
 ):
     path = write_video(tmp_path / "drive.avi", moving_square.images)
-    output = tmp_path / "out"
-    code, _, errors = track(path, "--output", output, *BOX, "--frame-rate", "50")
-    assert code == 2
-    assert one_sentence(errors).endswith(
-        f"--frame-rate applies to folders of images, and {path} has its own frame rate, about 25 "
-        "Hz; leave it out"
-    )
-    code, _, errors = track(moving_square_sequence, "--output", output, "--bag-topic", "/eye")
-    assert code == 2
-    assert "--bag-topic applies to bags, and" in one_sentence(errors)
-    assert not output.exists()
-    # In an archive it applies to the folders of images.
     path.with_name("drive.target.yaml").write_text("target_box: [20, 30, 24, 24]")
     (tmp_path / "list.txt").write_text(f"{path}\n{moving_square_sequence}\n")
-    asked = ("--frame-rate", "50", *QUICK)
-    assert track("--archive", tmp_path / "list.txt", "--output", output, *asked)[0] == 0
+    asked = ("--output", tmp_path / "out", "--frame-rate", "50", *QUICK)
+    assert track("--archive", tmp_path / "list.txt", *asked)[0] == 0
 
 
 def test_a_box_outside_the_image_is_refused_and_leaves_nothing_behind(
@@ -222,16 +209,6 @@ def test_a_box_outside_the_image_is_refused_and_leaves_nothing_behind(
     assert "frame 0, box from --box: target refused: " in one_sentence(errors)
     assert threading.active_count() == before
     assert not (tmp_path / "out").exists()
-
-
-def test_without_any_target_it_says_how_to_give_one(track, moving_square_sequence, tmp_path):
-    code, _, errors = track(moving_square_sequence / "img", "--output", tmp_path / "out")
-    assert code == 2
-    assert one_sentence(errors).endswith(
-        "; give --box X,Y,W,H for the first frame, draw it with --draw, find targets with "
-        "--detector, or write img.target.yaml "
-        "beside it"
-    )
 
 
 def test_a_signal_leaves_complete_files(start_track, wait_for_rows, rows, long_sequence, tmp_path):
