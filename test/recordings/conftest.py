@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from archives import TARGET
 from common import QUICK, run_command
+from make_vision_msgs import DEFINITIONS
 from processes import processes_below, wait_until
 
 from pf_tracker_ros import Detections
@@ -26,23 +27,6 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 _COUNT = 16
 _INTERVAL = 40_000_000
 _NAMES = ("x", "y", "width", "height")
-# As the repository of vision_msgs has them.
-_DEFINITIONS = {
-    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
-    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
-    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
-    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
-    "vision_msgs/msg/ObjectHypothesisWithPose": (
-        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
-    ),
-    "vision_msgs/msg/Detection2D": (
-        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
-        "vision_msgs/BoundingBox2D bbox\nstring id"
-    ),
-    "vision_msgs/msg/Detection2DArray": (
-        "std_msgs/Header header\nvision_msgs/Detection2D[] detections"
-    ),
-}
 
 
 @pytest.fixture
@@ -325,8 +309,8 @@ def vision(typestore):
 
     store = get_typestore(Stores.ROS2_JAZZY)
     types = {}
-    for name, text in _DEFINITIONS.items():
-        types |= get_types_from_msg(text, name)
+    for name, text in DEFINITIONS.items():
+        types |= get_types_from_msg(text, f"vision_msgs/msg/{name}")
     store.register(types)
     return store
 
