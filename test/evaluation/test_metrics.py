@@ -71,27 +71,17 @@ def test_overlap_ignores_translation_and_scale(first, second, shift, exponent):
     assert overlap(first + shift, second + shift) == pytest.approx(value, abs=1e-9)
 
 
-def test_metrics_broadcast_runs_against_true_boxes():
+def test_metrics_broadcast_runs_against_true_boxes_and_errors_are_of_centers():
     boxes = np.tile((0, 0, 2, 2), (3, 5, 1))
     true_boxes = np.tile((1, 0, 2, 2), (5, 1))
     assert overlap(boxes, true_boxes) == pytest.approx(np.full((3, 5), 1 / 3))
     assert center_errors(boxes, true_boxes) == pytest.approx(np.ones((3, 5)))
-
-
-def test_center_error_compares_centers_not_corners():
     assert center_errors((0, 0, 10, 10), (0, 0, 16, 18)) == 5.0
     assert center_errors((3, 4, 10, 10), (5, 6, 6, 6)) == 0.0
 
 
 @pytest.mark.parametrize(
-    "missing",
-    [
-        (np.nan, np.nan, np.nan, np.nan),
-        (0, 0, 0, 0),
-        (5, 5, 10, 0),
-        (5, 5, -1, 10),
-        (np.inf, 0, 10, 10),
-    ],
+    "missing", [(np.nan,) * 4, (0, 0, 0, 0), (5, 5, 10, 0), (5, 5, -1, 10), (np.inf, 0, 10, 10)]
 )
 def test_an_absent_target_has_neither_overlap_nor_error(missing):
     true_boxes = [(0, 0, 10, 10), missing]
@@ -132,12 +122,9 @@ def test_success_auc_agrees_with_exact_arithmetic(pairs):
     assert success_auc(overlap(first, second)) == pytest.approx(above / len(pairs) / 21)
 
 
-def test_precision_counts_errors_up_to_20_px_inclusive():
+def test_precision_counts_errors_up_to_20_px_and_frames_without_target_do_not_count():
     boxes = [(12, 16, 4, 4), (20, 0, 4, 4), (20.001, 0, 4, 4), (0, 0, 4, 4)]
     assert precision(center_errors(boxes, (0, 0, 4, 4))) == 0.75
-
-
-def test_frames_without_target_do_not_count():
     assert success_auc([1.0, np.nan, 0.0]) == success_auc([1.0, 0.0])
     assert precision([np.nan, 3.0, 40.0, np.nan]) == 0.5
 

@@ -284,12 +284,6 @@ def test_an_invalid_box_is_refused_with_its_frame(box):
         scored([TARGET] * 3, TARGET, box)
 
 
-def test_an_error_of_the_tracker_names_sequence_and_frame():
-    footage = MemoryFootage([(500, 500, 10, 10), TARGET])
-    with pytest.raises(EvaluationError, match=r"drawn, frame 1: .*outside the image"):
-        evaluate_sequence(footage, partial(Tracker.from_preset, "li2007"), [0])
-
-
 @pytest.fixture
 def two_sequences(write_sequence, moving_square):
     images, boxes = moving_square.images, moving_square.boxes

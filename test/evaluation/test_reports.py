@@ -208,12 +208,6 @@ def test_a_file_that_is_no_result_file_is_refused(tmp_path, text):
         read_results(tmp_path / "pipe.json")
 
 
-def test_lost_ranges():
-    states = ("tracking", "lost", "lost", "occluded", "lost", "tracking")
-    assert content(states=states).lost_ranges == [(1, 2), (4, 4)]
-    assert content(states=states).share_by_state["lost"] == 0.5
-
-
 def test_shares_of_a_target_that_ended_and_returned():
     states = ("tracking", "absent", "absent", "skipped", "lost", "tracking", "tracking", "tracking")
     other = ("tracking", "tracking")
@@ -240,7 +234,10 @@ def test_shares_of_a_target_that_ended_and_returned():
     assert "Tracked in frames 3 to 4, where it ended. Never lost." in text
 
 
-def test_worst_frames_are_sorted_and_not_neighbors():
+def test_lost_ranges_and_worst_frames_which_are_sorted_and_not_neighbors():
+    states = ("tracking", "lost", "lost", "occluded", "lost", "tracking")
+    assert content(states=states).lost_ranges == [(1, 2), (4, 4)]
+    assert content(states=states).share_by_state["lost"] == 0.5
     confidence = np.full(60, 0.4)
     confidence[20:25] = 0.5
     confidence[[10, 11, 12, 30, 50]] = (0.3, 0.1, 0.2, 0.15, np.nan)

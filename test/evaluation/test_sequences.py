@@ -33,16 +33,13 @@ def test_what_cannot_be_opened_is_reported_and_leaves_the_others(
     assert reason in str(failure.error)
 
 
-@pytest.mark.parametrize("name", ["absent", "file.txt"])
-def test_a_missing_folder_is_named(tmp_path, name):
+def test_missing_folders_and_sequences_of_one_name_are_refused(write_short, tmp_path):
     (tmp_path / "file.txt").touch()
-    with pytest.raises(EvaluationError, match=f"no folder '.*{name}'; allowed: a sequence"):
-        find_sequences([tmp_path / name])
-
-
-def test_sequences_of_one_name_are_refused(write_short, tmp_path):
-    write_short("a", parent=tmp_path / "one")
-    write_short("a", parent=tmp_path / "two")
+    for name in ("absent", "file.txt"):
+        with pytest.raises(EvaluationError, match=f"no folder '.*{name}'; allowed: a sequence"):
+            find_sequences([tmp_path / name])
+    for parent in ("one", "two"):
+        write_short("a", parent=tmp_path / parent)
     with pytest.raises(EvaluationError, match="several sequences are named 'a'"):
         read_sequences([tmp_path / "one", tmp_path / "two"])
 

@@ -93,6 +93,16 @@ def test_manifest_is_valid_and_built_by_ament_python(manifest):
     (license_,) = manifest.licenses
     assert license_ == "Apache-2.0"
     assert (REPOSITORY / license_.file).read_text().lstrip().startswith("Apache License")
+    folders = {path.parent for path in (REPOSITORY / PACKAGE).rglob("*.py")}
+    assert [folder for folder in folders if not (folder / "__init__.py").is_file()] == []
+    # docs.ros.org builds the project's own documentation.
+    (export,) = [one for one in manifest.exports if one.tagname == "rosdoc2"]
+    header, settings = yaml.safe_load_all((REPOSITORY / export.content).read_text())
+    assert header == {"type": "rosdoc2 config", "version": 1}
+    folder = REPOSITORY / settings["builders"][0]["sphinx"]["sphinx_sourcedir"]
+    # Of a page index.md, rosdoc2 makes no start page.
+    assert (folder / "conf.py").is_file()
+    assert (folder / "index.rst").is_file()
 
 
 def test_version_maintainer_license_and_addresses_are_the_same_everywhere(manifest):
@@ -117,17 +127,6 @@ def test_version_maintainer_license_and_addresses_are_the_same_everywhere(manife
     assert citation["license"] == manifest.licenses[0]
     assert citation["repository-code"] == manifest.urls[0].url
     assert f"\n{manifest.version} ({citation['date-released']})\n---" in changelog
-
-
-def test_the_documentation_of_ros_is_built_from_the_projects_own(manifest):
-    (export,) = [one for one in manifest.exports if one.tagname == "rosdoc2"]
-    header, settings = yaml.safe_load_all((REPOSITORY / export.content).read_text())
-    assert header == {"type": "rosdoc2 config", "version": 1}
-    (builder,) = settings["builders"]
-    folder = REPOSITORY / builder["sphinx"]["sphinx_sourcedir"]
-    # Of a page index.md, rosdoc2 makes no start page.
-    assert (folder / "conf.py").is_file()
-    assert (folder / "index.rst").is_file()
 
 
 def test_the_workflow_runs_the_checks_on_every_supported_python_and_colcon_in_jazzy():
@@ -178,11 +177,6 @@ def test_a_release_takes_the_changelog_and_raises_every_version(manifest, tmp_pa
     tools.update_versions({str(tmp_path): manifest}, "9.8.7")
     assert "<version>9.8.7</version>" in (tmp_path / "package.xml").read_text()
     assert 'version="9.8.7"' in (tmp_path / "setup.py").read_text()
-
-
-def test_every_folder_with_modules_is_a_package():
-    folders = {path.parent for path in (REPOSITORY / PACKAGE).rglob("*.py")}
-    assert [folder for folder in folders if not (folder / "__init__.py").is_file()] == []
 
 
 def pinned(python):

@@ -410,26 +410,21 @@ def test_only_valid_targets_of_the_same_origin_are_tracked(start_draw, images, t
 
 
 def test_other_errors_are_reported_before_the_page(track, images, monkeypatch, tmp_path):
-    output = tmp_path / "out"
-    output.mkdir()
-    (output / "boxes.csv").write_text("mine")
-    draw = (images, "--output", output, "--draw")
-    code, printed, errors = track(*draw)
-    assert (code, printed) == (4, "")
-    assert "boxes.csv exists already" in errors
-    assert track(*draw, "--box", "1,2,3,4")[0] == 2
-    none = (images, "--output", tmp_path / "a", "--draw", "--detections", tmp_path / "none.csv")
-    code, printed, errors = track(*none)
-    assert (code, printed) == (8, "")
-    assert "none.csv" in errors
-    code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
-    assert code == 2
-    assert "--draw applies to a single recording; leave it out" in errors
-    monkeypatch.setitem(sys.modules, "aiohttp", None)
-    code, _, errors = track(images, "--output", tmp_path / "c", "--draw")
-    assert code == 2
-    assert "aiohttp is not installed: pip install aiohttp, or '.[console]'" in errors
-    assert len(errors.splitlines()) == 1
+    taken, free = tmp_path / "taken", ("--output", tmp_path / "out", "--draw")
+    taken.mkdir()
+    (taken / "boxes.csv").write_text("mine")
+    none = ("--detections", tmp_path / "none.csv")
+    for arguments, expected, said in (
+        ((images, "--output", taken, "--draw"), 4, "boxes.csv exists already"),
+        ((images, *free, "--box", "1,2,3,4"), 2, ""),
+        ((images, *free, *none), 8, "none.csv"),
+        (("--archive", images.parent, *free), 2, "--draw applies to a single recording; leave it"),
+        ((images, *free), 2, "aiohttp is not installed: pip install aiohttp, or '.[console]'"),
+    ):
+        if "aiohttp" in said:
+            monkeypatch.setitem(sys.modules, "aiohttp", None)
+        code, printed, errors = track(*arguments)
+        assert (code, printed, said in errors) == (expected, "", True), errors
 
 
 def test_a_bag_without_a_decodable_image_is_an_error(track, make_stamped, write_bag, tmp_path):
