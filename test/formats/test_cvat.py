@@ -167,7 +167,7 @@ def test_wrong_boxes_are_refused_with_their_place(tmp_path, wrong, message):
         f'{name}="{value}"' if each.startswith(f"{name}=") else each for each in BOX.split()
     )
     with pytest.raises(FormatError, match=message):
-        read(file_of(tmp_path, box, box))
+        read(file_of(tmp_path, *[box] * (2 if name == "none" else 1)))
 
 
 def test_an_archive_without_annotations_is_refused(tmp_path):
