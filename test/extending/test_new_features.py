@@ -48,12 +48,15 @@ from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
 
+FEATURES.parameters_of("cell_means")
+from parts_of_mine.cell_means import CellMeans
+
 shapes = []
-extract = FEATURES["cell_means"].extract
+extract = CellMeans.extract
 def recording(self, windows):
     shapes.append(windows.shape)
     return extract(self, windows)
-FEATURES["cell_means"].extract = recording
+CellMeans.extract = recording
 
 parameters = CUES.parameters_of("correlation_response")(features="cell_means")
 cue = CUES["correlation_response"](parameters)
