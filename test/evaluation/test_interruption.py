@@ -35,9 +35,7 @@ def half_done(start_evaluate, short_sequence, long_sequences, tmp_path):
         (2, True, signal.SIGINT),
     ],
 )
-def test_a_signal_ends_all_processes_and_results_are_kept(
-    half_done, tmp_path, jobs, to_all, number
-):
+def test_a_signal_ends_all_processes_and_keeps_results(half_done, tmp_path, jobs, to_all, number):
     word = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}[number]
     process = half_done(jobs)
     workers = list(processes_below(process.pid, "spawn_main"))
@@ -59,7 +57,7 @@ def test_workers_end_when_their_parent_is_killed(half_done):
     wait_until(lambda: not any(map(is_running, workers)))
 
 
-def test_a_killed_worker_fails_only_its_sequence(
+def test_a_killed_worker_fails_its_sequence(
     start_evaluate, short_sequence, long_sequences, tmp_path
 ):
     process = start_evaluate("walk", "short", "--seeds", "20", "--jobs", "2", "--output", "r.json")

@@ -44,9 +44,7 @@ def test_each_track_is_a_sequence_from_its_first_box(images, labels, moving_squa
     )
 
 
-def test_the_command_gives_the_scores_of_the_sequence(
-    images, labels, moving_square, write_sequence, tmp_path
-):
+def test_the_command_gives_its_scores(images, labels, moving_square, write_sequence, tmp_path):
     truth = moving_square.boxes.copy()
     truth[4] = np.nan
     sequence = write_sequence("same", moving_square.images, truth)

@@ -80,9 +80,7 @@ def test_without_any_success_there_is_no_result(evaluate, short_sequence, tmp_pa
         ("full", 1, "evaluate: error: the table cannot be printed (No space left on device)\n"),
     ],
 )
-def test_results_are_written_though_the_table_cannot_be(
-    start_evaluate, document, output, code, said
-):
+def test_results_are_written_though_no_table_is(start_evaluate, document, output, code, said):
     if output == "closed":
         reading, writing = os.pipe()
         os.close(reading)

@@ -93,9 +93,7 @@ def write_talk(write_bag, make_message):
 
 @pytest.mark.parametrize("storage", ["MCAP", "SQLITE3"])
 @pytest.mark.parametrize("part", ["metadata.yaml", "talk"])
-def test_a_part_of_a_bag_that_is_no_regular_file_is_refused(
-    tmp_path, write_talk, special, storage, part
-):
+def test_a_part_of_a_bag_that_is_no_file_is_refused(tmp_path, write_talk, special, storage, part):
     bag = write_talk(tmp_path / "talk", storage)
     (path,) = (each for each in bag.iterdir() if each.name.startswith(part))
     path.unlink()

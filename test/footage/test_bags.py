@@ -41,9 +41,7 @@ def write_rows(tmp_path, write_bag, rows):
 
 
 @pytest.mark.parametrize(("storage", "compression"), KINDS)
-def test_every_kind_of_bag_keeps_the_recorded_bytes(
-    tmp_path, write_bag, rows, storage, compression
-):
+def test_every_kind_of_bag_keeps_its_bytes(tmp_path, write_bag, rows, storage, compression):
     path = write_bag(tmp_path / "talk", rows, storage, compression)
     bag = open_bag(path)
     assert (bag.image_topic, bag.image_type, bag.image_count) == ("/eye/image", IMAGE, 3)
@@ -55,9 +53,7 @@ def test_every_kind_of_bag_keeps_the_recorded_bytes(
 
 
 @pytest.mark.parametrize("compression", ["NONE", "STORAGE", "MESSAGE"])
-def test_a_bare_mcap_file_is_enough_unless_messages_are_compressed_one_by_one(
-    tmp_path, write_bag, rows, compression
-):
+def test_a_bare_mcap_file_is_enough_unless_compressed(tmp_path, write_bag, rows, compression):
     folder = write_bag(tmp_path / "talk", rows, "MCAP", compression)
     (folder / "metadata.yaml").unlink()
     path = folder / "talk.mcap"
@@ -69,9 +65,7 @@ def test_a_bare_mcap_file_is_enough_unless_messages_are_compressed_one_by_one(
         assert [image.message for image in open_bag(path).images()] == [row[3] for row in rows[:3]]
 
 
-def test_ground_truth_topic_is_found_or_named_and_its_boxes_are_matched_by_stamp(
-    tmp_path, write_bag, rows
-):
+def test_ground_truth_is_found_or_named_and_matched_by_stamp(tmp_path, write_bag, rows):
     path = write_bag(tmp_path / "talk", rows)
     bag = open_bag(path)
     assert bag.ground_truth_topic == "/eye/ground_truth"

@@ -102,9 +102,7 @@ def test_an_image_that_does_not_decode_is_named(tmp_path, pictures, write_images
 
 
 @pytest.mark.parametrize("video_decoder", ["OpenCV"], indirect=True)
-def test_names_that_are_not_utf_8_are_read_for_images_but_not_by_opencv_for_videos(
-    tmp_path, video_decoder
-):
+def test_names_not_in_utf_8_are_read_for_images_but_not_by_opencv(tmp_path, video_decoder):
     picture = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/\xe4.png"))
     path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())

@@ -57,9 +57,7 @@ def test_an_absent_target_is_a_row_of_nan(image_sequence, line):
     assert len(list(footage.frames())) == 3
 
 
-def test_images_and_boxes_are_joined_and_the_file_name_of_otb_comes_second(
-    image_sequence, pictures
-):
+def test_images_and_boxes_are_joined_and_otb_s_file_name_comes_second(image_sequence, pictures):
     footage = open_footage(image_sequence)
     assert (footage.name, footage.frame_count) == ("a walk", 3)
     assert footage.ground_truth.tolist() == [[1, 2, 3, 4], [2.5, 3.5, 3, 4], [3, 4, 3, 4]]

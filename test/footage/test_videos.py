@@ -7,9 +7,7 @@ from pf_tracker_ros.footage import FootageError, open_footage
 from pf_tracker_ros.footage.videos import VideoFootage
 
 
-def test_each_reading_has_all_frames_unchanged_and_stamps_by_the_frame_rate(
-    tmp_path, pictures, write_video
-):
+def test_each_reading_has_all_frames_and_stamps_by_the_frame_rate(tmp_path, pictures, write_video):
     footage = open_footage(write_video(tmp_path / "noise.avi", pictures, rate=50.0))
     assert footage.nominal_interval == pytest.approx(0.02)
     next(footage.frames())
@@ -82,9 +80,7 @@ def test_raw_frames_that_look_like_text_are_a_video(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["concat:noise.avi", "http:noise.avi"])
-def test_a_file_name_is_never_taken_for_an_address(
-    tmp_path, monkeypatch, pictures, write_video, name
-):
+def test_a_file_name_is_never_an_address(tmp_path, monkeypatch, pictures, write_video, name):
     write_video(tmp_path / "noise.avi", pictures).rename(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     assert len(list(open_footage(name).frames())) == 5

@@ -63,9 +63,7 @@ def test_the_integral_holds_the_sum_of_all_gradient_magnitude(image):
 
 @pytest.mark.parametrize("reduction", [1, 2, 3])
 @pytest.mark.parametrize("mask_reduction", [1, 2, 4])
-def test_the_foreground_of_a_region_is_the_mask_below_each_pixel_s_center(
-    reduction, mask_reduction
-):
+def test_the_foreground_of_a_region_is_the_mask_below_pixel_centers(reduction, mask_reduction):
     generator = np.random.default_rng(0)
     mask_size = -(-47 // mask_reduction), -(-63 // mask_reduction)
     mask = generator.integers(0, 2, mask_size).astype(np.uint8) * 255

@@ -169,9 +169,7 @@ def test_without_an_opencv_the_executables_say_how_to_get_one(without_opencv, ex
         ("replay", "ros", []),
     ],
 )
-def test_executables_say_what_is_missing_without_their_extra(
-    without_extra, executable, extra, options
-):
+def test_executables_name_what_is_missing(without_extra, executable, extra, options):
     outcome = without_extra.installation.call(executable, *options)
     assert outcome.returncode == 2
     last_line = outcome.stderr.strip().splitlines()[-1]

@@ -18,7 +18,7 @@ from pf_tracker_ros.recordings.archives.sources import find_recordings
 from pf_tracker_ros.recordings.output_files import OutputFolder
 
 
-def test_each_recording_is_tracked_and_broken_ones_are_reported(
+def test_recordings_are_tracked_and_broken_ones_are_reported(
     serial, archive, track, watch, tmp_path
 ):
     output, (code, said, errors) = serial
@@ -98,7 +98,7 @@ def test_only_changed_recordings_are_tracked_again(own_archive, track, tmp_path)
     assert "10 tracked, 0 up to date, 3 failed" in said
 
 
-def test_killed_workers_and_killed_drivers_cost_only_the_recordings_in_progress(
+def test_killed_processes_cost_only_recordings_in_progress(
     serial, archive, start_track, watch, tmp_path
 ):
     output = tmp_path / "out"
@@ -134,7 +134,7 @@ def test_ctrl_c_keeps_the_finished_recordings(archive, start_track, watch, tmp_p
     assert not list(output.rglob(".archive_*"))
 
 
-def test_a_run_keeps_the_unfinished_files_of_another_command_in_its_folder(
+def test_a_run_keeps_the_unfinished_files_of_another(
     track, write_sequence, moving_square, tmp_path
 ):
     """Such as those of `track` on a single recording, in a hidden folder beside its results."""
@@ -290,9 +290,7 @@ def test_damaged_and_unreadable_recordings_are_reported_and_do_not_stop_the_othe
     assert f"track: cut.avi: {damage}" in errors
 
 
-def test_options_of_a_single_recording_and_of_archives_are_refused_for_the_other(
-    archive, track, tmp_path
-):
+def test_options_of_recordings_and_archives_are_refused_for_the_other(archive, track, tmp_path):
     given, recording = ("--archive", archive), archive / "day_0" / "drive_0"
     for arguments, said in (
         ((*given, "drive.mp4"), "SOURCE applies to a single recording"),
@@ -310,9 +308,7 @@ def test_options_of_a_single_recording_and_of_archives_are_refused_for_the_other
         assert (code, said in errors) == (2, True), errors
 
 
-def test_circular_links_are_reported_and_do_not_stop_the_others(
-    track, write_sequence, moving_square, tmp_path
-):
+def test_circular_links_do_not_stop_the_others(track, write_sequence, moving_square, tmp_path):
     folder, output = tmp_path / "archive", tmp_path / "out"
     write_sequence("drive", moving_square.images[:3], moving_square.boxes[:3], folder)
     for name in ("loop.mp4", "round", "images.target.yaml"):

@@ -49,9 +49,7 @@ def test_a_camera_that_ends_is_an_error_with_results(send_stream, start_track, r
     assert errors.endswith(f"{len(rows(output))} frames were tracked\n")
 
 
-def test_a_target_is_drawn_on_a_picture_of_the_camera(
-    send_stream, start_track, wait_for_rows, rows, tmp_path
-):
+def test_a_target_is_drawn_on_a_picture(send_stream, start_track, wait_for_rows, rows, tmp_path):
     pytest.importorskip("aiohttp")
     output = tmp_path / "out"
     process = start_track(send_stream(400), *QUICK, "--output", output, "--draw")

@@ -173,9 +173,7 @@ def test_the_note_offers_another_target_if_there_may_be_one(
     assert {row["id"] for row in rows(output)} == {"1"}
 
 
-def test_a_box_is_drawn_on_another_frame_and_placed_by_keys(
-    start_draw, open_page, rows, images, tmp_path
-):
+def test_a_box_is_drawn_on_another_frame_by_keys(start_draw, open_page, rows, images, tmp_path):
     command = start_draw(images, "--output", tmp_path / "out")
     page = open_page(command)
     for number in range(1, 4):

@@ -164,9 +164,7 @@ def put(results, staged, kept):
 
 
 @pytest.mark.parametrize("moment", ["rename fails", "file is added"])
-def test_what_goes_wrong_while_results_are_replaced_leaves_the_former_ones(
-    run, drive, monkeypatch, moment
-):
+def test_what_fails_while_results_are_replaced_leaves_the_former(run, drive, monkeypatch, moment):
     run()
     added, kept = drive / "corrected.zip", []
     if moment == "rename fails":
@@ -271,9 +269,7 @@ def test_added_and_changed_objects_stay(memory, put_objects):
     assert results.complete({"drive": ["boxes.csv"], "other": ["boxes.csv"]}) == {"drive"}
 
 
-def test_added_objects_stay_and_results_are_replaced_after_an_upload_that_failed(
-    memory, put_objects, monkeypatch
-):
+def test_added_objects_stay_after_an_upload_that_failed(memory, put_objects, monkeypatch):
     put_objects({"boxes.csv": "0", "boxes.mot.txt": "0"})
     with monkeypatch.context() as patch:
         fail_late(memory, patch)

@@ -70,7 +70,7 @@ def test_the_archive_is_not_allowed_as_output(rec, refused, further):
     refused(rec, rec.parent / "out", *further)
 
 
-def test_results_neither_replace_sequences_nor_lie_inside(
+def test_results_replace_no_sequences_nor_lie_inside(
     write_sequence, moving_square, refused, tmp_path
 ):
     folder = tmp_path / "walk"
@@ -112,7 +112,7 @@ def test_results_may_go_below_the_archive(write_sequence, moving_square, track, 
 
 
 @pytest.mark.usefixtures("in_this_process")
-def test_entries_outside_the_folder_of_a_list_have_their_results_in_the_output(
+def test_entries_outside_of_a_list_have_results_in_the_output(
     write_sequence, moving_square, track, tmp_path
 ):
     images, boxes = moving_square.images[:3], moving_square.boxes[:3]

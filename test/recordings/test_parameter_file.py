@@ -49,7 +49,7 @@ def test_a_file_equals_typed_options(tracked, own):
     assert tracked(*BOX, "--params-file", own, *over) == tracked(*BOX, *typed, *over)
 
 
-def test_a_file_for_another_node_is_used_with_a_warning(
+def test_a_file_for_another_node_causes_a_warning(
     track, rows, moving_square_sequence, own, tmp_path
 ):
     other = tmp_path / "other.yaml"

@@ -162,7 +162,7 @@ def test_a_wrong_request_is_refused(track, room, tmp_path, arguments, reason):
     assert not (tmp_path / "out").exists()
 
 
-def test_recordings_without_a_calibration_or_with_several_depths_are_refused(
+def test_no_calibration_or_several_depths_are_refused(
     track, room, moving_square_sequence, tmp_path
 ):
     bags = {"images.mcap": ["/image"], "cameras.mcap": ["/camera/color/image_raw"]}

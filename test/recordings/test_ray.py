@@ -80,9 +80,7 @@ def test_killed_workers_and_a_killed_driver_cost_only_the_recordings_in_progress
 
 
 @needs_ray
-def test_ctrl_c_ends_the_cluster_which_listens_on_the_loopback_interface_only(
-    start_on_ray, watch, tmp_path
-):
+def test_ctrl_c_ends_the_cluster_which_listens_on_the_loopback_only(start_on_ray, watch, tmp_path):
     output = tmp_path / "out"
     driver = start_on_ray(output)
     watch.wait_for_results(output, 1)

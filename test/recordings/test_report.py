@@ -95,9 +95,7 @@ def test_the_timeline_seeks_in_the_video(track, moving_square_sequence, browser,
     assert width <= 390
 
 
-def test_a_loss_is_listed_with_its_cause_and_how_it_ended(
-    track, rows, moving_square, write_sequence, tmp_path
-):
+def test_a_loss_is_listed_with_cause_and_end(track, rows, moving_square, write_sequence, tmp_path):
     ground = np.full_like(moving_square.images[0], 90)
     images = [*moving_square.images[:10], *[ground] * 20]
     boxes = np.full((30, 4), np.nan)

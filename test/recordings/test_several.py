@@ -87,9 +87,7 @@ def test_an_invalid_file_of_several_targets(track, source, tmp_path, text, said)
 
 
 @pytest.mark.parametrize("label", ["", ",-1,-1,-1", ",walker"])
-def test_detections_of_a_file_start_and_correct_targets(
-    tracked, source, library, write_detections, label
-):
+def test_detections_of_a_file_correct_targets(tracked, source, library, write_detections, label):
     file = write_detections((3, 7, 11), label=label)
     # No detections in frame 14.
     file.write_text(file.read_text() + "15\n")
@@ -147,7 +145,7 @@ def test_an_invalid_detection_file(track, source, tmp_path, text, said):
             assert (code, reason in one_sentence(errors)) == (WRONG_DETECTIONS, True)
 
 
-def test_detections_after_the_last_frame_are_an_error_that_keeps_the_results(
+def test_detections_after_the_last_frame_are_an_error(
     track, rows, source, write_detections, tmp_path
 ):
     file = write_detections((0, 4, 8))
@@ -212,9 +210,7 @@ def test_a_label_stays_in_its_cell(tracked, source, write_detections, tmp_path):
     assert len((tmp_path / "out" / "boxes.csv").read_text().splitlines()) == 1 + COUNT
 
 
-def test_a_video_without_images_says_why_it_was_not_written(
-    track, rows, make_stamped, write_bag, tmp_path
-):
+def test_a_video_without_images_says_why_it_is_none(track, rows, make_stamped, write_bag, tmp_path):
     message = make_stamped(
         "sensor_msgs/msg/Image", 10**9, height=2, width=2, encoding="64FC1", is_bigendian=0,
         step=16, data=np.zeros(32, np.uint8),
@@ -241,7 +237,7 @@ def test_a_recording_without_targets_has_results(track, rows, source, tmp_path):
     assert "<dt>targets</dt><dd>0</dd>" in (output / "report.html").read_text()
 
 
-def test_the_detections_of_a_built_in_detector_do_not_depend_on_the_machine(
+def test_a_built_in_detector_does_not_depend_on_the_machine(
     tracked, source, monkeypatch, walkers, library
 ):
     class Detector:

@@ -30,7 +30,7 @@ def detected_archive(walkers, write_sequence, write_detections, tmp_path):
     return archive
 
 
-def test_an_archive_with_several_targets_counts_frames(
+def test_an_archive_of_several_targets_counts_frames(
     track, rows, walkers, write_sequence, tmp_path
 ):
     images, boxes = walkers
@@ -106,9 +106,7 @@ def test_an_archive_is_labeled_from_the_detections_beside_its_recordings(
             assert found == (alone / "boxes.csv").read_bytes()
 
 
-def test_only_recordings_with_changed_detections_are_tracked_again(
-    track, detected_archive, tmp_path
-):
+def test_only_changed_detections_are_tracked_again(track, detected_archive, tmp_path):
     output = tmp_path / "out"
     given = ("--archive", detected_archive, "--output", output, "--detections", *QUICK)
     assert "2 tracked, 0 up to date, 1 failed" in track(*given)[1]
@@ -130,9 +128,7 @@ def test_only_recordings_with_changed_detections_are_tracked_again(
     assert "1 up to date" in track(*given)[1]
 
 
-def test_an_archive_of_bags_takes_detections_of_a_topic(
-    track, rows, write_walkers, detections_message, library
-):
+def test_an_archive_of_bags_has_detections(track, rows, write_walkers, detections_message, library):
     bag = write_walkers([])
     archive = bag.with_name("archive")
     archive.mkdir()

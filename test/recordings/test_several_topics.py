@@ -26,7 +26,7 @@ def test_detections_of_a_bag_are_applied_at_their_stamps_when_they_arrive(
     assert len(found) == 2 * COUNT
 
 
-def test_detections_of_another_clock_are_rejected_with_a_warning(
+def test_detections_of_another_clock_are_rejected(
     tracked, write_walkers, detections_message, library
 ):
     boxes = library.boxes

@@ -72,9 +72,7 @@ def test_the_results_in_a_store_equal_those_in_folders(serial, archive, run, scr
     assert list(scratch.iterdir()) == []
 
 
-def test_detections_in_a_store_are_found_beside_their_recordings(
-    fleet, own_archive, run, track, watch
-):
+def test_detections_in_a_store_are_found_beside_recordings(fleet, own_archive, run, track, watch):
     pytest.importorskip("scipy")
     for name in ("drive_0.detections.csv", "drive_2.detections.csv"):
         text = "4,-1,33,37,24,24,0.9,square\n"

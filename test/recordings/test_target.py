@@ -29,9 +29,7 @@ def write_target(moving_square_sequence):
     return write
 
 
-def test_a_box_precedes_the_target_file_which_precedes_the_truth(
-    moving_square_sequence, write_target
-):
+def test_a_box_precedes_the_target_file_and_that_the_truth(moving_square_sequence, write_target):
     recording, folder = open_recording(moving_square_sequence), moving_square_sequence.parent
     assert target_file(folder / "drive.mcap") == folder / "drive.target.yaml"
     (folder / "run.1").mkdir()
@@ -54,9 +52,7 @@ def test_a_box_precedes_the_target_file_which_precedes_the_truth(
         "recording: moving_square\nimage_size: [160, 120]\nframe: 6\nstamp: 0",
     ],
 )
-def test_tracking_begins_on_the_frame_that_the_target_was_drawn_on(
-    track, rows, write_target, tmp_path, where
-):
+def test_tracking_begins_on_the_frame_of_the_target(track, rows, write_target, tmp_path, where):
     box = [44.0, 42.0, 24.0, 24.0]
     source = write_target(f"target_box: {box}\n{where}\n").with_name("moving_square")
     assert track(source, "--output", tmp_path / "out", *QUICK)[0] == 0
@@ -125,7 +121,7 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
         ("label: !!bool perhaps", "cannot be read as YAML"),
     ],
 )
-def test_a_target_file_that_is_invalid_or_belongs_to_another_recording(
+def test_a_target_file_that_is_invalid_or_of_another_recording(
     track, write_target, tmp_path, text, said
 ):
     path = write_target(text)
@@ -138,9 +134,7 @@ def test_a_target_file_that_is_invalid_or_belongs_to_another_recording(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_target_file_that_is_a_broken_link_cannot_be_read(
-    track, moving_square_sequence, tmp_path
-):
+def test_a_target_file_that_is_a_broken_link_is_told(track, moving_square_sequence, tmp_path):
     path = target_file(moving_square_sequence)
     for leads_to, reason in ((path.name, "Too many levels"), ("nowhere", "No such file")):
         path.symlink_to(leads_to)
@@ -151,9 +145,7 @@ def test_a_target_file_that_is_a_broken_link_cannot_be_read(
         path.unlink()
 
 
-def test_boxes_have_the_precision_of_a_message_and_overflow_without_a_warning(
-    moving_square_sequence,
-):
+def test_boxes_have_the_precision_of_a_message_and_may_overflow(moving_square_sequence):
     recording = open_recording(moving_square_sequence)
     frame = next(recording.frames())
     box = choose_target(recording, (20.1, 30.3, 24.7, 23.9)).box_in(frame)
@@ -208,9 +200,7 @@ def test_what_is_no_file_is_not_written_over(tmp_path, drawn, kind):
     assert pipe.is_fifo()
 
 
-def test_a_video_keeps_its_size_if_the_images_change(
-    tmp_path, track, write_images_bag, moving_square
-):
+def test_a_video_keeps_its_size_if_images_change(tmp_path, track, write_images_bag, moving_square):
     larger = [cv2.resize(image, None, fx=2, fy=2) for image in moving_square.images[10:]]
     bag = write_images_bag("drive", [*moving_square.images[:10], *larger])
     box = ("--box", "20,30,24,24")

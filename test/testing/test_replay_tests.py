@@ -140,18 +140,14 @@ def test_a_broken_tracker_fails(tracked_recording, baseline, monkeypatch, mutati
     assert text.count("\n- ") == {frozen: 1, giving_up: 3}[mutation]
 
 
-def test_a_tracker_that_is_slow_in_most_frames_fails(
-    tracked_recording, moving_square_sequence, seconds
-):
+def test_a_tracker_slow_in_most_frames_fails(tracked_recording, moving_square_sequence, seconds):
     seconds[:] = [0.25] * 12 + [0.01]
     run = tracked_recording(moving_square_sequence, **QUICK)
     with pytest.raises(pytest.fail.Exception, match="takes 250 ms, expected at most 200 ms"):
         run.check(**LIMITS)
 
 
-def test_another_machines_rounding_passes(
-    tracked_recording, moving_square_sequence, baseline, monkeypatch
-):
+def test_another_rounding_passes(tracked_recording, moving_square_sequence, baseline, monkeypatch):
     generator = np.random.default_rng(0)
 
     def change(estimate):
@@ -164,9 +160,7 @@ def test_another_machines_rounding_passes(
     assert run.mean_overlap < 1.0
 
 
-def test_a_failure_writes_the_frame_and_a_report(
-    tracked_recording, moving_square_sequence, monkeypatch, tmp_path
-):
+def test_a_failure_has_a_report(tracked_recording, moving_square_sequence, monkeypatch, tmp_path):
     pytest.importorskip("jinja2")
     mutate(monkeypatch, frozen())
     run = tracked_recording(moving_square_sequence, **QUICK)
@@ -246,7 +240,7 @@ def test_a_users_test_stores_and_compares_its_baseline(run_pytest, tmp_path):
         (None, (".csv; pytest --update stores one",)),
     ],
 )
-def test_a_baseline_of_something_else_or_none_is_refused(
+def test_a_wrong_baseline_is_refused(
     tracked_recording, moving_square_sequence, baseline, change, messages
 ):
     lines = baseline.read_text().splitlines()

@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from processes import wait_until
 
 from pf_tracker_ros.parameter_files import read_parameter_file
 from pf_tracker_ros.tuning import __main__
+from pf_tracker_ros.tuning.search_space import CUE_RANGES, RANGES
 
 optuna = pytest.importorskip("optuna")
 pytest.importorskip("scipy")
@@ -189,3 +191,9 @@ def finished_trials(journal):
         study = optuna.load_study(study_name="all", storage=storage)
         trials = study.get_trials(states=[optuna.trial.TrialState.COMPLETE])
         return [trial.params for trial in trials]
+
+
+def test_the_page_of_the_documentation_lists_the_tuned_parameters():
+    text = (Path(__file__).parents[2] / "docs" / "tuning.md").read_text(encoding="utf-8")
+    for name in (*RANGES, *(f"<cue>.{parameter}" for parameter in CUE_RANGES)):
+        assert f"`{name}`" in text, name
