@@ -130,7 +130,10 @@ def test_frames_of_targets_are_no_robot():
 def test_an_invalid_transform_leaves_the_others_of_its_message(take):
     made = TransformTree(Feed())
     both = message(0, "base", "wheel", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    both.transforms[0].rotation.w = np.nan
+    if take == "take":
+        both.transforms[0].rotation.w = np.nan
+    else:
+        both.transforms[0].translation.y = np.nan
     both.transforms += message(0, "base", "camera", *CAMERA).transforms
     with pytest.raises(ValueError, match="the transform from wheel to base is invalid"):
         getattr(made, take)(0, "", both)
