@@ -4,7 +4,6 @@ import errno
 import itertools
 import json
 import os
-import re
 import shutil
 import signal
 import socket
@@ -21,12 +20,14 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
+import pf_tracker_ros
 from pf_tracker_ros.footage import video_decoding
 from pf_tracker_ros.ros_domains import unused_domain
 
 pytest_plugins = ["pf_tracker_ros.testing"]
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 # What is slow and rarely breaks: `make test` leaves these folders and files, and all that runs in a
 # browser, to `make test-all`. `.ci/run` names the parts that they test.
 SLOW = (
@@ -272,6 +273,55 @@ def make_stamped(typestore):
 
 
 @pytest.fixture(scope="session")
+def make_image_message(make_stamped):
+    """Serialize a BGR image as a sensor_msgs/Image."""
+
+    def make(stamp, image):
+        height, width = image.shape[:2]
+        return make_stamped(
+            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
+            is_bigendian=0, step=3 * width, data=image.reshape(-1),
+        )  # fmt: skip
+
+    return make
+
+
+@pytest.fixture
+def start_module(tmp_path):
+    """Starts a module of the package in the test's folder; it is killed after the test."""
+    processes = []
+
+    def start(module, *arguments, stdout=subprocess.PIPE, **environment):
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"pf_tracker_ros.{module}", *map(str, arguments)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(PACKAGES), **environment},
+            stdout=stdout,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        processes.append(process)
+        return process
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="session")
+def walk(moving_square):
+    """A function that gives the moving square there and back for a number of frames."""
+
+    def make(count):
+        order = np.resize(np.r_[np.arange(20), np.arange(18, 0, -1)], count)
+        return moving_square.images[order], moving_square.boxes[order]
+
+    return make
+
+
+@pytest.fixture(scope="session")
 def make_polygon(typestore):
     """A polygon with corners (x, y), a field for `make_stamped`."""
     types = typestore.types
@@ -290,7 +340,7 @@ def write_bag(typestore):
     A row without a message makes its topic known and no more.
     """
 
-    def write(path, rows, storage="MCAP", compression="NONE"):
+    def write(path, rows, storage="MCAP", compression="NONE", types=typestore):
         from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
         writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage])
@@ -300,10 +350,26 @@ def write_bag(typestore):
             for topic, message_type, log_time, message in rows:
                 if (topic, message_type) not in connections:
                     connections[topic, message_type] = writer.add_connection(
-                        topic, message_type, typestore=typestore
+                        topic, message_type, typestore=types
                     )
                 if message is not None:
                     writer.write(connections[topic, message_type], log_time, message)
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def write_video():
+    """Write images as a video by OpenCV, lossless unless another codec is given; its path."""
+
+    def write(path, images, rate=25.0, codec="FFV1"):
+        height, width = images[0].shape[:2]
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), rate, (width, height))
+        assert writer.isOpened()
+        for image in images:
+            writer.write(image)
+        writer.release()
         return path
 
     return write
@@ -406,40 +472,26 @@ def browser():
 
 
 @pytest.fixture
-def browse(tmp_path):
-    """Opens a page in a frame of a width in Chromium; returns what a script in it reports."""
-    browser = chromium_or_skip()
+def browse(browser, tmp_path):
+    """Opens a page of a width in Chromium; returns what a script in it reports."""
 
     def open_(page, script, width):
-        ending = f"<script>parent.postMessage(JSON.stringify((() => {{{script}}})()), '*')</script>"
+        shown = browser.new_page(viewport={"width": width, "height": 900})
+        complaints = []
+        shown.on("console", lambda message: complaints.append(message.text))
         # The page forbids itself all requests: what it tried all the same is told as well.
-        errors = (
-            "<script>window.errors = []; onerror = (what) => errors.push(what); addEventListener("
-            "'securitypolicyviolation', (event) => errors.push(event.blockedURI))</script>"
+        shown.add_init_script(
+            "window.errors = []; addEventListener('error', (event) => errors.push(event.message));"
+            "addEventListener('securitypolicyviolation', (event) => errors.push(event.blockedURI))"
         )
-        inner = page.replace("<head>", f"<head>{errors}", 1).replace("</body>", f"{ending}</body>")
-        (tmp_path / "page.html").write_text(inner)
-        (tmp_path / "frame.html").write_text(
-            "<!doctype html><pre id=said></pre><script>addEventListener('message', (event) => "
-            "document.getElementById('said').textContent = event.data)</script>"
-            f"<iframe src=page.html style='width:{width}px;height:900px;border:0'></iframe>"
-        )
-        outcome = subprocess.run(
-            [
-                *(browser, "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom"),
-                *("--disable-background-networking", "--disable-component-update"),
-                *("--enable-logging=stderr", f"--user-data-dir={tmp_path / 'profile'}"),
-                *("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=5000"),
-                (tmp_path / "frame.html").as_uri(),
-            ],
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=True,
-        )
-        assert "CONSOLE" not in outcome.stderr
-        (said,) = re.findall(r"<pre id=\"said\">(.*?)</pre>", outcome.stdout, re.DOTALL)
-        return json.loads(said.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&"))
+        (tmp_path / "page.html").write_text(page)
+        try:
+            shown.goto((tmp_path / "page.html").as_uri())
+            said = shown.evaluate(f"() => {{{script}}}")
+        finally:
+            shown.close()
+        assert complaints == []
+        return said
 
     return open_
 
@@ -468,6 +520,19 @@ def ordinary_user():
                 os.seteuid(0)
 
     return block
+
+
+@pytest.fixture
+def start_alarm():
+    """A function that lets the test fail unless it ends, or starts anew, within some seconds."""
+
+    def give_up(number, frame):
+        raise TimeoutError("it hangs")
+
+    before = signal.signal(signal.SIGALRM, give_up)
+    yield signal.alarm
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture

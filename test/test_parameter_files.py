@@ -37,23 +37,13 @@ def file(tmp_path):
 
 
 def test_parameters_of_the_tracker_are_read_without_those_of_the_node(file):
-    assert read_parameter_file(file(TUNED)) == TrackerSettings(
-        "zhang2015",
-        4,
-        {
-            "max_targets": 1,
-            "particles": 50,
-            "resampling.threshold": 0.25,
-            "cues": ("hog", "color_histogram"),
-        },
-    )
-
-
-def test_the_library_accepts_the_settings(file):
     settings = read_parameter_file(file(TUNED))
+    values = {"max_targets": 1, "particles": 50, "resampling.threshold": 0.25}
+    values["cues"] = ("hog", "color_histogram")
+    assert settings == TrackerSettings("zhang2015", 4, values)
+    # The library accepts them.
     tracker = Tracker.from_preset(settings.preset, settings.seed, settings.parameters)
-    assert tracker.parameters["particles"] == 50
-    assert tracker.parameters["cues"] == ("hog", "color_histogram")
+    assert {name: tracker.parameters[name] for name in values} == values
 
 
 @pytest.mark.parametrize(

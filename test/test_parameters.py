@@ -41,13 +41,8 @@ class Car:
 
 
 def test_names_are_full_and_in_order_of_declaration():
-    assert list(declarations(Car)) == [
-        "color",
-        "open",
-        "size",
-        "engine.power",
-        "engine.cylinders",
-    ]
+    names = ["color", "open", "size", "engine.power", "engine.cylinders"]
+    assert list(declarations(Car)) == names
     declaration = declarations(Car)["engine.power"]
     assert (declaration.type, declaration.default, declaration.unit) == (float, 1.5, "kW")
 
@@ -58,80 +53,36 @@ def test_other_tunables_keep_their_defaults():
     assert isinstance(car.engine.power, float)
 
 
-def test_flatten_is_the_inverse_of_build():
-    values = {
-        "color": "blue",
-        "open": True,
-        "size": (1.0, 2.0),
-        "engine.power": 3.0,
-        "engine.cylinders": 6,
-    }
-    assert flatten(build(Car, values)) == values
-
-
 @pytest.mark.parametrize(
-    ("name", "value", "allowed"),
+    ("values", "name", "allowed"),
     [
-        ("color", "green", "'red' or 'blue'"),
-        ("color", 3, "'red' or 'blue'"),
-        ("open", 1, "true or false"),
-        ("open", "yes", "true or false"),
-        ("engine.power", 10.1, "0 to 10"),
-        ("engine.power", math.nan, "0 to 10"),
-        ("engine.power", math.inf, "0 to 10"),
-        ("engine.power", "fast", "0 to 10"),
-        ("engine.power", True, "0 to 10"),
-        ("engine.cylinders", 0, "1 to 16"),
-        ("engine.cylinders", 4.0, "1 to 16"),
-        ("size", [1.0], "0 or 2 numbers"),
-        ("size", [1.0, 6.0], "each 0 to 5"),
-        ("size", [1.0, math.nan], "each 0 to 5"),
-        ("size", "12", "0 or 2 numbers"),
-        ("size", 1.0, "0 or 2 numbers"),
+        (("green", 3, np.array(["red", "blue"]), "r" * 10**6), "color", "'red' or 'blue'"),
+        ((1, "yes"), "open", "true or false"),
+        ((10.1, math.nan, math.inf, "fast", True, np.longdouble(11.0)), "engine.power", "0 to 10"),
+        ((10**400, np.timedelta64(5, "ns"), np.array([1.0])), "engine.power", "0 to 10"),
+        ((0, 4.0, 10**400), "engine.cylinders", "1 to 16"),
+        (([1.0], "12", 1.0, b"\x01\x02"), "size", "0 or 2 numbers"),
+        (([1.0, 6.0], [1.0, math.nan]), "size", "each 0 to 5"),
+        ((range(2), [np.array([1.0, 2.0]), 1.0]), "size", "0 or 2 numbers"),
     ],
+    ids=lambda value: value if isinstance(value, str) else "",
 )
-def test_an_error_names_the_parameter_the_value_and_the_allowed_values(name, value, allowed):
-    with pytest.raises(ParameterError) as refusal:
-        build(Car, {name: value})
-    for part in (f"'{name}'", repr(value), allowed):
-        assert part in str(refusal.value)
+def test_an_error_names_the_parameter_the_value_and_the_allowed_values(values, name, allowed):
+    for value in values:
+        with pytest.raises(ParameterError) as refusal:
+            build(Car, {name: value})
+        for part in (f"'{name}'", repr(value)[:10], allowed):
+            assert part in str(refusal.value)
+        assert len(str(refusal.value)) < 400
 
 
-def test_an_unknown_name_is_refused_with_all_names():
-    with pytest.raises(ParameterError, match=r"'wheels'; there are: color, open"):
-        build(Car, {"wheels": 4})
-
-
-def test_a_misspelled_name_is_refused_with_the_closest_name():
-    with pytest.raises(ParameterError, match=r"'engine\.powr'; did you mean 'engine\.power'\?$"):
-        build(Car, {"engine.powr": 1.0})
-
-
-def test_a_field_that_is_not_declared_is_named():
+def test_a_field_that_is_not_declared_is_named_and_a_number_needs_a_range():
     @dataclass(frozen=True)
     class Bare:
         speed: float = 1.0
 
     with pytest.raises(TypeError, match=r"Bare\.speed is no tunable; make it by `declared`"):
         declarations(Bare)
-
-
-@given(st.floats(allow_nan=True, allow_infinity=True))
-def test_a_float_is_taken_exactly_if_it_is_in_range(value):
-    if 0.0 <= value <= 10.0:
-        assert build(Car, {"engine.power": value}).engine.power == value
-    else:
-        with pytest.raises(ParameterError):
-            build(Car, {"engine.power": value})
-
-
-def test_numpy_scalars_count_as_numbers():
-    car = build(Car, {"engine.power": np.float32(2.5), "engine.cylinders": np.int64(8)})
-    assert (car.engine.power, car.engine.cylinders) == (2.5, 8)
-    assert type(car.engine.cylinders) is int
-
-
-def test_a_number_without_a_range_cannot_be_declared():
     with pytest.raises(TypeError, match="needs a range"):
         declared(1.0, "Unbounded.")
 
@@ -267,20 +218,25 @@ def test_parts_share_tunables_that_they_declare_alike():
     assert boat.of_devices["spare"] == Radio(channel=7)
 
 
-def test_a_tunable_of_every_part_is_always_active():
-    drives = Registry("drive", prefix="")
-
+def machine_of(drives):
     @dataclass(frozen=True)
     class Machine:
         kind: str = declared("sail", "Kind.", choices=drives)
+        height: float = declared(5.0, "Height.", minimum=0.0, maximum=30.0)
         of_kinds: dict[str, Any] = parts("kind", drives)
 
+    return Machine
+
+
+def test_a_tunable_of_every_part_is_always_active():
+    drives = Registry("drive", prefix="")
+    machine = machine_of(drives)
     for name, one in {"sail": Sail, "diesel": Diesel}.items():
         drives.register(name, one)(dict)
-    draft = declarations(Machine)["draft"]
+    draft = declarations(machine)["draft"]
     assert (draft.condition, draft.description) == (None, "Draft.")
     drives.register("oars")(dict)
-    assert declarations(Machine)["draft"].condition == ("kind", ("sail", "diesel"))
+    assert declarations(machine)["draft"].condition == ("kind", ("sail", "diesel"))
 
 
 @dataclass(frozen=True)
@@ -296,22 +252,15 @@ class Balloon:
 @pytest.mark.parametrize(("other", "name"), [(Barge, "draft"), (Balloon, "height")])
 def test_one_name_for_two_tunables_is_refused(other, name):
     drives = Registry("drive", prefix="")
-
-    @dataclass(frozen=True)
-    class Machine:
-        kind: str = declared("sail", "Kind.", choices=drives)
-        height: float = declared(5.0, "Height.", minimum=0.0, maximum=30.0)
-        of_kinds: dict[str, Any] = parts("kind", drives)
-
+    machine = machine_of(drives)
     drives.register("sail", Sail)(dict)
     # A single choice makes no condition.
-    assert list(declarations(Machine)) == ["height", "area", "draft"]
-    assert declarations(Machine)["draft"].condition is None
+    assert list(declarations(machine)) == ["height", "area", "draft"]
+    assert declarations(machine)["draft"].condition is None
     drives.register("other", other)(dict)
-    with pytest.raises(
-        TypeError, match=f"'{name}' is declared differently for .*other; declare it"
-    ):
-        declarations(Machine)
+    reason = f"'{name}' is declared differently for .*other; declare it"
+    with pytest.raises(TypeError, match=reason):
+        declarations(machine)
 
 
 WHY_UNKNOWN = {
@@ -336,17 +285,10 @@ def test_a_list_of_strings_holds_each_allowed_string_at_most_once(value):
         build(Boat, {"ropes": value})
     allowed = "list of strings, each at most once, 'bow' or 'stern' or 'spring'"
     assert str(refusal.value) == f"parameter 'ropes' is {value!r}; allowed: {allowed}"
-
-
-def test_a_list_of_strings_keeps_its_order():
     assert build(Boat, {"ropes": ["stern", "bow"]}).ropes == ("stern", "bow")
-    assert build(Boat, {"ropes": []}).ropes == ()
-
-
-@pytest.mark.parametrize("name", ["drive.kind", "devices"])
-def test_a_wrong_choice_is_refused_with_the_choices(name):
-    with pytest.raises(ParameterError, match=f"'{name}' is .*; allowed: .*'(sail|radio)'"):
-        build(Boat, {name: "kite"})
+    for name in ("drive.kind", "devices"):
+        with pytest.raises(ParameterError, match=f"'{name}' is .*; allowed: .*'(sail|radio)'"):
+            build(Boat, {name: "kite"})
 
 
 @pytest.mark.parametrize("preset", PRESETS)
@@ -356,28 +298,9 @@ def test_a_preset_names_only_active_tunables(preset):
     assert all(known[name].is_active(values) for name in PRESETS[preset])
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("engine.power", np.longdouble(11.0)),
-        ("engine.power", 10**400),
-        ("engine.power", np.timedelta64(5, "ns")),
-        ("engine.power", np.array([1.0])),
-        ("engine.cylinders", 10**400),
-        ("color", np.array(["red", "blue"])),
-        ("size", b"\x01\x02"),
-        ("size", range(2)),
-        ("size", [np.array([1.0, 2.0]), 1.0]),
-        ("color", "r" * 10**6),
-    ],
-    ids=lambda value: str(value)[:20],
-)
-def test_the_message_for_a_value_that_is_not_allowed_is_short(name, value):
-    with pytest.raises(ParameterError) as refusal:
-        build(Car, {name: value})
-    assert len(str(refusal.value)) < 400
-
-
-def test_long_doubles_and_strings_of_numpy_are_taken():
-    car = build(Car, {"engine.power": np.longdouble(2.5), "color": np.str_("blue")})
-    assert (type(car.engine.power), type(car.color)) == (float, str)
+def test_scalars_of_numpy_are_taken():
+    given = {"engine.power": np.longdouble(2.5), "engine.cylinders": np.int64(8)}
+    car = build(Car, {**given, "color": np.str_("blue")})
+    assert (car.engine.power, car.engine.cylinders, car.color) == (2.5, 8, "blue")
+    types = [type(value) for value in (car.engine.power, car.engine.cylinders, car.color)]
+    assert types == [float, int, str]

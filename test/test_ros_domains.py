@@ -27,11 +27,6 @@ def test_a_domain_is_reserved_until_its_block_ends():
         assert again == one
 
 
-def test_an_error_in_the_block_propagates():
-    with pytest.raises(OSError, match="of the block"), unused_domain():
-        raise OSError("of the block")
-
-
 # The RTPS standard: 7400 and 250 for each domain, 10 and 11 for the first participant, two more for
 # each other one.
 @pytest.mark.parametrize("offset", [0, 10, 11, 12, 201])
@@ -43,13 +38,15 @@ def test_a_domain_with_a_participant_is_skipped(offset):
             assert domain == other
 
 
-def test_no_free_domain_is_an_error():
+def test_no_free_domain_is_an_error_and_an_error_in_the_block_propagates():
     with (
         unused_domain() as domain,
         pytest.raises(RuntimeError, match="end the nodes of one domain"),
         unused_domain([domain]),
     ):
         pass
+    with pytest.raises(OSError, match="of the block"), unused_domain():
+        raise OSError("of the block")
 
 
 def test_the_fixture_skips_a_domain_with_a_foreign_node(monkeypatch, request, domain_numbers):

@@ -17,10 +17,6 @@ def test_a_stamp_and_its_parts_are_the_same_time(stamp):
     assert -(2**31) <= seconds < 2**31
     assert 0 <= nanoseconds < NANOSECONDS
     assert join_stamp(seconds, nanoseconds) == stamp
-
-
-@given(stamps)
-def test_a_header_keeps_its_stamp(stamp):
     header = SimpleNamespace(stamp=SimpleNamespace(sec=0, nanosec=0))
     set_stamp(header, stamp)
     assert stamp_of(header) == stamp

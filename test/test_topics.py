@@ -153,9 +153,6 @@ def test_16_bit_images_are_little_endian(writer):
     image = np.array([[1, 256]], ">u2")
     message = image_message(writer.new, writer.header(0), image)
     assert (message.encoding, message.data.tobytes()) == ("mono16", b"\x01\x00\x00\x01")
-
-
-def test_a_box_is_rounded_to_single_precision():
     assert box_in_single_precision((0.1, 1.0, 2.0, 3.0))[0] == np.float32(0.1)
 
 
@@ -202,9 +199,6 @@ def test_detections_are_of_all_targets_that_are_not_lost():
     assert result.hypothesis.score == 0.25
     assert (result.pose.pose.position.x, result.pose.pose.position.y) == (12.0, 23.0)
     assert list(result.pose.covariance[:8]) == [2.0, 0.5, 0, 0, 0, 0, 0.5, 3.0]
-
-
-def test_detections_are_messages_of_vision_msgs():
     vision = pytest.importorskip("vision_msgs.msg")
     from std_msgs.msg import Header
 

@@ -144,7 +144,5 @@ def test_a_tunable_of_detections_makes_a_difference(scene, preset):
 
 
 @pytest.mark.parametrize(("preset", "name"), NEEDS)
-def test_a_tunable_that_needs_another_setting_makes_none_by_itself(
-    makes_a_difference, preset, name
-):
+def test_a_tunable_that_needs_another_makes_none_by_itself(makes_a_difference, preset, name):
     assert not makes_a_difference(preset, KNOWN[name], {})

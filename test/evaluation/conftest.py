@@ -2,18 +2,12 @@
 
 import os
 import shutil
-import subprocess
-import sys
-from pathlib import Path
+from functools import partial
 
-import numpy as np
 import pytest
 from common import run_command
 
-import pf_tracker_ros
 from pf_tracker_ros.evaluation.__main__ import main
-
-PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 
 
 @pytest.fixture
@@ -30,46 +24,37 @@ def evaluate(tmp_path, monkeypatch, capsys):
 
 
 @pytest.fixture
-def start_evaluate(tmp_path):
+def start_evaluate(start_module):
     """Start the command in the test's folder; it is killed after the test."""
-    processes = []
-
-    def start(*arguments, stdout=subprocess.PIPE, **environment):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pf_tracker_ros.evaluation", *map(str, arguments)],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(PACKAGES), **environment},
-            stdout=stdout,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        )
-        processes.append(process)
-        return process
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+    return partial(start_module, "evaluation")
 
 
 @pytest.fixture
-def short_sequence(write_sequence, moving_square):
+def write_short(write_sequence, moving_square):
+    """Writes the first frames of the moving square."""
+
+    def write(name, count=5, **options):
+        return write_sequence(
+            name, moving_square.images[:count], moving_square.boxes[:count], **options
+        )
+
+    return write
+
+
+@pytest.fixture
+def short_sequence(write_short):
     """Five frames of the moving square."""
-    return write_sequence("short", moving_square.images[:5], moving_square.boxes[:5])
+    return write_short("short")
 
 
 @pytest.fixture(scope="session")
-def long_sequence(write_sequence_in, moving_square, tmp_path_factory):
-    """A sequence of the moving square, a hundred times as long as the short one."""
-    there_and_back = np.r_[np.arange(20), np.arange(18, 0, -1)]
-    order = np.resize(there_and_back, 500)
-    images, boxes = moving_square.images[order], moving_square.boxes[order]
-    return write_sequence_in(tmp_path_factory.mktemp("shared"), "walk", images, boxes)
+def long_sequence(write_sequence_in, walk, tmp_path_factory):
+    return write_sequence_in(tmp_path_factory.mktemp("shared"), "walk", *walk(500))
 
 
 @pytest.fixture
 def long_sequences(long_sequence, tmp_path):
-    """Two such sequences of the names walk and stroll, not to change."""
+    """Two sequences a hundred times as long as the short one, walk and stroll; not to change."""
     for name in ("walk", "stroll"):
         folder = shutil.copytree(long_sequence, tmp_path / name, copy_function=os.link)
         (folder / "meta.json").unlink()

@@ -44,9 +44,7 @@ def test_each_track_is_a_sequence_from_its_first_box(images, labels, moving_squa
     )
 
 
-def test_the_command_gives_the_scores_of_the_sequence(
-    images, labels, moving_square, write_sequence, tmp_path
-):
+def test_the_command_gives_its_scores(images, labels, moving_square, write_sequence, tmp_path):
     truth = moving_square.boxes.copy()
     truth[4] = np.nan
     sequence = write_sequence("same", moving_square.images, truth)
@@ -60,30 +58,21 @@ def test_the_command_gives_the_scores_of_the_sequence(
     assert labeled["walk, target 1"]["success_auc"] == plain["same"]["success_auc"]
 
 
-def test_a_track_of_one_frame_is_reported(images, tmp_path):
+def test_wrong_files_and_sources_are_refused(images, labels, tmp_path):
     path = tmp_path / "walk.txt"
     path.write_text("1,1,21,31,24,24\n2,1,25,33,24,24\n7,2,1,1,9,9\n")
     sequences, (failure,) = open_labeled_sequences([images], path)
     assert [sequence.name for sequence in sequences] == ["walk, target 1"]
+    # A track of one frame is reported.
     assert failure.name == "walk, target 2"
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("9", "begins with"), ("31,1,1,1,9,9\n", "frame 30, .* walk has 20 frames: it belongs to")],
-)
-def test_wrong_files_are_refused(images, tmp_path, text, message):
-    path = tmp_path / "walk.txt"
-    path.write_text(text)
-    with pytest.raises(EvaluationError, match=message):
-        open_labeled_sequences([images], path)
-
-
-def test_wrong_sources_are_refused(images, labels, tmp_path):
-    with pytest.raises(EvaluationError, match="for one source, and 2 are given"):
-        open_labeled_sequences([images, images], labels)
-    with pytest.raises(FootageError, match="there is no"):
-        open_labeled_sequences([tmp_path / "none"], labels)
     (tmp_path / "drive.mcap").write_bytes(b"\x89MCAP0\r\n")
-    with pytest.raises(EvaluationError, match="is a bag"):
-        open_labeled_sequences([tmp_path / "drive.mcap"], labels)
+    for text, sources, message in (
+        ("9", [images], "begins with"),
+        ("31,1,1,1,9,9\n", [images], "frame 30, .* walk has 20 frames: it belongs to"),
+        ("", [images, images], "for one source, and 2 are given"),
+        ("", [tmp_path / "none"], "there is no"),
+        ("", [tmp_path / "drive.mcap"], "is a bag"),
+    ):
+        path.write_text(text)
+        with pytest.raises((EvaluationError, FootageError), match=message):
+            open_labeled_sequences(sources, path if text else labels)

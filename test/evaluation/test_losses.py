@@ -32,9 +32,7 @@ def test_short_occlusions_are_left_out_and_losses_are_not():
     assert loss.outcome == "not found again"
     (short,), _ = losses([content(states(("tracking", 2), ("lost", 1), ("tracking", 1)))], SIZE)
     assert (short.worst, short.outcome) == ("lost", "found again in frame 3, 0 px away")
-
-
-def test_frames_are_counted_in_the_recording():
+    # Frames are counted in the recording.
     shown = content(states(("tracking", 2), ("occluded", 4), ("tracking", 1)), first=10)
     (loss,), _ = losses([shown], SIZE)
     assert (loss.first, loss.last, loss.outcome) == (12, 15, "found again in frame 16, 0 px away")

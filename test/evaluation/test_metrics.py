@@ -55,15 +55,11 @@ def test_overlap_of_whole_boxes_counts_pixels(first, second):
 
 
 @given(BOXES, BOXES)
-def test_overlap_is_symmetric_and_at_most_1(first, second):
+def test_overlap_is_symmetric_at_most_1_and_exactly_1_with_itself(first, second):
     value = overlap(first, second)
     assert value == overlap(second, first)
     assert 0 <= value <= 1
-
-
-@given(BOXES)
-def test_overlap_with_itself_is_exactly_1(box):
-    assert overlap(box, box) == 1.0
+    assert overlap(first, first) == 1.0
 
 
 @given(BOXES, BOXES, st.tuples(POSITIONS, POSITIONS), st.integers(-8, 8))
@@ -75,27 +71,17 @@ def test_overlap_ignores_translation_and_scale(first, second, shift, exponent):
     assert overlap(first + shift, second + shift) == pytest.approx(value, abs=1e-9)
 
 
-def test_metrics_broadcast_runs_against_true_boxes():
+def test_metrics_broadcast_runs_against_true_boxes_and_errors_are_of_centers():
     boxes = np.tile((0, 0, 2, 2), (3, 5, 1))
     true_boxes = np.tile((1, 0, 2, 2), (5, 1))
     assert overlap(boxes, true_boxes) == pytest.approx(np.full((3, 5), 1 / 3))
     assert center_errors(boxes, true_boxes) == pytest.approx(np.ones((3, 5)))
-
-
-def test_center_error_compares_centers_not_corners():
     assert center_errors((0, 0, 10, 10), (0, 0, 16, 18)) == 5.0
     assert center_errors((3, 4, 10, 10), (5, 6, 6, 6)) == 0.0
 
 
 @pytest.mark.parametrize(
-    "missing",
-    [
-        (np.nan, np.nan, np.nan, np.nan),
-        (0, 0, 0, 0),
-        (5, 5, 10, 0),
-        (5, 5, -1, 10),
-        (np.inf, 0, 10, 10),
-    ],
+    "missing", [(np.nan,) * 4, (0, 0, 0, 0), (5, 5, 10, 0), (5, 5, -1, 10), (np.inf, 0, 10, 10)]
 )
 def test_an_absent_target_has_neither_overlap_nor_error(missing):
     true_boxes = [(0, 0, 10, 10), missing]
@@ -114,20 +100,10 @@ def test_metrics_refuse_other_values_than_boxes(metric):
         metric((np.nan, 0, 1, 1), (0, 0, 1, 1))
 
 
-def test_thresholds_are_0_to_1_in_steps_of_one_twentieth():
+def test_success_by_hand():
     assert SUCCESS_THRESHOLDS.tolist() == [float(Fraction(k, 20)) for k in range(21)]
-
-
-def test_perfect_overlap_is_above_all_thresholds_but_the_last():
     assert success_curve([1.0, 1.0]).tolist() == [1.0] * 20 + [0.0]
     assert success_auc([1.0, 1.0]) == pytest.approx(20 / 21)
-
-
-def test_no_overlap_is_above_no_threshold():
-    assert success_auc([0.0, 0.0, 0.0]) == 0
-
-
-def test_success_by_hand():
     # .5 is above 0 .. .45 (10 thresholds), .07 above 0 and .05 (2), 1 above 20, 0 above none.
     assert success_auc([0.5, 0.07, 1.0, 0.0]) == pytest.approx((10 + 2 + 20 + 0) / 4 / 21)
 
@@ -146,12 +122,9 @@ def test_success_auc_agrees_with_exact_arithmetic(pairs):
     assert success_auc(overlap(first, second)) == pytest.approx(above / len(pairs) / 21)
 
 
-def test_precision_counts_errors_up_to_20_px_inclusive():
+def test_precision_counts_errors_up_to_20_px_and_frames_without_target_do_not_count():
     boxes = [(12, 16, 4, 4), (20, 0, 4, 4), (20.001, 0, 4, 4), (0, 0, 4, 4)]
     assert precision(center_errors(boxes, (0, 0, 4, 4))) == 0.75
-
-
-def test_frames_without_target_do_not_count():
     assert success_auc([1.0, np.nan, 0.0]) == success_auc([1.0, 0.0])
     assert precision([np.nan, 3.0, 40.0, np.nan]) == 0.5
 

@@ -1,109 +1,108 @@
-"""Runs code in processes with one more file in a package's folder."""
+"""Packages with parts of every kind, installed by pip, and code that runs beside them."""
 
 import json
+import os
+import shutil
 import subprocess
 import sys
-from contextlib import ExitStack
 from pathlib import Path
 
-import numpy as np
 import pytest
+from common import run_python
 
 HERE = Path(__file__).resolve().parent
-
-# The folder is added to the package's path before any import, so the package itself discovers
-# the file.
+ROOT = HERE.parents[1]
+TIMEOUT = 120.0
 PRELUDE = """
-import importlib.machinery, json, sys
+import json, sys
 import numpy as np
-
-ADDED = {{"{package}": "{folder}"}}
-
-class WithFolder:
-    @staticmethod
-    def find_spec(name, path=None, target=None):
-        if name not in ADDED:
-            return None
-        spec = importlib.machinery.PathFinder.find_spec(name, path)
-        spec.submodule_search_locations.append(ADDED[name])
-        return spec
-
-sys.meta_path.insert(0, WithFolder)
-
-import pf_tracker_ros
-from pf_tracker_ros import Tracker
-from pf_tracker_ros.parameters import ParameterError, declarations
-from pf_tracker_ros.tracking.parameters import TrackerParameters
-from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
 def refusal(function, *arguments, **keywords):
     try:
         function(*arguments, **keywords)
-    except ParameterError as error:
+    except ValueError as error:
         return str(error)
+"""
+# A bright square that moves over a dark image.
+SCENE = """
+from common import overlap
+from pf_tracker_ros import MultiTracker, Tracker
+from pf_tracker_ros.parameters import declarations
+from pf_tracker_ros.tracking.parameters import TrackerParameters
+from pf_tracker_ros.tracking.presets import PRESETS, preset_parameters
 
-SEQUENCE = "{sequence}"
+boxes = [(20.0 + 2 * n, 30.0 + n, 24.0, 24.0) for n in range(20)]
+images = []
+for x, y, width, height in np.array(boxes, int):
+    image = np.random.default_rng(0).integers(30, 90, (120, 160, 3)).astype(np.uint8)
+    image[y:y + height, x:x + width] = (90, 230, 230)
+    image[y + 8:y + 16, x + 8:x + 16] = (200, 230, 210)
+    images.append(image)
 
-def follow(tracker, start=0):
-    with np.load(SEQUENCE) as sequence:
-        images, boxes = sequence["images"], sequence["boxes"]
-    tracker.start(images[start], boxes[start])
-    return [tracker.update(image).box for image in images[start + 1:]]
+def follow(**parameters):
+    tracker = Tracker.from_preset(parameters.pop("preset", "default"), parameters={
+        name.replace("__", "."): value for name, value in parameters.items()
+    })
+    tracker.start(images[0], boxes[0])
+    return [tracker.update(image).box for image in images[1:]]
 
-import contextlib, io
-
-for line in sys.stdin:
-    printed = io.StringIO()
-    with contextlib.redirect_stdout(printed):
-        exec(json.loads(line), dict(globals()))
-    print(json.dumps(printed.getvalue()), flush=True)
+def least_overlap(found):
+    return min(map(overlap, found, boxes[-len(found):]))
 """
 
 
 @pytest.fixture(scope="session")
-def extended(tmp_path_factory, moving_square):
-    """A function that runs code in another process and returns the JSON that it prints.
+def installed(tmp_path_factory):
+    """Installs a package's folder; returns the folder in which it is found."""
 
-    `examples`, if given, is a folder added to the package. Each has a process of its own.
-    """
-    sequence = tmp_path_factory.mktemp("extended") / "moving_square.npz"
-    np.savez(sequence, images=moving_square.images, boxes=moving_square.boxes)
-    processes = {}
-
-    def start(package, examples):
-        prelude = PRELUDE.format(package=package, folder=HERE / examples, sequence=sequence)
-        return stack.enter_context(
-            subprocess.Popen(
-                [sys.executable, "-c", prelude],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
+    def install(package):
+        folder = tmp_path_factory.mktemp("installed")
+        command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+        command += ["--no-build-isolation", "--disable-pip-version-check", "--target", folder]
+        done = subprocess.run(
+            [*command, package], capture_output=True, text=True, timeout=TIMEOUT, check=False
         )
+        assert done.returncode == 0, done.stderr
+        return folder
 
-    def run(code, package="", examples=""):
-        if examples not in processes:
-            processes[examples] = start(package, examples)
-        process = processes[examples]
-        process.stdin.write(json.dumps(code) + "\n")
-        process.stdin.flush()
-        printed = process.stdout.readline()
-        assert printed, "the process has ended with an error"
-        return json.loads(json.loads(printed))
+    return install
 
-    with ExitStack() as stack:
-        yield run
+
+@pytest.fixture(scope="session")
+def parts(installed, tmp_path_factory):
+    """The folder in which a package with a part of every kind is installed."""
+    package = tmp_path_factory.mktemp("package") / "parts"
+    shutil.copytree(HERE / "own_package", package)
+    for example in ("cues/brightness.py", "filter/random_walk.py", "features/cell_means.py"):
+        shutil.copy(HERE / example, package / "parts_of_mine")
+    return installed(package)
+
+
+@pytest.fixture(scope="session")
+def run_beside():
+    """Runs Python in a process that finds packages in some folders."""
+
+    def run(folders, code, *arguments):
+        path = [*folders, ROOT, ROOT / "test" / "helpers"]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, path))}
+        return run_python(code, *arguments, env=environment)
+
+    return run
 
 
 @pytest.fixture
-def overlaps(moving_square):
-    """A function that computes the intersection over union of boxes and the true ones."""
+def run(run_beside):
+    """Runs code with packages in some folders; returns the JSON that it prints, and its log."""
 
-    def compute(boxes, start=0):
-        found, true = np.array(boxes), moving_square.boxes[start + 1 :]
-        corner = np.maximum(found[:, :2], true[:, :2])
-        end = np.minimum(found[:, :2] + found[:, 2:], true[:, :2] + true[:, 2:])
-        common = np.prod(np.maximum(end - corner, 0.0), axis=1)
-        return common / (found[:, 2:].prod(axis=1) + true[:, 2:].prod(axis=1) - common)
+    def start(code, *folders, prelude=PRELUDE + SCENE):
+        done = run_beside(folders, prelude + code)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout), done.stderr
 
-    return compute
+    return start
+
+
+@pytest.fixture
+def extended(run, parts):
+    """Runs code with the parts; returns the JSON that it prints."""
+    return lambda code: run(code, parts)[0]

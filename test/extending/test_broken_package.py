@@ -1,15 +1,9 @@
 """Broken packages of others are named with a reason, and everything else works."""
 
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
-TIMEOUT = 120.0
-ROOT = Path(__file__).resolve().parents[2]
 CODE = """
 import dataclasses, sys
 import numpy as np
@@ -95,22 +89,16 @@ def code_of(name, **changed):
     return CODE.format(**{**USUAL, "name": name, **changed})
 
 
-def run(folder, command):
-    path = os.pathsep.join(map(str, (folder, ROOT)))
-    return subprocess.run(
-        [sys.executable, *command],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
+@pytest.fixture
+def outcomes(install, run_beside):
+    """What becomes of the detectors of a package, and the log."""
 
+    def run(codes, **package):
+        done = run_beside([install(codes, **package)], PROGRAM, *codes)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout), done.stderr
 
-def outcomes(folder, *names):
-    done = run(folder, ["-c", PROGRAM, *names])
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout), done.stderr
+    return run
 
 
 # Name to code and reason.
@@ -132,16 +120,15 @@ BROKEN_IMPORTS = {
 }
 
 
-def test_a_broken_import_is_named_and_the_rest_works(install):
-    folder = install({name: code for name, (code, _) in BROKEN_IMPORTS.items()})
-    found, log = outcomes(folder, *BROKEN_IMPORTS)
+def test_a_broken_import_is_named_and_the_rest_works(outcomes):
+    found, log = outcomes({name: code for name, (code, _) in BROKEN_IMPORTS.items()})
     for (kind, message), (name, (_, reason)) in zip(found, BROKEN_IMPORTS.items(), strict=True):
         assert kind == "refused"
         assert message.startswith(refusal_of(name) + reason)
     assert sorted(log.splitlines()) == sorted(message for _, message in found)
 
 
-def test_a_damaged_list_of_entry_points_is_named(install):
+def test_a_damaged_list_of_entry_points_is_named(install, outcomes):
     damaged = {
         "a": b"[pf_tracker_ros.detectors]\nbroken\n",
         "b": b"[console_scripts]\nbroken\n",
@@ -149,8 +136,7 @@ def test_a_damaged_list_of_entry_points_is_named(install):
     }
     for name, points in damaged.items():
         install({}, f"broken-{name}", points)
-    folder = install({"whole": code_of("whole")}, "whole-things")
-    ((kind, _),), log = outcomes(folder, "whole")
+    ((kind, _),), log = outcomes({"whole": code_of("whole")}, package="whole-things")
     assert kind == "ran"
     for line, name in zip(sorted(log.splitlines()), damaged, strict=True):
         assert line.startswith(f"the entry points of the package broken-{name} cannot be read")
@@ -180,9 +166,8 @@ FAILING = {
 }
 
 
-def test_a_detector_that_fails_is_refused_with_its_error(install):
-    folder = install({name: code_of(name, **changed) for name, (changed, _) in FAILING.items()})
-    found, _ = outcomes(folder, *FAILING)
+def test_a_detector_that_fails_is_refused_with_its_error(outcomes):
+    found, _ = outcomes({name: code_of(name, **changed) for name, (changed, _) in FAILING.items()})
     assert found[0][0] == "ran"
     assert found[1:] == [expected for _, expected in FAILING.values()][1:]
 
@@ -204,10 +189,10 @@ rclpy.shutdown()
 """
 
 
-def test_the_node_runs_beside_a_broken_package(install, ros_domain):
+def test_the_node_runs_beside_a_broken_package(install, run_beside, ros_domain):
     pytest.importorskip("rclpy")
     folder = install({name: code for name, (code, _) in BROKEN_IMPORTS.items()})
-    done = run(folder, ["-c", NODE, *BROKEN_IMPORTS])
+    done = run_beside([folder], NODE, *BROKEN_IMPORTS)
     assert done.returncode == 0, done.stderr
     autostart, state, refused = json.loads(done.stdout)
     assert (autostart, state) == (True, "active")
@@ -215,9 +200,9 @@ def test_the_node_runs_beside_a_broken_package(install, ros_domain):
         assert refusal_of(name) + reason in text
 
 
-def test_ctrl_c_during_an_import_ends_the_command(install):
+def test_ctrl_c_during_an_import_ends_the_command(install, run_beside):
     """It is the user's own, not an error of the package."""
     code = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)"
-    done = run(install({"slow": code}), ["-c", PROGRAM, "slow"])
+    done = run_beside([install({"slow": code})], PROGRAM, "slow")
     assert done.returncode != 0
     assert done.stderr.rstrip().endswith("KeyboardInterrupt")

@@ -9,7 +9,6 @@ from pf_tracker_ros.parameters import ParameterError, declarations
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-ADDED = {"package": "pf_tracker_ros.cues.features", "examples": "features"}
 NAME = "correlation_response.features"
 
 
@@ -34,7 +33,7 @@ print(json.dumps({{
     "wrong": refusal(Tracker.from_preset, "default", parameters={{"{NAME}": "cell_medians"}}),
 }}))
 """
-    result = extended(code, **ADDED)
+    result = extended(code)
     assert sorted(result["choices"]) == ["cell_means", "gradients_and_colors"]
     assert result["default"] == result["preset"] == "gradients_and_colors"
     assert result["read_only"]
@@ -42,35 +41,22 @@ print(json.dumps({{
     assert result["wrong"].startswith(f"parameter '{NAME}' is 'cell_medians'; allowed: string, ")
 
 
-def test_with_the_file_a_tracker_uses_them(extended, overlaps):
-    code = f"""
-chosen = {{"cues": ("correlation_response",)}}
-boxes = [
-    follow(Tracker.from_preset("default", parameters=chosen | {{"{NAME}": name}}))
-    for name in ("cell_means", "gradients_and_colors")
-]
-print(json.dumps([*boxes, follow(Tracker.from_preset("default", parameters=chosen))]))
-"""
-    by_means, by_gradients, by_default = extended(code, **ADDED)
-    assert overlaps(by_means).min() > 0.6
-    assert by_means != by_gradients
-    assert by_default == by_gradients
-
-
 def test_windows_have_the_resolution_of_the_features(extended):
     """40 cells of 8 pixels; three colors or one gray level, and two edges."""
     code = """
 from pf_tracker_ros.cues import CUES
-from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
 
+FEATURES.parameters_of("cell_means")
+from parts_of_mine.cell_means import CellMeans
+
 shapes = []
-extract = FEATURES["cell_means"].extract
+extract = CellMeans.extract
 def recording(self, windows):
     shapes.append(windows.shape)
     return extract(self, windows)
-FEATURES["cell_means"].extract = recording
+CellMeans.extract = recording
 
 parameters = CUES.parameters_of("correlation_response")(features="cell_means")
 cue = CUES["correlation_response"](parameters)
@@ -82,7 +68,7 @@ templates = [
 ]
 print(json.dumps([shapes, [template.filter.shape for template in templates]]))
 """
-    shapes, filters = extended(code, **ADDED)
+    shapes, filters = extended(code)
     assert shapes == [[1, 320, 320, 3], [1, 320, 320]]
     assert filters == [[5, 40, 21], [3, 40, 21]]
 
@@ -90,7 +76,6 @@ print(json.dumps([shapes, [template.filter.shape for template in templates]]))
 def test_the_channels_by_hand(extended):
     """Means of 8 x 8 pixels; a horizontal ramp has only a horizontal gradient."""
     code = """
-from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues.features import FEATURES
 
 window = np.random.default_rng(0).integers(0, 256, (24, 24, 3), dtype=np.uint8)
@@ -101,7 +86,7 @@ print(json.dumps([
     features.extract(ramp[None])[0].tolist(),
 ]))
 """
-    window, channels, of_ramp = (np.array(each) for each in extended(code, **ADDED))
+    window, channels, of_ramp = (np.array(each) for each in extended(code))
     means = window.reshape(3, 8, 3, 8, 3).mean(axis=(1, 3)).transpose(2, 0, 1)
     np.testing.assert_allclose(channels[:3], means, rtol=1e-5)
     assert of_ramp.shape == (3, 3, 3)

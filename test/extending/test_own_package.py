@@ -1,108 +1,28 @@
 """Parts of other packages: installed by pip, found by their entry points."""
 
-import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from pf_tracker_ros.cues import CUES
 
-TIMEOUT = 120.0
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 
-PRELUDE = """
-import json, sys
-import numpy as np
-
-def refusal(function, *arguments, **keywords):
-    try:
-        function(*arguments, **keywords)
-    except ValueError as error:
-        return str(error)
-"""
-# A bright square that moves over a dark image.
-SCENE = """
-from pf_tracker_ros import MultiTracker, Tracker
-
-boxes = [(20.0 + 2 * n, 30.0 + n, 24.0, 24.0) for n in range(20)]
-images = []
-for x, y, width, height in np.array(boxes, int):
-    image = np.random.default_rng(0).integers(30, 90, (120, 160, 3)).astype(np.uint8)
-    image[y:y + height, x:x + width] = (90, 230, 230)
-    image[y + 8:y + 16, x + 8:x + 16] = (200, 230, 210)
-    images.append(image)
-
-def follow(**parameters):
-    tracker = Tracker.from_preset(parameters.pop("preset", "default"), parameters={
-        name.replace("__", "."): value for name, value in parameters.items()
-    })
-    tracker.start(images[0], boxes[0])
-    return [tracker.update(image).box for image in images[1:]]
-
-def overlap(box, other):
-    corner = np.maximum(box[:2], other[:2])
-    end = np.minimum(np.add(box[:2], box[2:]), np.add(other[:2], other[2:]))
-    common = np.prod(np.maximum(end - corner, 0.0))
-    return common / (np.prod(box[2:]) + np.prod(other[2:]) - common)
-
-def least_overlap(found):
-    return min(map(overlap, found, boxes[-len(found):]))
-"""
-
-
-def installed(package, folder):
-    """Install a package's folder into a folder."""
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
-    command += ["--no-build-isolation", "--disable-pip-version-check", "--target", folder, package]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
-    assert done.returncode == 0, done.stderr
-    return folder
-
 
 @pytest.fixture(scope="module")
-def parts(tmp_path_factory):
-    """The folder in which a package with a part of every kind is installed."""
-    package = tmp_path_factory.mktemp("package") / "parts"
-    shutil.copytree(HERE / "own_package", package)
-    for example in ("cues/brightness.py", "filter/random_walk.py", "features/cell_means.py"):
-        shutil.copy(HERE / example, package / "parts_of_mine")
-    return installed(package, tmp_path_factory.mktemp("parts"))
-
-
-@pytest.fixture(scope="module")
-def example(tmp_path_factory):
+def example(installed, tmp_path_factory):
     """The folder in which the example of docs/extending.md is installed."""
     package = tmp_path_factory.mktemp("example")
     (project,) = re.findall(r"^```toml\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     (module,) = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     (package / "pyproject.toml").write_text(project)
     (package / "bright_things.py").write_text(module)
-    return installed(package, tmp_path_factory.mktemp("installed"))
+    return installed(package)
 
 
-def run(code, *folders):
-    """Run code with packages in some folders; returns the JSON that it prints, and its log."""
-    path = os.pathsep.join(map(str, (*folders, ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", PRELUDE + code],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout), done.stderr
-
-
-def test_names_are_known_without_importing_a_part(parts):
+def test_names_are_known_without_importing_a_part(run, parts):
     code = """
 import pf_tracker_ros
 from pf_tracker_ros import Tracker
@@ -113,17 +33,15 @@ from pf_tracker_ros.filter import MOTION_MODELS, RESAMPLERS
 names = [list(one) for one in (CUES, FEATURES, MOTION_MODELS, RESAMPLERS)]
 print(json.dumps([early, [one for one in sys.modules if "parts_of_mine" in one], names]))
 """
-    (early, imported, names), _ = run(code, parts)
+    (early, imported, names), _ = run("import json, sys\n" + code, parts, prelude="")
     assert early == []
     assert imported == []
     assert names[0] == [*CUES, "beyond_reach", "brightness"]
     assert [own[-1] for own in names[1:]] == ["cell_means", "unlike_others", "mostly_stratified"]
 
 
-def test_a_tracker_uses_them_and_their_parameters(parts):
-    code = (
-        SCENE
-        + """
+def test_a_tracker_uses_them_and_their_parameters(run, parts):
+    code = """
 both = ("correlation_response", "brightness")
 choices = [
     {"preset": "li2007", "cues": ("color_histogram", "brightness"), "brightness__weight": 0.9},
@@ -139,7 +57,6 @@ choices = [
 found = [follow(**choice) for choice in choices]
 print(json.dumps([found, [least_overlap(one) for one in found]]))
 """
-    )
     (found, overlaps), _ = run(code, parts)
     assert min(overlaps) > 0.4
     assert found[0] != found[1]
@@ -147,12 +64,10 @@ print(json.dumps([found, [least_overlap(one) for one in found]]))
     assert found[5] != found[6]
 
 
-def test_tracks_have_the_descriptors_of_the_chosen_appearance(parts):
+def test_tracks_have_the_descriptors_of_the_chosen_appearance(run, parts):
     """A detector in every second frame; the appearance is changed at the end."""
     pytest.importorskip("scipy")
-    code = (
-        SCENE
-        + """
+    code = """
 from pf_tracker_ros import Detections
 
 def ids(**parameters):
@@ -169,7 +84,6 @@ track, = tracker._manager._track_set.tracks
 again = [target.id for target in tracker.update(images[-1], 0.1, Detections([boxes[-1]]))]
 print(json.dumps([last, color, len(track.descriptor), again]))
 """
-    )
     (last, color, length, again), _ = run(code, parts)
     assert last == again == [1]
     # Cyan of (90, 230, 230) with a lighter middle.
@@ -177,9 +91,8 @@ print(json.dumps([last, color, len(track.descriptor), again]))
     assert length == 3200
 
 
-def test_an_unusable_part_is_logged_once_and_rejected_only_when_chosen(parts):
+def test_an_unusable_part_is_logged_once_and_rejected_only_when_chosen(run, parts):
     code = """
-from pf_tracker_ros import Tracker
 Tracker.from_preset("default")
 print(json.dumps([
     refusal(Tracker.from_preset, "default", parameters=chosen)
@@ -204,7 +117,7 @@ print(json.dumps([
     assert sorted(log.splitlines()) == sorted([broken, unlike, taken])
 
 
-def test_a_name_that_two_packages_declare_is_unusable(parts, tmp_path):
+def test_a_name_that_two_packages_declare_is_unusable(run, parts, tmp_path):
     info = tmp_path / "another-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: another\nVersion: 1.0\n")
@@ -212,7 +125,6 @@ def test_a_name_that_two_packages_declare_is_unusable(parts, tmp_path):
         "[pf_tracker_ros.cues]\nbrightness = json:loads\nnameless = json:loads\n"
     )
     code = """
-from pf_tracker_ros import Tracker
 print(json.dumps([
     refusal(Tracker.from_preset, "default", parameters={"cues": (name,)})
     for name in ("brightness", "nameless")
@@ -230,13 +142,11 @@ print(json.dumps([
     )
 
 
-def test_the_example_of_the_page_detects_and_tracks(example):
+def test_the_example_of_the_page_detects_and_tracks(run, example):
     pytest.importorskip("scipy")
-    code = (
-        SCENE
-        + """
+    code = """
 from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import build, declarations
+from pf_tracker_ros.parameters import build
 from pf_tracker_ros.targets.built_in_detectors import DETECTORS
 name = "built_in_detectors.bright.above"
 node = build(NodeParameters, {"built_in_detector": "bright", name: 100})
@@ -251,7 +161,6 @@ print(json.dumps([
     declarations(NodeParameters)[name].unit,
 ]))
 """
-    )
     (found, least, blind_count, unit), _ = run(code, example)
     assert found == [[1, "bright"]]
     assert least > 0.6
@@ -259,7 +168,7 @@ print(json.dumps([
     assert unit == "gray levels"
 
 
-def test_their_parameters_are_in_the_generated_documents(parts, example):
+def test_their_parameters_are_in_the_generated_documents(run, parts, example):
     pytest.importorskip("rclpy")
     code = """
 sys.path.insert(0, "tools")
@@ -275,7 +184,7 @@ print(json.dumps(generate.generated_files()["docs/parameters.md"]))
         assert f"| `{name}` |" in text
 
 
-def test_the_node_accepts_them_like_built_in_parts(parts, example):
+def test_the_node_accepts_them_like_built_in_parts(run, parts, example):
     pytest.importorskip("rclpy")
     code = """
 import rclpy

@@ -1,6 +1,5 @@
 """Small recordings of every kind, written without the code under test."""
 
-import signal
 from pathlib import Path
 
 import cv2
@@ -13,23 +12,6 @@ def pictures():
     """Five pictures of noise, so that a frame out of place is noticed."""
     generator = np.random.default_rng(7)
     return [generator.integers(0, 256, (24, 32, 3), dtype=np.uint8) for _ in range(5)]
-
-
-@pytest.fixture
-def write_video():
-    """Write pictures into a lossless video."""
-
-    def write(path: Path, images, rate: float = 30.0) -> Path:
-        height, width = images[0].shape[:2]
-        codec = cv2.VideoWriter_fourcc(*"FFV1")
-        writer = cv2.VideoWriter(str(path), codec, rate, (width, height))
-        assert writer.isOpened()
-        for image in images:
-            writer.write(image)
-        writer.release()
-        return path
-
-    return write
 
 
 @pytest.fixture
@@ -50,19 +32,13 @@ def make_message(make_stamped, make_polygon):
     """Serialize a message of the common interfaces with a stamp in nanoseconds."""
 
     def make(message_type, stamp, *, little_endian=True):
+        data = np.arange(6, dtype=np.uint8) + stamp % 50
         fields = {
             "sensor_msgs/msg/Image": {
-                "height": 2,
-                "width": 3,
-                "encoding": "mono8",
-                "is_bigendian": 0,
-                "step": 3,
-                "data": np.arange(6, dtype=np.uint8) + stamp % 50,
+                **{"height": 2, "width": 3, "encoding": "mono8", "is_bigendian": 0, "step": 3},
+                "data": data,
             },
-            "sensor_msgs/msg/CompressedImage": {
-                "format": "jpeg",
-                "data": np.arange(5, dtype=np.uint8),
-            },
+            "sensor_msgs/msg/CompressedImage": {"format": "jpeg", "data": data[:5]},
             "geometry_msgs/msg/PolygonStamped": {"polygon": make_polygon((1.0, 2.0))},
         }[message_type]
         return make_stamped(message_type, stamp, little_endian=little_endian, **fields)
@@ -71,14 +47,6 @@ def make_message(make_stamped, make_polygon):
 
 
 @pytest.fixture
-def no_hang():
+def no_hang(start_alarm):
     """End a test that hangs."""
-
-    def give_up(number, frame):
-        raise TimeoutError("it hangs")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    signal.alarm(20)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
+    start_alarm(20)

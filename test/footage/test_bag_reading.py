@@ -12,6 +12,16 @@ IMAGE = "sensor_msgs/msg/Image"
 POLYGON = "geometry_msgs/msg/PolygonStamped"
 
 
+def options(*names):
+    """Makes objects of given or empty attributes."""
+
+    def make(*given, **named):
+        filled = dict(zip(names, given, strict=False))
+        return SimpleNamespace(**{**dict.fromkeys(names, ""), **filled, **named})
+
+    return make
+
+
 class DocumentedRosbag2(ModuleType):
     """A stand-in for `rosbag2_py`, which is on no package index: its documented interface.
 
@@ -20,53 +30,29 @@ class DocumentedRosbag2(ModuleType):
 
     def __init__(self, topics, messages, compression_format="", paths=()):
         super().__init__("rosbag2_py")
-        self.opened = []
-        library = self
-
-        class StorageOptions:
-            def __init__(self, uri, storage_id=""):
-                self.uri, self.storage_id = uri, storage_id
-
-        class ConverterOptions:
-            def __init__(self, input_serialization_format="", output_serialization_format=""):
-                self.formats = input_serialization_format, output_serialization_format
-
-        class StorageFilter:
-            def __init__(self, topics=()):
-                self.topics = list(topics)
-
-        def metadata():
-            infos = [
-                SimpleNamespace(
-                    topic_metadata=SimpleNamespace(name=name, type=kind), message_count=count
-                )
-                for name, kind, count in topics
-            ]
-            return SimpleNamespace(
-                topics_with_message_count=infos,
-                compression_format=compression_format,
-                relative_file_paths=list(paths),
-            )
-
-        class MetadataIo:
-            def read_metadata(self, uri):
-                assert isinstance(uri, str)
-                return metadata()
+        self.opened = opened = []
+        infos = [
+            SimpleNamespace(topic_metadata=SimpleNamespace(name=name, type=kind), message_count=n)
+            for name, kind, n in topics
+        ]
+        metadata = SimpleNamespace(
+            topics_with_message_count=infos,
+            compression_format=compression_format,
+            relative_file_paths=list(paths),
+        )
 
         class Reader:
-            def open(self, storage_options, converter_options):
-                assert converter_options.formats == ("cdr", "cdr")
-                assert isinstance(storage_options.uri, str)
-                library.opened.append(
-                    (type(self).__name__, storage_options.uri, storage_options.storage_id)
-                )
+            def open(self, storage, converter):
+                assert {*vars(converter).values()} == {"cdr"}
+                assert isinstance(storage.uri, str)
+                opened.append((type(self).__name__, storage.uri, storage.storage_id))
                 self.left = list(messages)
 
             def get_metadata(self):
-                return metadata()
+                return metadata
 
             def get_all_topics_and_types(self):
-                return [info.topic_metadata for info in metadata().topics_with_message_count]
+                return [info.topic_metadata for info in infos]
 
             def set_filter(self, storage_filter):
                 self.left = [row for row in self.left if row[0] in storage_filter.topics]
@@ -80,8 +66,10 @@ class DocumentedRosbag2(ModuleType):
                     raise row[1]
                 return row
 
-        self.StorageOptions, self.ConverterOptions = StorageOptions, ConverterOptions
-        self.StorageFilter, self.MetadataIo = StorageFilter, MetadataIo
+        self.StorageOptions = options("uri", "storage_id")
+        self.ConverterOptions = options("input_serialization_format", "output_serialization_format")
+        self.StorageFilter = options("topics")
+        self.MetadataIo = lambda: SimpleNamespace(read_metadata=lambda uri: metadata)
         self.SequentialReader = type("SequentialReader", (Reader,), {})
         self.SequentialCompressionReader = type("SequentialCompressionReader", (Reader,), {})
 
@@ -119,34 +107,38 @@ def test_rosbag2_py_is_preferred(bag_folder, messages, monkeypatch):
     assert set(library.opened) == {("SequentialReader", str(bag_folder), "")}
 
 
-@pytest.mark.parametrize(("name", "storage"), [("talk.mcap", "mcap"), ("talk.db3", "sqlite3")])
-def test_rosbag2_py_receives_the_storage_of_a_file(tmp_path, messages, monkeypatch, name, storage):
-    library = DocumentedRosbag2(TOPICS, messages)
+@pytest.mark.parametrize(
+    "case",
+    [
+        ("talk.mcap", "", ("SequentialReader", "mcap")),
+        ("talk.db3", "", ("SequentialReader", "sqlite3")),
+        ("talk", "zstd", ("SequentialCompressionReader", "")),
+    ],
+)
+def test_rosbag2_py_receives_the_storage_of_a_file_and_decompresses(
+    bag_folder, messages, monkeypatch, case
+):
+    name, compression, opened = case
+    library = DocumentedRosbag2(TOPICS, messages, compression_format=compression)
     monkeypatch.setitem(sys.modules, "rosbag2_py", library)
-    (tmp_path / name).touch()
-    assert len(list(open_bag(tmp_path / name).images())) == 2
-    assert set(library.opened) == {("SequentialReader", str(tmp_path / name), storage)}
+    path = bag_folder.with_name(name)
+    path.touch()
+    assert len(list(open_bag(path).images())) == 2
+    assert set(library.opened) == {(opened[0], str(path), opened[1])}
 
 
 @pytest.mark.parametrize("name", ["../other.mcap", "/etc/passwd"])
 def test_a_bag_that_names_a_file_elsewhere_is_refused(bag_folder, messages, monkeypatch, name):
     library = DocumentedRosbag2(TOPICS, messages, paths=["talk_0.mcap", name])
-    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
-    with pytest.raises(FootageError, match=f"names the file {name}, which is not in its folder"):
-        open_bag(bag_folder)
-
-
-def test_a_pipe_in_a_bag_is_not_opened(bag_folder):
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "rosbag2_py", library)
+        with pytest.raises(
+            FootageError, match=f"names the file {name}, which is not in its folder"
+        ):
+            open_bag(bag_folder)
     os.mkfifo(bag_folder / "talk_0")
     with pytest.raises(FootageError, match="talk_0 is a FIFO; accepted are regular files"):
         open_bag(bag_folder)
-
-
-def test_rosbag2_py_decompresses_bags(bag_folder, messages, monkeypatch):
-    library = DocumentedRosbag2(TOPICS, messages, compression_format="zstd")
-    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
-    assert len(list(open_bag(bag_folder).images())) == 2
-    assert {name for name, *_ in library.opened} == {"SequentialCompressionReader"}
 
 
 def test_errors_of_rosbag2_py_become_footage_errors(bag_folder, messages, monkeypatch):

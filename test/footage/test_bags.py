@@ -9,7 +9,6 @@ from pf_tracker_ros.footage import FootageError, bag_reading, is_bag, open_bag
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"
 POLYGON = "geometry_msgs/msg/PolygonStamped"
-STRING = "std_msgs/msg/String"
 
 KINDS = [
     ("SQLITE3", "NONE"),
@@ -35,10 +34,14 @@ def rows(make_message):
     return [*images, *boxes, ("/eye/area", POLYGON, stamps[0], other)]
 
 
+@pytest.fixture
+def write_rows(tmp_path, write_bag, rows):
+    """Writes these and further rows into a bag."""
+    return lambda *further: write_bag(tmp_path / "talk", [*rows, *further])
+
+
 @pytest.mark.parametrize(("storage", "compression"), KINDS)
-def test_every_kind_of_bag_keeps_the_recorded_bytes(
-    tmp_path, write_bag, rows, storage, compression
-):
+def test_every_kind_of_bag_keeps_its_bytes(tmp_path, write_bag, rows, storage, compression):
     path = write_bag(tmp_path / "talk", rows, storage, compression)
     bag = open_bag(path)
     assert (bag.image_topic, bag.image_type, bag.image_count) == ("/eye/image", IMAGE, 3)
@@ -49,67 +52,57 @@ def test_every_kind_of_bag_keeps_the_recorded_bytes(
     assert list(bag.images()) == images
 
 
-@pytest.mark.parametrize(("storage", "compression"), [("MCAP", "NONE"), ("MCAP", "STORAGE")])
-def test_a_bare_mcap_file_is_enough(tmp_path, write_bag, rows, storage, compression):
-    folder = write_bag(tmp_path / "talk", rows, storage, compression)
+@pytest.mark.parametrize("compression", ["NONE", "STORAGE", "MESSAGE"])
+def test_a_bare_mcap_file_is_enough_unless_compressed(tmp_path, write_bag, rows, compression):
+    folder = write_bag(tmp_path / "talk", rows, "MCAP", compression)
     (folder / "metadata.yaml").unlink()
     path = folder / "talk.mcap"
     assert is_bag(path)
-    assert [image.message for image in open_bag(path).images()] == [row[3] for row in rows[:3]]
+    if compression == "MESSAGE":
+        with pytest.raises(FootageError, match="give the rosbag2 folder"):
+            list(open_bag(path).images())
+    else:
+        assert [image.message for image in open_bag(path).images()] == [row[3] for row in rows[:3]]
 
 
-def test_messages_compressed_one_by_one_need_the_folder(tmp_path, write_bag, rows):
-    folder = write_bag(tmp_path / "talk", rows, "MCAP", "MESSAGE")
-    with pytest.raises(FootageError, match="give the rosbag2 folder"):
-        list(open_bag(folder / "talk.mcap").images())
-
-
-def test_ground_truth_is_matched_by_stamp(tmp_path, write_bag, rows):
-    bag = open_bag(write_bag(tmp_path / "talk", rows))
+def test_ground_truth_is_found_or_named_and_matched_by_stamp(tmp_path, write_bag, rows):
+    path = write_bag(tmp_path / "talk", rows)
+    bag = open_bag(path)
     assert bag.ground_truth_topic == "/eye/ground_truth"
     assert [image.ground_truth for image in bag.images()] == [rows[3][3], None, rows[4][3]]
-
-
-def test_ground_truth_topic_can_be_named(tmp_path, write_bag, rows):
-    path = write_bag(tmp_path / "talk", rows)
     bag = open_bag(path, ground_truth_topic="/eye/area")
     assert [image.ground_truth is None for image in bag.images()] == [False, True, True]
     with pytest.raises(FootageError, match=r"no topic /eye/image of type geometry_msgs.*eye/area"):
         open_bag(path, ground_truth_topic="/eye/image")
 
 
-def test_an_ambiguous_ground_truth_topic_is_refused(tmp_path, write_bag, rows, make_message):
-    second = ("/ear/ground_truth", POLYGON, 5, make_message(POLYGON, 5))
-    path = write_bag(tmp_path / "talk", [*rows, second])
-    with pytest.raises(FootageError, match=r"several.*choose one: /ear/ground_truth, /eye/ground"):
-        open_bag(path)
+@pytest.mark.parametrize(
+    ("topic", "kind", "reason"),
+    [
+        ("/ear/ground_truth", POLYGON, r"choose one: /ear/ground_truth, /eye/ground"),
+        ("/ear/image/compressed", COMPRESSED, "choose one: /ear/image/compressed, /eye/image"),
+        # It is chosen by its name alone.
+        ("/depth/image/compressed", COMPRESSED, ""),
+    ],
+)
+def test_an_ambiguous_topic_is_refused(write_rows, make_message, topic, kind, reason):
+    path = write_rows((topic, kind, 5, make_message(kind, 5)))
+    if reason:
+        with pytest.raises(FootageError, match=reason):
+            open_bag(path)
+    else:
+        assert open_bag(path).image_topic == "/eye/image"
+    if kind == COMPRESSED:
+        assert open_bag(path, topic).image_type == COMPRESSED
+        assert len(list(open_bag(path, "/eye/image").images())) == 3
 
 
-def test_an_ambiguous_image_topic_is_refused(tmp_path, write_bag, rows, make_message):
-    second = ("/ear/image/compressed", COMPRESSED, 5, make_message(COMPRESSED, 5))
-    path = write_bag(tmp_path / "talk", [*rows, second])
-    with pytest.raises(FootageError, match=r"choose one: /ear/image/compressed, /eye/image"):
-        open_bag(path)
-    assert open_bag(path, "/ear/image/compressed").image_type == COMPRESSED
-    assert len(list(open_bag(path, "/eye/image").images())) == 3
-
-
-def test_a_depth_topic_is_chosen_by_name_alone(tmp_path, write_bag, rows, make_message):
-    second = ("/depth/image/compressed", COMPRESSED, 5, make_message(COMPRESSED, 5))
-    path = write_bag(tmp_path / "talk", [*rows, second])
-    assert open_bag(path).image_topic == "/eye/image"
-    assert open_bag(path, "/depth/image/compressed").image_type == COMPRESSED
-
-
-@pytest.mark.parametrize("topic", ["/eye/area", "/nose"])
-def test_a_topic_without_images_is_refused(tmp_path, write_bag, rows, topic):
-    path = write_bag(tmp_path / "talk", rows)
-    with pytest.raises(FootageError, match=f"no image topic {topic}; image topics are: /eye/image"):
-        open_bag(path, topic)
-
-
-def test_the_error_of_a_bag_without_images_lists_its_topics(tmp_path, write_bag, rows):
-    path = write_bag(tmp_path / "talk", rows[-1:])
+def test_a_topic_or_a_bag_without_images_is_refused(tmp_path, write_bag, rows):
+    for topic in ("/eye/area", "/nose"):
+        reason = f"no image topic {topic}; image topics are: /eye/image"
+        with pytest.raises(FootageError, match=reason):
+            open_bag(write_bag(tmp_path / topic[1:3], rows), topic)
+    path = write_bag(tmp_path / "blind", rows[-1:])
     with pytest.raises(FootageError, match=r"no topic of type .*there are: /eye/area \(geometry_"):
         open_bag(path)
 

@@ -14,17 +14,12 @@ from pf_tracker_ros.footage.cdr import (
 
 @pytest.mark.parametrize("little_endian", [True, False])
 @pytest.mark.parametrize("stamp", [0, (2**31 - 1) * 10**9 + 999_999_999])
-@pytest.mark.parametrize(
-    "message_type",
-    [
-        "sensor_msgs/msg/Image",
-        "sensor_msgs/msg/CompressedImage",
+def test_stamp_is_read_in_either_byte_order(make_message, stamp, little_endian):
+    for kind in (
+        *("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"),
         "geometry_msgs/msg/PolygonStamped",
-    ],
-)
-def test_stamp_is_read_in_either_byte_order(make_message, message_type, stamp, little_endian):
-    message = make_message(message_type, stamp, little_endian=little_endian)
-    assert header_stamp(message) == stamp
+    ):
+        assert header_stamp(make_message(kind, stamp, little_endian=little_endian)) == stamp
 
 
 @given(st.binary(max_size=11) | st.binary(min_size=12).filter(lambda data: data[0] != 0))
@@ -34,22 +29,13 @@ def test_other_bytes_than_cdr_are_refused(data):
 
 
 @pytest.mark.parametrize("little_endian", [True, False])
-def test_images_are_read_as_rosbags_wrote_them(make_stamped, little_endian):
-    stamp = 12 * 10**9 + 345
+def test_messages_are_read_as_rosbags_wrote_them(make_stamped, make_polygon, little_endian):
+    stamp, order = 12 * 10**9 + 345, {"little_endian": little_endian}
     data = np.arange(24, dtype=np.uint8)
     # Texts of several lengths: the numbers after them are aligned.
     for encoding in ("mono8", "bgr8", "16UC1", "yuv422_yuy2"):
-        message = make_stamped(
-            "sensor_msgs/msg/Image",
-            stamp,
-            little_endian=little_endian,
-            height=2,
-            width=4,
-            encoding=encoding,
-            is_bigendian=1,
-            step=12,
-            data=data,
-        )
+        fields = {"height": 2, "width": 4, "step": 12, "is_bigendian": 1, "data": data}
+        message = make_stamped("sensor_msgs/msg/Image", stamp, encoding=encoding, **order, **fields)
         image = deserialize_image(message)
         assert (image.stamp, image.frame_id) == (stamp, "lens")
         assert (image.height, image.width, image.step) == (2, 4, 12)
@@ -57,27 +43,15 @@ def test_images_are_read_as_rosbags_wrote_them(make_stamped, little_endian):
         assert bytes(image.data) == data.tobytes()
     for name in ("", "jpeg", "bgr8; jpeg compressed bgr8"):
         message = make_stamped(
-            "sensor_msgs/msg/CompressedImage",
-            stamp,
-            little_endian=little_endian,
-            format=name,
-            data=data,
+            "sensor_msgs/msg/CompressedImage", stamp, format=name, data=data, **order
         )
         compressed = deserialize_compressed_image(message)
         assert (compressed.stamp, compressed.frame_id) == (stamp, "lens")
         assert compressed.format == name
         assert bytes(compressed.data) == data.tobytes()
-
-
-@pytest.mark.parametrize("little_endian", [True, False])
-def test_a_polygon_is_read_as_rosbags_wrote_it(make_stamped, make_polygon, little_endian):
     corners = [(1.5, -2.0), (float(np.float32(3.3)), 4.0), (5.0, 6.0)]
-    message = make_stamped(
-        "geometry_msgs/msg/PolygonStamped",
-        7,
-        little_endian=little_endian,
-        polygon=make_polygon(*corners),
-    )
+    polygon = make_polygon(*corners)
+    message = make_stamped("geometry_msgs/msg/PolygonStamped", 7, polygon=polygon, **order)
     assert deserialize_polygon(message) == corners
 
 

@@ -57,7 +57,12 @@ def test_an_absent_target_is_a_row_of_nan(image_sequence, line):
     assert len(list(footage.frames())) == 3
 
 
-def test_the_file_name_of_otb_comes_second(image_sequence):
+def test_images_and_boxes_are_joined_and_otb_s_file_name_comes_second(image_sequence, pictures):
+    footage = open_footage(image_sequence)
+    assert (footage.name, footage.frame_count) == ("a walk", 3)
+    assert footage.ground_truth.tolist() == [[1, 2, 3, 4], [2.5, 3.5, 3, 4], [3, 4, 3, 4]]
+    for frame, picture in zip(footage.frames(), pictures, strict=False):
+        np.testing.assert_array_equal(frame.image, picture)
     (image_sequence / "groundtruth.txt").rename(image_sequence / "groundtruth_rect.txt")
     assert open_footage(image_sequence).ground_truth[1].tolist() == [2.5, 3.5, 3, 4]
     (image_sequence / "groundtruth.txt").write_text("5,6,7,8\n" * 3)
@@ -71,21 +76,9 @@ def test_a_wrong_line_is_named_with_its_number(image_sequence, line):
     (image_sequence / "groundtruth.txt").write_text(f"1,2,3,4\n{line}\n1,2,3,4\n")
     with pytest.raises(FootageError, match=r"groundtruth\.txt, line 2: .*expected x,y,width"):
         read_sequence(image_sequence)
-
-
-def test_images_and_boxes_are_joined(image_sequence, pictures):
-    footage = read_sequence(image_sequence)
-    assert footage.name == "a walk"
-    assert footage.frame_count == 3
-    np.testing.assert_array_equal(
-        footage.ground_truth, [[1, 2, 3, 4], [2.5, 3.5, 3, 4], [3, 4, 3, 4]]
-    )
-    for frame, picture in zip(footage.frames(), pictures, strict=False):
-        np.testing.assert_array_equal(frame.image, picture)
-
-
-def test_open_footage_recognizes_a_sequence(image_sequence):
-    assert open_footage(image_sequence).ground_truth is not None
+    (image_sequence / "groundtruth.txt").write_text("1,2,3,4\n")
+    with pytest.raises(FootageError, match="3 frames but 1 box in"):
+        read_sequence(image_sequence)
 
 
 def test_a_shared_video_is_read_from_the_first_frame_on(tmp_path, pictures, write_video):
@@ -101,12 +94,6 @@ def test_a_shared_video_is_read_from_the_first_frame_on(tmp_path, pictures, writ
     assert [frame.stamp for frame in frames] == [1_000_000_000, 1_100_000_000, 1_200_000_000]
     for frame, picture in zip(frames, pictures[1:4], strict=True):
         np.testing.assert_array_equal(frame.image, picture)
-
-
-def test_a_box_is_needed_for_each_frame(image_sequence):
-    (image_sequence / "groundtruth.txt").write_text("1,2,3,4\n")
-    with pytest.raises(FootageError, match="3 frames but 1 box in"):
-        read_sequence(image_sequence)
 
 
 @pytest.mark.parametrize(

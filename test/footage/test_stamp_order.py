@@ -37,15 +37,12 @@ def test_every_image_comes_out_once(stamps):
     assert sorted(image.log_time for image in found) == list(range(len(stamps)))
 
 
-def test_images_of_one_stamp_keep_their_order():
-    assert [image.log_time for image in StampOrder().sort(images([7, 7, 7, 5, 7]))] == [
-        3, 0, 1, 2, 4,
-    ]  # fmt: skip
-
-
 def test_a_recording_that_starts_again_and_images_without_a_stamp_are_left_alone():
     stamps = [*STAMPS, *STAMPS, 0, 0, *STAMPS]
     assert ordered(stamps) == (stamps, 0)
+    # Images of one stamp keep their order.
+    same = StampOrder().sort(images([7, 7, 7, 5, 7]))
+    assert [image.log_time for image in same] == [3, 0, 1, 2, 4]
 
 
 def test_the_images_before_an_error_come_out():

@@ -158,6 +158,7 @@ def test_other_documents_are_refused(tmp_path, text, message):
         (("xbr", "-4"), "frame 0: the box is -4 x 9 px"),
         (("frame", "1.5"), "track 3, <box>: 'frame' is '1.5'"),
         (("keyframe", "yes"), "'keyframe' is 'yes'; allowed: 0 or 1"),
+        (("none", ""), "frame 0: it is there twice"),
     ],
 )
 def test_wrong_boxes_are_refused_with_their_place(tmp_path, wrong, message):
@@ -166,12 +167,7 @@ def test_wrong_boxes_are_refused_with_their_place(tmp_path, wrong, message):
         f'{name}="{value}"' if each.startswith(f"{name}=") else each for each in BOX.split()
     )
     with pytest.raises(FormatError, match=message):
-        read(file_of(tmp_path, box))
-
-
-def test_two_boxes_in_a_frame_are_refused(tmp_path):
-    with pytest.raises(FormatError, match="frame 0: it is there twice"):
-        read(file_of(tmp_path, BOX, BOX))
+        read(file_of(tmp_path, *[box] * (2 if name == "none" else 1)))
 
 
 def test_an_archive_without_annotations_is_refused(tmp_path):

@@ -29,13 +29,10 @@ def test_mot_ground_truth_with_the_labels_of_cvat(read):
     assert not other.boxes[0].occluded
 
 
-def test_mot_results_without_classes(read):
+def test_mot_results_without_classes_or_with_a_label(read):
     (track,) = read("3, 7, 1, 1, 30, 40, 0.5, -1, -1, -1\n")
     assert (track.id, track.label, track.boxes[2].confidence) == (7, "", 0.5)
     assert not track.boxes[2].occluded
-
-
-def test_mot_detections_with_label(read):
     (track,) = read("3,7,1,1,30,40,0.5,person\n")
     assert track.label == "person"
 
@@ -49,24 +46,14 @@ def test_kitti_labels(read):
     assert car.boxes[0].box == pytest.approx((296.7, 161.8, 158.5, 130.6))
 
 
+CAR = {"category_id": 1, "attributes": {"occluded": True, "track_id": 0, "keyframe": True}}
 COCO = {
-    "images": [
-        {"id": 5, "file_name": "a/frame_000000.PNG"},
-        {"id": 6, "file_name": "a/frame_000001.PNG"},
-        {"id": 7, "file_name": "a/frame_000002.PNG"},
-    ],
+    "images": [{"id": 5 + n, "file_name": f"a/frame_00000{n}.PNG"} for n in range(3)],
     "categories": [{"id": 1, "name": "car"}],
     "annotations": [
+        {"image_id": 5, "bbox": [1, 2, 3, 4], **CAR},
         {
-            "image_id": 5,
-            "category_id": 1,
-            "bbox": [1, 2, 3, 4],
-            "attributes": {"occluded": True, "track_id": 0, "keyframe": True},
-        },
-        {
-            "image_id": 7,
-            "category_id": 1,
-            "bbox": [2, 2, 3, 4],
+            **{"image_id": 7, "category_id": 1, "bbox": [2, 2, 3, 4]},
             "attributes": {"occluded": False, "track_id": 0, "keyframe": False},
         },
     ],

@@ -46,14 +46,10 @@ def test_a_jump_of_the_illumination_is_measured(gain, channels):
     image = scene()
     image = image if channels == 3 else image[..., 0]
     assert gain_after([image, lit(image, gain)]) == pytest.approx(gain, rel=0.02)
-
-
-@pytest.mark.parametrize("gain", [1.7, 2.5])
-def test_saturated_pixels_are_ignored(gain):
-    """Half of the scene is so bright that it becomes white."""
-    image = scene()
-    image[:, 80:] = scene(1, 180, 255)[:, 80:]
-    assert gain_after([image, lit(image, gain)]) == pytest.approx(gain, rel=0.03)
+    # Saturated pixels are ignored: half of the scene is so bright that it becomes white.
+    if channels == 3 and gain > 1.5:
+        image[:, 80:] = scene(1, 180, 255)[:, 80:]
+        assert gain_after([image, lit(image, gain)]) == pytest.approx(gain, rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -74,11 +70,6 @@ def test_a_jump_lasts_one_image(gains, has_jumped):
     assert illumination.has_jumped is has_jumped
 
 
-def test_after_a_light_that_comes_and_goes_the_gain_is_1():
-    image = scene()
-    assert gain_after([image, lit(image, 0.5), image]) == 1.0
-
-
 @pytest.mark.parametrize("gain", [0.15, 0.2])
 def test_also_when_the_gain_exceeded_the_largest_correction(gain):
     image = scene(low=100, high=190)
@@ -88,15 +79,23 @@ def test_also_when_the_gain_exceeded_the_largest_correction(gain):
     assert gain_after([image, image], illumination) == 1.0
 
 
-def test_the_changes_of_several_images_add_up():
+def test_the_changes_of_several_images_add_up_and_a_light_that_goes_leaves_none():
     image = scene()
     steps = [lit(image, gain) for gain in (1.0, 0.9, 0.8, 0.7, 0.6)]
     assert gain_after(steps) == pytest.approx(0.6, rel=0.03)
+    assert gain_after([image, lit(image, 0.5), image]) == 1.0
+
+
+def with_a_bright_object():
+    image = scene()
+    image[20:100, 30:90] = 230
+    return image
 
 
 @pytest.mark.parametrize(
     ("before", "after"),
     [
+        pytest.param(scene(), with_a_bright_object(), id="a bright object"),
         pytest.param(scene(), scene(), id="nothing"),
         pytest.param(gray(0, 20, 120), gray(1, 40, 190), id="another, brighter scene"),
         pytest.param(scene(), np.roll(scene(), (3, 9), (0, 1)), id="the camera's view"),
@@ -110,12 +109,6 @@ def test_other_changes_do_not_change_the_gain(before, after):
     assert gain_after([before, after]) == 1.0
 
 
-def test_a_bright_object_that_enters_does_not_change_the_gain():
-    after = scene().copy()
-    after[20:100, 30:90] = 230
-    assert gain_after([scene(), after]) == 1.0
-
-
 def test_the_gain_decays_to_1():
     """After 10 s, 1 / e of its logarithm is left; small gains become 1."""
     image = scene()
@@ -124,11 +117,7 @@ def test_the_gain_decays_to_1():
         0.5 ** np.exp(-1), rel=0.02
     )
     assert gain_after([lit(image, 0.5)], illumination, 40.0) == 1.0
-
-
-def test_the_gain_stays_while_nothing_learns_the_illumination():
-    image = scene()
-    illumination = Illumination().update(image, INTERVAL).update(lit(image, 0.5), INTERVAL)
+    # It stays while nothing learns the illumination.
     dimmed = [lit(image, 0.5)] * 300
     assert gain_after(dimmed, illumination, 0.0) == pytest.approx(illumination.gain, rel=1e-6)
 
@@ -152,6 +141,8 @@ def test_levels_change_at_most_by_a_factor_of_four(gains, size):
 def test_images_of_more_than_8_bits_have_no_gain(kind):
     image = scene()[..., 0].astype(kind)
     assert gain_after([image, image // 2]) == 1.0
+    levels = gain_table(0.5)[[0, 1, 100, 127, 128, 255]]
+    assert levels.tolist() == [0, 2, 200, 254, 255, 255]
 
 
 def test_the_view_of_a_frame_is_divided_by_the_gain():
@@ -167,8 +158,3 @@ def test_the_view_of_a_frame_is_divided_by_the_gain():
     )
     assert np.abs(reduced.astype(int) - expected).max() <= 2
     assert dark.image.max() < image.max()
-
-
-def test_the_gain_table_rounds_and_saturates():
-    levels = gain_table(0.5)
-    assert levels[[0, 1, 100, 127, 128, 255]].tolist() == [0, 2, 200, 254, 255, 255]

@@ -13,15 +13,11 @@ def image():
     return cv2.resize(noise, (161, 121), interpolation=cv2.INTER_CUBIC)
 
 
-def test_the_region_covers_only_the_boxes(image):
+def test_the_region_covers_only_the_boxes_and_computes_a_map_once(image):
     region = Region(Frame(image), np.array([[50.0, 40.0, 10.0, 10.0], [60.0, 45.0, 12.0, 8.0]]))
     assert region.pixels.shape[1] <= 22 + 6
     assert region.pixels.shape[0] <= 13 + 6
     assert region.padding == (0, 0, 0, 0)
-
-
-def test_a_map_is_computed_once(image):
-    region = Region(Frame(image), np.array([[50.0, 40.0, 10.0, 10.0]]))
     assert region.gradient_integral(8) is region.gradient_integral(8)
     assert region.gradient_integral(4) is not region.gradient_integral(8)
     assert region.gray is region.gray
@@ -67,9 +63,7 @@ def test_the_integral_holds_the_sum_of_all_gradient_magnitude(image):
 
 @pytest.mark.parametrize("reduction", [1, 2, 3])
 @pytest.mark.parametrize("mask_reduction", [1, 2, 4])
-def test_the_foreground_of_a_region_is_the_mask_below_each_pixel_s_center(
-    reduction, mask_reduction
-):
+def test_the_foreground_of_a_region_is_the_mask_below_pixel_centers(reduction, mask_reduction):
     generator = np.random.default_rng(0)
     mask_size = -(-47 // mask_reduction), -(-63 // mask_reduction)
     mask = generator.integers(0, 2, mask_size).astype(np.uint8) * 255

@@ -97,8 +97,3 @@ def test_a_failed_computation_is_repeated():
         tiled.read(PixelRect(0, 80, 0, 80), compute)
     fails = False
     np.testing.assert_array_equal(tiled.read(PixelRect(0, 80, 0, 80), compute), image)
-
-
-def test_the_slices_of_a_part_take_it_from_an_array():
-    array = np.arange(20).reshape(4, 5)
-    np.testing.assert_array_equal(array[PixelRect(1, 3, 2, 5).slices], [[7, 8, 9], [12, 13, 14]])

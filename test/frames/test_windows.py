@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from common import block_means
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,26 +18,6 @@ def image():
 
 def window(image, center, side, pixels, gray=False):
     return read_window(Frame(image), np.array(center, float), np.full(2, side), pixels, gray)
-
-
-def block_means(image, reduction):
-    """The image reduced by a whole factor, the last row and column repeated to fill a block.
-
-    Blocks larger than 8 x 8 are sampled by 4 x 4 pixels, spread evenly.
-    """
-    missing = [(0, -length % reduction) for length in image.shape[:2]]
-    padded = np.pad(image, missing + [(0, 0)] * (image.ndim - 2), mode="edge").astype(float)
-    if reduction > 8:
-        starts = ((np.arange(4) + 0.5) * reduction / 4).astype(int)
-        for axis in (0, 1):
-            blocks = np.arange(0, padded.shape[axis], reduction)
-            padded = padded.take(np.add.outer(blocks, starts).ravel(), axis=axis)
-        reduction = 4
-    height, width = padded.shape[:2]
-    blocks = padded.reshape(
-        height // reduction, reduction, width // reduction, reduction, *image.shape[2:]
-    )
-    return blocks.mean(axis=(1, 3))
 
 
 def bilinear_window(image, center, side, pixels, reduction):
@@ -78,16 +59,20 @@ def smooth():
     return cv2.resize(noise, (95, 71), interpolation=cv2.INTER_CUBIC)
 
 
+def assert_equals_an_independent_reading(image, center, side, pixels, reduction):
+    read = window(image, center, side, pixels)
+    assert read.dtype == np.uint8
+    expected = bilinear_window(image, center, side, pixels, reduction)
+    # Half a level for rounding the window, half for rounding the blocks.
+    tolerance = 1.01 + 2 * READING_STEP * steepest(block_means(image, reduction))
+    np.testing.assert_allclose(read, expected, atol=tolerance)
+
+
 @pytest.mark.parametrize(
     ("pixels", "side", "reduction"),
     [
-        (16, 12.7, 1),
-        (16, 27.9, 1),
-        (16, 28.5, 2),
-        (16, 43.9, 2),
-        (16, 44.5, 3),
-        (16, 59.3, 3),
-        (10, 70.0, 7),
+        *((16, 12.7, 1), (16, 27.9, 1), (16, 28.5, 2), (16, 43.9, 2)),
+        *((16, 44.5, 3), (16, 59.3, 3), (10, 70.0, 7)),
     ],
 )
 @pytest.mark.parametrize(
@@ -99,12 +84,7 @@ def test_equals_an_independent_reading_inside_and_out_of_the_image(
 ):
     """Reduced by 1 up to a scale of 1.75, by 2 up to 2.75 and so on."""
     for image in (smooth, np.ascontiguousarray(smooth[..., 1])):
-        read = window(image, center, side, pixels)
-        assert read.dtype == np.uint8
-        expected = bilinear_window(image, center, side, pixels, reduction)
-        # Half a level for rounding the window, half for rounding the blocks.
-        tolerance = 1.01 + 2 * READING_STEP * steepest(block_means(image, reduction))
-        np.testing.assert_allclose(read, expected, atol=tolerance)
+        assert_equals_an_independent_reading(image, center, side, pixels, reduction)
 
 
 @given(
@@ -116,10 +96,7 @@ def test_equals_an_independent_reading_inside_and_out_of_the_image(
 def test_any_window_equals_an_independent_reading(smooth, x, y, side, pixels):
     reduction = max(int(side / pixels + 0.25), 1)
     image = np.ascontiguousarray(smooth[..., 0])
-    expected = bilinear_window(image, (x, y), side, pixels, reduction)
-    tolerance = 1.01 + 2 * READING_STEP * steepest(block_means(image, reduction))
-    read = window(image, (x, y), side, pixels)
-    np.testing.assert_allclose(read, expected, atol=tolerance)
+    assert_equals_an_independent_reading(image, (x, y), side, pixels, reduction)
 
 
 @pytest.mark.parametrize("corner", [(0, 0), (5, 9), (48, 32), (20, 32)])
@@ -146,25 +123,17 @@ def test_a_shift_by_part_of_a_pixel_interpolates(right, down):
     np.testing.assert_allclose(moved, inside + 2 * right + 2 * down, atol=0.5)
     moved = window(across, (28 + right, 20 + down), 16, 16)
     np.testing.assert_array_equal(moved, across[12:28, 20:36] + 4 * right)
-
-
-def test_an_enlarged_window_reads_between_the_pixels():
-    ramp = np.tile((4 * np.arange(60)).astype(np.uint8), (40, 1))
-    # Four window pixels to one of the image: their centers are at -3/8, -1/8, 1/8 and 3/8 of it.
-    enlarged = window(ramp, (28, 20), 8, 32)
+    # Enlarged by four: the centers of the window's pixels are at -3/8, -1/8, 1/8 and 3/8.
     expected = 4 * (24 + (np.arange(32) + 0.5) / 4 - 0.5)
+    enlarged = window(across, (28, 20), 8, 32)
     np.testing.assert_allclose(enlarged, np.tile(expected, (32, 1)), atol=0.51)
 
 
-def test_a_window_of_lower_resolution_holds_the_means_of_blocks(image):
+def test_a_window_of_lower_resolution_holds_the_means_of_blocks_wherever_it_is(image):
     square = image[:48, :48]
-    reduced = window(square, (24, 24), 48, 12)
     means = square.reshape(12, 4, 12, 4, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(reduced, means, atol=0.51)
-
-
-def test_no_pixel_is_skipped_wherever_the_window_is():
-    """A chessboard of pixels becomes gray, although whole factors rarely fit the window."""
+    np.testing.assert_allclose(window(square, (24, 24), 48, 12), means, atol=0.51)
+    # A chessboard of pixels becomes gray, although whole factors rarely fit the window.
     chessboard = (np.indices((120, 160)).sum(axis=0) % 2 * 255).astype(np.uint8)
     for center in ((60.3, 50.8), (80.0, 61.0), (75.5, 40.25)):
         reduced = window(chessboard, center, 64, 16)

@@ -1,6 +1,8 @@
 """What several folders of tests need: drawn images, regions, overlaps, messages of commands."""
 
 import resource
+import subprocess
+import sys
 from contextlib import contextmanager
 
 import cv2
@@ -11,6 +13,17 @@ from pf_tracker_ros.frames import Frame, Region
 
 # Arguments of a command, where the tracker does not matter.
 QUICK = ("--preset", "li2007", "--parameter", "particles=20")
+# The program `track` where no ROS can be imported.
+TRACK_WITHOUT_ROS = """
+import sys
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {"rclpy", "sensor_msgs", "std_msgs", "geometry_msgs"}:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, NoRos())
+from pf_tracker_ros.recordings.__main__ import main
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 def run_command(main, arguments, capsys):
@@ -21,6 +34,13 @@ def run_command(main, arguments, capsys):
         code = ended.code
     printed = capsys.readouterr()
     return code, printed.out, printed.err
+
+
+def run_python(code, *arguments, check=False, **options):
+    """Runs code in a process of its own, to its end."""
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    options = {"capture_output": True, "text": True, "timeout": 120, **options}
+    return subprocess.run(command, check=check, **options)
 
 
 def texture(seed, height, width, low=0, high=256, *, cell=6):
@@ -71,3 +91,23 @@ def full_disk(size):
 def box_of(message):
     """The bounding box of a PolygonStamped."""
     return bounding_box([(point.x, point.y) for point in message.polygon.points])
+
+
+def block_means(image, reduction):
+    """The image reduced by a whole factor, the last row and column repeated to fill a block.
+
+    Blocks larger than 8 x 8 are sampled by 4 x 4 pixels, spread evenly.
+    """
+    missing = [(0, -length % reduction) for length in image.shape[:2]]
+    padded = np.pad(image, missing + [(0, 0)] * (image.ndim - 2), mode="edge").astype(float)
+    if reduction > 8:
+        starts = ((np.arange(4) + 0.5) * reduction / 4).astype(int)
+        for axis in (0, 1):
+            blocks = np.arange(0, padded.shape[axis], reduction)
+            padded = padded.take(np.add.outer(blocks, starts).ravel(), axis=axis)
+        reduction = 4
+    height, width = padded.shape[:2]
+    blocks = padded.reshape(
+        height // reduction, reduction, width // reduction, reduction, *image.shape[2:]
+    )
+    return blocks.mean(axis=(1, 3))

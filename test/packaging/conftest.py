@@ -14,6 +14,7 @@ import sys
 import sysconfig
 import tempfile
 import venv
+from collections import namedtuple
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -247,18 +248,31 @@ def colcon_installation(workspace, colcon, sourced):
     """`colcon build` and `source install/setup.bash`."""
     colcon("build")
     prefix = workspace / "install" / PACKAGE
-    python = Path(sys.executable)
-    return Installation(prefix, prefix / "lib" / PACKAGE, python, sourced("install"))
+    binaries = prefix / "lib" / PACKAGE
+    return Installation(prefix, binaries, Path(sys.executable), sourced("install"))
 
 
 @pytest.fixture(scope="session")
-def wheels_installation(make_environment, requires, tmp_path_factory):
+def make_pip_installation(make_environment, tmp_path_factory):
+    """`pip install .` with an extra, into an environment with no more than requirements."""
+
+    def make(name, requirements, extra="", sourced=()):
+        environment = make_environment(name, requirements)
+        source = copy_source(tmp_path_factory.mktemp("source") / PACKAGE)
+        report = pip_install(
+            environment, f"{source}{extra}", {**plain_variables(), **dict(sourced)}
+        )
+        binaries = environment / "bin"
+        made = Installation(environment, binaries, binaries / "python", plain_variables())
+        return made, report
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def wheels_installation(make_pip_installation, requires):
     """`pip install '.[ros]'` into an environment that has nothing beyond that extra."""
-    environment = make_environment("wheels", requires("ros"))
-    source = copy_source(tmp_path_factory.mktemp("source") / PACKAGE)
-    pip_install(environment, f"{source}[ros]", plain_variables())
-    binaries = environment / "bin"
-    return Installation(environment, binaries, binaries / "python", plain_variables())
+    return make_pip_installation("wheels", requires("ros"), "[ros]")[0]
 
 
 @pytest.fixture(scope="session")
@@ -285,32 +299,18 @@ def system_ros(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def without_opencv(make_environment, tmp_path_factory):
+def without_opencv(make_pip_installation):
     """`pip install .` into an environment that has NumPy and nothing else."""
-    environment = make_environment("bare", ["numpy"])
-    source = copy_source(tmp_path_factory.mktemp("source") / PACKAGE)
-    pip_install(environment, source, plain_variables())
-    binaries = environment / "bin"
-    return Installation(environment, binaries, binaries / "python", plain_variables())
+    return make_pip_installation("bare", ["numpy"])[0]
 
 
-@dataclass(frozen=True)
-class WithoutExtra:
-    """The package installed with pip without any extra beside an OpenCV, and what pip took."""
-
-    installation: Installation
-    report: dict
+WithoutExtra = namedtuple("WithoutExtra", "installation report")
 
 
 @pytest.fixture(scope="session")
-def without_extra(make_environment, requires, tmp_path_factory, system_ros):
+def without_extra(make_pip_installation, requires, system_ros):
     """`pip install .` after sourcing a ROS from apt, called without having sourced it."""
-    environment = make_environment("plain", requires("opencv"))
-    source = copy_source(tmp_path_factory.mktemp("source") / PACKAGE)
-    report = pip_install(environment, source, {**plain_variables(), **system_ros})
-    binaries = environment / "bin"
-    plain = Installation(environment, binaries, binaries / "python", plain_variables())
-    return WithoutExtra(plain, report)
+    return WithoutExtra(*make_pip_installation("plain", requires("opencv"), sourced=system_ros))
 
 
 @pytest.fixture(scope="session")

@@ -5,18 +5,13 @@ import json
 import figures
 import pytest
 
-KNOWN = {
-    "peers": {
-        "tables": [
-            {
-                "title": "Presets and peers, 1 seed",
-                "headings": ["tracker", "AUC", "CPU"],
-                "rows": [["**default**", "**0.7**", "**0.2**"], ["CSRT", "0.6", "1.0"]],
-                "names": 1,
-            }
-        ]
-    }
+TABLE = {
+    "title": "Presets and peers, 1 seed",
+    "headings": ["tracker", "AUC", "CPU"],
+    "rows": [["**default**", "**0.7**", "**0.2**"], ["CSRT", "0.6", "1.0"]],
+    "names": 1,
 }
+KNOWN = {"peers": {"tables": [TABLE]}}
 
 
 def test_the_documents_have_the_tables_that_were_measured():
@@ -26,18 +21,10 @@ def test_the_documents_have_the_tables_that_were_measured():
 
 
 def test_a_table_is_written_between_its_comments_and_nothing_else():
-    text = "a\n<!-- figures peers: Presets | columns: tracker, CPU | rows: CSRT -->\nold\n"
-    text += f"{figures.END}\nb\n"
-    made = figures.generated(text, KNOWN)
-    assert made.splitlines() == [
-        "a",
-        "<!-- figures peers: Presets | columns: tracker, CPU | rows: CSRT -->",
-        "| tracker | CPU |",
-        "| --- | ---: |",
-        "| CSRT | 1.0 |",
-        figures.END,
-        "b",
-    ]
+    begin = "<!-- figures peers: Presets | columns: tracker, CPU | rows: CSRT -->"
+    made = figures.generated(f"a\n{begin}\nold\n{figures.END}\nb\n", KNOWN)
+    table = ["| tracker | CPU |", "| --- | ---: |", "| CSRT | 1.0 |"]
+    assert made.splitlines() == ["a", begin, *table, figures.END, "b"]
     assert figures.generated(made, KNOWN) == made
 
 
@@ -56,17 +43,12 @@ def test_what_was_not_measured_is_an_error(name, message):
         figures.table_of(KNOWN, name)
 
 
-def test_a_part_is_measured_and_the_others_are_kept(tmp_path, monkeypatch):
+def test_a_part_is_measured_and_the_others_are_kept(tmp_path, monkeypatch, capsys):
     path = tmp_path / "figures.json"
     path.write_text(json.dumps({"parts": {"node": {"commit": "earlier"}}}))
-    monkeypatch.setattr(
-        figures,
-        "PARTS",
-        {
-            "quick": lambda footage, seeds: [["frame_cost.py", "--only", "loop", "--turns", "1"]],
-            "absent": lambda footage, seeds: [],
-        },
-    )
+    quick = [["frame_cost.py", "--only", "loop", "--turns", "1"]]
+    parts = {"quick": lambda footage, seeds: quick, "absent": lambda footage, seeds: []}
+    monkeypatch.setattr(figures, "PARTS", parts)
     assert figures.main(["measure", str(tmp_path), "--seeds", "1", "--output", str(path)]) == 0
     found = json.loads(path.read_text())
     assert found["parts"].keys() == {"node", "quick"}
@@ -74,12 +56,10 @@ def test_a_part_is_measured_and_the_others_are_kept(tmp_path, monkeypatch):
     assert part["commands"] == ["frame_cost.py --only loop --turns 1"]
     assert [len(table["rows"]) for table in part["tables"]] == [2]
     assert found["machine"]["versions"].keys() >= {"python", "numpy"}
-
-
-def test_a_benchmark_that_fails_is_named(tmp_path, monkeypatch, capsys):
+    # A benchmark that fails is named.
     monkeypatch.setattr(figures, "PARTS", {"bad": lambda footage, seeds: [["frame_cost.py", "-x"]]})
     with pytest.raises(SystemExit):
-        figures.main(["measure", str(tmp_path), "--output", str(tmp_path / "figures.json")])
+        figures.main(["measure", str(tmp_path), "--output", str(path)])
     assert "bad: frame_cost.py has ended with code 2" in capsys.readouterr().err
 
 

@@ -51,20 +51,13 @@ def files_of(folder, *patterns):
     return {str(path.relative_to(folder)) for pattern in patterns for path in folder.rglob(pattern)}
 
 
-def test_every_module_of_the_source_is_installed_and_that_one_is_imported(installation):
-    code = f"import {PACKAGE}; print({PACKAGE}.__path__[0])"
-    installed = Path(installation.evaluate(code))
-    assert installed.is_relative_to(installation.prefix)
+def test_the_package_is_whole(installation):
+    code = f"import {PACKAGE} as p; print(p.__path__[0], p.__version__)"
+    installed, version = installation.evaluate(code).split()
+    assert version == __version__
+    assert Path(installed).is_relative_to(installation.prefix)
     patterns = ("*.py", "py.typed", "*.jinja")
-    assert files_of(installed, *patterns) == files_of(REPOSITORY / PACKAGE, *patterns)
-
-
-def test_the_version_is_that_of_the_sources(installation):
-    shown = installation.evaluate(f"import {PACKAGE}; print({PACKAGE}.__version__)")
-    assert shown == __version__
-
-
-def test_share_holds_the_configuration_the_launch_files_and_the_manifest(installation):
+    assert files_of(Path(installed), *patterns) == files_of(REPOSITORY / PACKAGE, *patterns)
     for folder, pattern in (("config", "*.yaml"), ("config", "*.xml"), ("launch", "*.launch.py")):
         expected = files_of(REPOSITORY / folder, pattern)
         assert expected
@@ -72,6 +65,10 @@ def test_share_holds_the_configuration_the_launch_files_and_the_manifest(install
     assert (installation.share / "package.xml").is_file()
     index = installation.prefix / "share/ament_index/resource_index/packages"
     assert (index / PACKAGE).exists()
+    for executable, option in (("evaluate", "--preset"), ("track", "--box")):
+        outcome = installation.call(executable, "--help")
+        assert outcome.returncode == 0, outcome.stderr
+        assert option in outcome.stdout
 
 
 def test_tracker_starts_with_an_installed_preset_answers_and_ends_with_ctrl_c(
@@ -91,28 +88,11 @@ def test_replay_plays_a_sequence_to_its_end(installation, ros_domain, moving_squ
     assert "published 20 frames" in outcome.stderr
 
 
-def test_evaluate_explains_itself(installation):
-    outcome = installation.call("evaluate", "--help")
+def test_the_commands_take_a_sequence(colcon_installation, moving_square_sequence, tmp_path):
+    given = ("evaluate", moving_square_sequence, "--seeds", "1", "--output", tmp_path / "r.json")
+    outcome = colcon_installation.call(*given)
     assert outcome.returncode == 0, outcome.stderr
-    assert "--preset" in outcome.stdout
-
-
-def test_evaluate_scores_a_sequence(colcon_installation, moving_square_sequence, tmp_path):
-    output = tmp_path / "result.json"
-    outcome = colcon_installation.call(
-        "evaluate", moving_square_sequence, "--seeds", "1", "--output", output
-    )
-    assert outcome.returncode == 0, outcome.stderr
-    assert "moving_square" in output.read_text()
-
-
-def test_track_explains_itself(installation):
-    outcome = installation.call("track", "--help")
-    assert outcome.returncode == 0, outcome.stderr
-    assert "--box" in outcome.stdout
-
-
-def test_track_tracks_a_sequence(colcon_installation, moving_square_sequence, tmp_path):
+    assert "moving_square" in (tmp_path / "r.json").read_text()
     outcome = colcon_installation.call("track", moving_square_sequence, "--output", tmp_path)
     assert outcome.returncode == 0, outcome.stderr
     assert len((tmp_path / "boxes.csv").read_text().splitlines()) == 21
@@ -139,19 +119,19 @@ def test_colcon_test_runs_pytest(colcon, workspace, colcon_installation):
     assert "Summary: 0 tests" not in summary
 
 
-def test_nothing_of_ros_is_required_without_the_extra(requires, without_extra):
+def test_neither_ros_nor_opencv_is_required_without_its_extra(requires, without_extra):
     taken = [item["metadata"]["name"] for item in without_extra.report["install"]]
     assert taken == [PACKAGE]
-    assert not [name for name in requires() if name.startswith(("ros", "rclpy"))]
-    with_extra = requires("ros")
-    for name in ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "rosbags", "opencv"):
-        assert [text for text in with_extra if text.startswith(name)]
-    assert [text for text in requires("bags") if text.startswith("rosbags")]
-
-
-def test_no_opencv_is_put_in_the_place_of_the_one_that_is_there(requires):
-    assert not [text for text in requires() if text.startswith("opencv")]
-    assert [text for text in requires("opencv") if text.startswith("opencv-python-headless")]
+    assert not [name for name in requires() if name.startswith(("ros", "rclpy", "opencv"))]
+    for extra, names in {
+        "ros": ("ros-jazzy-rclpy", "ros-jazzy-common-interfaces", "rosbags", "opencv"),
+        "bags": ("rosbags",),
+        "opencv": ("opencv-python-headless",),
+    }.items():
+        for name in names:
+            assert [text for text in requires(extra) if text.startswith(name)]
+    code = f"from {PACKAGE} import Tracker; print(Tracker.from_preset('default').started)"
+    assert without_extra.installation.evaluate(code) == "False"
 
 
 def test_without_an_opencv_the_library_says_how_to_get_one(without_opencv):
@@ -180,29 +160,19 @@ def test_without_an_opencv_the_executables_say_how_to_get_one(without_opencv, ex
     assert len(outcome.stderr.splitlines()) == 1
 
 
-def test_the_library_works_without_ros(without_extra):
-    code = f"from {PACKAGE} import Tracker; print(Tracker.from_preset('default').started)"
-    assert without_extra.installation.evaluate(code) == "False"
-
-
-@pytest.mark.parametrize("executable", ["tracker", "replay"])
-def test_nodes_say_what_is_missing_without_ros(without_extra, executable):
-    outcome = without_extra.installation.call(executable)
-    assert outcome.returncode != 0
-    last_line = outcome.stderr.strip().splitlines()[-1]
-    assert "rclpy" in last_line
-    assert "[ros]" in last_line
-
-
 @pytest.mark.parametrize(
     ("executable", "extra", "options"),
-    [("evaluate", "evaluation", []), ("track", "recordings", ["--output", "out"])],
+    [
+        ("evaluate", "evaluation", ["."]),
+        ("track", "recordings", [".", "--output", "out"]),
+        ("tracker", "ros", []),
+        ("replay", "ros", []),
+    ],
 )
-def test_commands_say_what_is_missing_without_their_extra(
-    without_extra, moving_square_sequence, executable, extra, options
-):
-    outcome = without_extra.installation.call(executable, moving_square_sequence, *options)
+def test_executables_name_what_is_missing(without_extra, executable, extra, options):
+    outcome = without_extra.installation.call(executable, *options)
     assert outcome.returncode == 2
-    assert "rich" in outcome.stderr
-    assert f"[{extra}]" in outcome.stderr
+    last_line = outcome.stderr.strip().splitlines()[-1]
+    assert ("rclpy" if extra == "ros" else "rich") in last_line
+    assert f"[{extra}]" in last_line
     assert "Traceback" not in outcome.stderr

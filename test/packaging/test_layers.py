@@ -4,44 +4,17 @@ import ast
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-import pytest
-
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
-# Each layer may import itself and those above it; docs/architecture.md lists their contents.
 LAYERS = (
-    {"parameters", "registry", "foreign_code", "signals"},
-    {"boxes", "stamps", "plurals", "messages", "values"},
-    {
-        "opencv",
-        "progress",
-        "ros_domains",
-        "atomic_files",
-        "command_lines",
-    },
-    {"filter"},
-    {"world"},
-    {"background"},
-    {"frames"},
-    {"footage"},
-    {"yaml_files"},
-    {"networks"},
-    {"appearances"},
-    {"cues"},
-    {"tracking"},
-    {"targets"},
-    {"node_parameters", "parameter_files"},
-    {"formats"},
-    {"decoding", "overlay"},
-    {"topics", "world_messages"},
-    {"localization"},
-    {"evaluation"},
-    {"pages"},
-    {"recordings"},
-    {"tuning"},
-    {"node"},
-    {"testing"},
-    {"commands", "launching"},
+    *({"parameters", "registry", "foreign_code", "signals"},),
+    *({"boxes", "stamps", "plurals", "messages", "values"},),
+    *({"opencv", "progress", "ros_domains", "atomic_files", "command_lines"},),
+    *({name} for name in ("filter", "world", "background", "frames", "footage", "yaml_files")),
+    *({name} for name in ("networks", "appearances", "cues", "tracking", "targets")),
+    *({"node_parameters", "parameter_files"}, {"formats"}, {"decoding", "overlay"}),
+    *({"topics", "world_messages"}, {"localization"}, {"evaluation"}, {"pages"}),
+    *({"recordings"}, {"tuning"}, {"node"}, {"testing"}, {"commands", "launching"}),
 )
 PLACES = {name: place for place, names in enumerate(LAYERS) for name in names}
 
@@ -114,52 +87,25 @@ def downward_imports(folder):
                     yield f"{name} imports {other}"
 
 
-def test_every_module_is_in_a_layer():
+def test_every_module_is_in_a_layer_without_cycles_and_imports_of_lower_ones():
     assert {name.split(".")[1] for name in modules(REPOSITORY) if "." in name} == PLACES.keys()
-
-
-def test_there_is_no_import_cycle():
     assert import_cycle(REPOSITORY) == []
-
-
-def test_no_layer_imports_one_below_it():
     assert list(downward_imports(REPOSITORY)) == []
 
 
-@pytest.fixture
-def package(tmp_path):
-    """A function that writes modules, given by name and text, and returns the repository folder."""
-
-    def write(**texts):
-        for name, text in texts.items():
-            path = tmp_path / PACKAGE / f"{name}.py"
-            path.parent.mkdir(exist_ok=True)
-            path.write_text(text)
-        return tmp_path
-
-    return write
-
-
-def test_cycles_and_downward_imports_are_found(package):
-    folder = package(
-        __init__="",
-        boxes="try:\n    from pf_tracker_ros.stamps import x\nexcept ImportError:\n    x = 1\n",
-        stamps="import pf_tracker_ros.plurals\n",
-        plurals="from pf_tracker_ros import boxes\n",
-        registry="def later():\n    from pf_tracker_ros.boxes import x\n",
-    )
-    assert {*import_cycle(folder)} == {
+def test_cycles_and_downward_imports_are_found(tmp_path):
+    """Imports that come later or are for types only make no cycle."""
+    (tmp_path / PACKAGE).mkdir()
+    for name, text in {
+        "__init__": "",
+        "boxes": "try:\n    from pf_tracker_ros.stamps import x\nexcept ImportError:\n    x = 1\n",
+        "stamps": "import pf_tracker_ros.plurals\nimport pf_tracker_ros.values\n",
+        "plurals": "from pf_tracker_ros import boxes\n",
+        "values": "if TYPE_CHECKING:\n    from pf_tracker_ros.stamps import x\n",
+        "registry": "def later():\n    from pf_tracker_ros.boxes import x\n",
+    }.items():
+        (tmp_path / PACKAGE / f"{name}.py").write_text(text)
+    assert {*import_cycle(tmp_path)} == {
         f"{PACKAGE}.{name}" for name in ("boxes", "stamps", "plurals")
     }
-    assert list(downward_imports(folder)) == [f"{PACKAGE}.registry imports {PACKAGE}.boxes"]
-
-
-def test_later_and_type_only_imports_make_no_cycle(package):
-    checked = "if TYPE_CHECKING:\n    from pf_tracker_ros.boxes import x\n"
-    folder = package(
-        __init__="",
-        boxes="import pf_tracker_ros.stamps\nimport pf_tracker_ros.plurals\n",
-        stamps="def later():\n    from pf_tracker_ros.boxes import x\n",
-        plurals=checked,
-    )
-    assert import_cycle(folder) == []
+    assert list(downward_imports(tmp_path)) == [f"{PACKAGE}.registry imports {PACKAGE}.boxes"]

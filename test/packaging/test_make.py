@@ -1,7 +1,6 @@
 """`make` finds a fitting Python or says what is wrong; continuous integration runs all checks."""
 
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -60,20 +59,18 @@ def test_make_alone_lists_the_targets(clone):
     assert all(f"make {target} " in listed for target in ("setup", "test", "demo", "clean"))
 
 
-def test_no_fitting_python_is_an_error_that_names_those_that_fit(clone, programs):
-    programs(**dict.fromkeys(CANDIDATES, UNSUPPORTED))
+@pytest.mark.parametrize(
+    ("script", "reason"),
+    [
+        (UNSUPPORTED, "no Python from 3.10 to 3.13 found"),
+        (SUPPORTED_WITHOUT_PACKAGES, "apt install python3-venv"),
+    ],
+)
+def test_no_fitting_python_is_an_error_with_a_remedy(clone, programs, script, reason):
+    programs(**dict.fromkeys(CANDIDATES, script))
     outcome = make(clone, "setup")
     assert outcome.returncode != 0
-    assert "no Python from 3.10 to 3.13 found" in outcome.stderr
-    assert "PYTHON=" in outcome.stderr
-    assert not (clone / ".venv").exists()
-
-
-def test_an_unsupported_python_that_is_asked_for_is_an_error_that_names_it(clone, programs):
-    folder = programs(python3_9=UNSUPPORTED)
-    outcome = make(clone, "setup", f"PYTHON={folder}/python3_9")
-    assert outcome.returncode != 0
-    assert f"{folder}/python3_9 is not a Python from 3.10 to 3.13" in outcome.stderr
+    assert reason in outcome.stderr
 
 
 @pytest.mark.parametrize("first", CANDIDATES)
@@ -84,15 +81,6 @@ def test_the_first_fitting_python_is_taken(clone, programs, first):
     outcome = make(clone, "setup")
     assert outcome.returncode != 0
     assert f"{first} creates .venv" in outcome.stdout
-
-
-def test_a_python_that_can_create_no_environment_is_an_error_that_says_what_to_install(
-    clone, programs
-):
-    programs(**dict.fromkeys(CANDIDATES, SUPPORTED_WITHOUT_PACKAGES))
-    outcome = make(clone, "setup")
-    assert outcome.returncode != 0
-    assert "apt install python3-venv" in outcome.stderr
 
 
 @pytest.mark.parametrize(
@@ -110,19 +98,6 @@ def test_python_from_310_to_313_fits(clone, programs, version, fits):
     assert ("is not a Python from 3.10 to 3.13" in outcome.stderr) is not fits
 
 
-def test_all_extras_that_setup_installs_are_locked_for_every_python(clone):
-    commands = make(clone, "--dry-run", "lock").stdout
-    assert "--universal --python-version 3.10" in commands
-    for extra in ("ros", "evaluation", "test", "development"):
-        assert f"--extra {extra} " in commands
-
-
-def test_a_warning_of_the_documentation_is_an_error(clone):
-    commands = make(clone, "--dry-run", "docs").stdout
-    assert "-m sphinx -W --keep-going" in commands
-    assert commands.splitlines()[-1] == 'echo "the documentation: build/docs/index.html"'
-
-
 @pytest.mark.parametrize("sequences", [[], ["SEQUENCES= "]])
 def test_a_benchmark_without_sequences_is_an_error_that_says_how_to_name_them(clone, sequences):
     outcome = make(clone, "bench", *sequences)
@@ -131,33 +106,39 @@ def test_a_benchmark_without_sequences_is_an_error_that_says_how_to_name_them(cl
     assert not (clone / ".venv-bench").exists()
 
 
-def test_the_benchmark_runs_on_all_sequences_in_an_environment_of_its_own(clone):
-    commands = make(clone, "--dry-run", "bench", "SEQUENCES=one two", "BENCH_ARGS=--seeds 1").stdout
-    assert "environment.sh .venv-bench requirements/bench.txt" in commands
-    run = ".venv-bench/bin/python benchmarks/peers.py one two --seeds 1"
-    assert commands.splitlines()[-1] == run
-
-
-def test_the_benchmark_has_the_same_opencv_as_the_tests():
-    """Else its times would not be those of the tracker that is tested."""
-    versions = {}
-    for name in ("bench", "development"):
-        text = (REPOSITORY / "requirements" / f"{name}.txt").read_text()
-        versions |= re.findall(r"^(opencv\S*)==([^\s;]+)", text, re.MULTILINE)
-    assert versions.keys() == {"opencv-contrib-python-headless", "opencv-python-headless"}
-    assert len(set(versions.values())) == 1
-
-
-def test_pytest_closes_the_checks(clone):
-    commands = make(clone, "--dry-run", "test").stdout
-    for check in ("ruff check", "ruff format --check", "codespell", "mypy"):
-        assert check in commands
-    assert "-m pytest" in commands.splitlines()[-1]
-
-
-def test_the_quick_tests_leave_out_the_slow_ones(clone):
-    assert '-m "not slow" -k some' in make(clone, "--dry-run", "test", "PYTEST_ARGS=-k some").stdout
-    assert "not slow" not in make(clone, "--dry-run", "test-all").stdout
+@pytest.mark.parametrize(
+    ("arguments", "parts", "last"),
+    [
+        (
+            ["lock"],
+            [f"--extra {extra} " for extra in ("ros", "evaluation", "test", "development")]
+            + ["--universal --python-version 3.10"],
+            "",
+        ),
+        (
+            ["docs"],
+            ["-m sphinx -W --keep-going"],
+            'echo "the documentation: build/docs/index.html"',
+        ),
+        (
+            ["bench", "SEQUENCES=one two", "BENCH_ARGS=--seeds 1"],
+            ["environment.sh .venv-bench requirements/bench.txt"],
+            ".venv-bench/bin/python benchmarks/peers.py one two --seeds 1",
+        ),
+        (
+            ["test", "PYTEST_ARGS=-k some"],
+            ["ruff check", "ruff format --check", "codespell", "mypy"],
+            '-m "not slow" -k some',
+        ),
+        (["test-all"], ["mypy"], "-m pytest --numprocesses 2 --dist loadfile "),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else "",
+)
+def test_the_commands_of_a_target(clone, arguments, parts, last):
+    commands = make(clone, "--dry-run", *arguments).stdout
+    for part in parts:
+        assert part in commands
+    assert commands.splitlines()[-1].endswith(last)
 
 
 class Checks:
@@ -213,23 +194,23 @@ def checks(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("changed", "suite"),
-    [([SLOW_PART, QUICK_PART], QUICK), ([QUICK_PART, SLOW_PART], ALL)],
+    ("branch", "changed", "suite"),
+    [
+        # Of the main branch, the last commit decides; of another, all.
+        ("main", [SLOW_PART, QUICK_PART], QUICK),
+        ("main", [QUICK_PART, SLOW_PART], ALL),
+        ("other", [QUICK_PART, QUICK_PART + "c"], QUICK),
+        ("other", [SLOW_PART, QUICK_PART], ALL),
+    ],
 )
-def test_the_last_commit_of_the_main_branch_decides_on_the_slow_tests(checks, changed, suite):
+def test_a_change_of_a_slow_part_decides_on_the_slow_tests(checks, branch, changed, suite):
+    if branch == "other":
+        checks.git("update-ref", "refs/remotes/origin/main", "HEAD")
     for file in changed:
         checks.commit(file)
     code, (first, second) = checks.run()
     assert (code, first) == (0, suite)
     assert second.startswith("python Prescott -m pytest")
-
-
-@pytest.mark.parametrize(("changed", "suite"), [(QUICK_PART, QUICK), (SLOW_PART, ALL)])
-def test_all_commits_of_a_branch_decide_on_the_slow_tests(checks, changed, suite):
-    checks.git("update-ref", "refs/remotes/origin/main", "HEAD")
-    checks.commit(changed)
-    checks.commit(QUICK_PART + "c")
-    assert checks.run()[1][0] == suite
 
 
 def test_without_history_all_tests_run(checks):

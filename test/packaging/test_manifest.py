@@ -15,19 +15,8 @@ catkin_package = pytest.importorskip("catkin_pkg.package")
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "pf_tracker_ros"
-# Imported only where an extra of setup.py has brought it, as the build farm takes no package of
-# pip, or, for the plugin of pytest, by pytest.
-OPTIONAL = {
-    "av",
-    "fsspec",
-    "onnxruntime",
-    "optuna",
-    "playwright",
-    "pyarrow",
-    "pytest",
-    "ray",
-    "rosbags",
-}
+OPTIONAL = {"av", "fsspec", "onnxruntime", "optuna", "playwright", "pyarrow", "pytest"}
+OPTIONAL |= {"ray", "rosbags"}
 # What no import statement names: what reads bags where ROS is, found once a bag is opened, and the
 # messages that only `node.messages.new_message` makes, by the names of their types.
 FOUND_AT_RUN_TIME = {
@@ -104,36 +93,40 @@ def test_manifest_is_valid_and_built_by_ament_python(manifest):
     (license_,) = manifest.licenses
     assert license_ == "Apache-2.0"
     assert (REPOSITORY / license_.file).read_text().lstrip().startswith("Apache License")
+    folders = {path.parent for path in (REPOSITORY / PACKAGE).rglob("*.py")}
+    assert [folder for folder in folders if not (folder / "__init__.py").is_file()] == []
+    # docs.ros.org builds the project's own documentation.
+    (export,) = [one for one in manifest.exports if one.tagname == "rosdoc2"]
+    header, settings = yaml.safe_load_all((REPOSITORY / export.content).read_text())
+    assert header == {"type": "rosdoc2 config", "version": 1}
+    folder = REPOSITORY / settings["builders"][0]["sphinx"]["sphinx_sourcedir"]
+    # Of a page index.md, rosdoc2 makes no start page.
+    assert (folder / "conf.py").is_file()
+    assert (folder / "index.rst").is_file()
 
 
-def test_version_is_the_same_everywhere(manifest):
-    assert setup_arguments()["version"] == manifest.version
+def test_version_maintainer_license_and_addresses_are_the_same_everywhere(manifest):
+    arguments = setup_arguments()
+    assert arguments["version"] == manifest.version
+    (maintainer,) = manifest.maintainers
+    assert arguments["maintainer"] == maintainer.name
+    assert arguments["maintainer_email"] == maintainer.email
+    assert [arguments["license"]] == manifest.licenses
+    addresses = {url.type: url.url for url in manifest.urls}
+    assert set(addresses) == {"website", "repository", "bugtracker"}
+    assert addresses["website"] == addresses["repository"] == arguments["url"]
+    assert addresses["bugtracker"] == arguments["project_urls"]["Issues"]
     # Released sections carry a date; what is not released yet stands above them.
     changelog = (REPOSITORY / "CHANGELOG.rst").read_text()
     titles = re.findall(r"^(Forthcoming|\d\S+ \(\d{4}-\d\d-\d\d\))\n-+$", changelog, re.MULTILINE)
     released = [title.split()[0] for title in titles if title != "Forthcoming"]
     assert titles
     assert released[:1] in ([], [manifest.version])
-
-
-def test_the_citation_is_of_the_last_release(manifest):
     citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text())
     assert citation["version"] == manifest.version
     assert citation["license"] == manifest.licenses[0]
     assert citation["repository-code"] == manifest.urls[0].url
-    changelog = (REPOSITORY / "CHANGELOG.rst").read_text()
     assert f"\n{manifest.version} ({citation['date-released']})\n---" in changelog
-
-
-def test_the_documentation_of_ros_is_built_from_the_projects_own(manifest):
-    (export,) = [one for one in manifest.exports if one.tagname == "rosdoc2"]
-    header, settings = yaml.safe_load_all((REPOSITORY / export.content).read_text())
-    assert header == {"type": "rosdoc2 config", "version": 1}
-    (builder,) = settings["builders"]
-    folder = REPOSITORY / builder["sphinx"]["sphinx_sourcedir"]
-    # Of a page index.md, rosdoc2 makes no start page.
-    assert (folder / "conf.py").is_file()
-    assert (folder / "index.rst").is_file()
 
 
 def test_the_workflow_runs_the_checks_on_every_supported_python_and_colcon_in_jazzy():
@@ -148,35 +141,19 @@ def test_the_workflow_runs_the_checks_on_every_supported_python_and_colcon_in_ja
         assert command in commands
 
 
-def test_maintainer_and_license_are_the_same_in_setup_and_manifest(manifest):
-    arguments = setup_arguments()
-    (maintainer,) = manifest.maintainers
-    assert (arguments["maintainer"], arguments["maintainer_email"]) == (
-        maintainer.name,
-        maintainer.email,
-    )
-    assert [arguments["license"]] == manifest.licenses
-
-
-def test_what_the_package_and_the_launch_files_import_is_declared_and_nothing_else(manifest):
+def test_what_is_imported_is_declared_and_nothing_else_and_the_build_farm_has_it(manifest):
+    """A binary release may depend on packages of the distribution, not on those of pip."""
     declared = {dependency.name for dependency in manifest.exec_depends}
     assert declared == keys(imported(PACKAGE, "launch") - OPTIONAL) | FOUND_AT_RUN_TIME
-
-
-def test_the_build_farm_has_every_dependency():
-    """A binary release may depend on packages of the distribution, not on those of pip."""
-    text = (REPOSITORY / "package.xml").read_text()
-    declared = re.findall(r"<(?:\w+_)?depend>([^<]+)</(?:\w+_)?depend>", text)
-    assert len(declared) > 20
+    declared |= {dependency.name for dependency in manifest.test_depends}
+    # Packaging comes with pytest; the modules of these folders are of this repository.
+    own = {
+        path.stem
+        for folder in ("demo", "benchmarks", "tools", "test/helpers")
+        for path in (REPOSITORY / folder).iterdir()
+    }
+    assert keys(imported("test") - OPTIONAL) - {"packaging"} - own <= declared
     assert [key for key in declared if key.endswith("-pip")] == []
-
-
-def test_the_addresses_are_the_same_in_setup_and_manifest(manifest):
-    addresses = {url.type: url.url for url in manifest.urls}
-    assert set(addresses) == {"website", "repository", "bugtracker"}
-    arguments = setup_arguments()
-    assert addresses["website"] == addresses["repository"] == arguments["url"]
-    assert addresses["bugtracker"] == arguments["project_urls"]["Issues"]
 
 
 def test_a_release_takes_the_changelog_and_raises_every_version(manifest, tmp_path):
@@ -200,22 +177,6 @@ def test_a_release_takes_the_changelog_and_raises_every_version(manifest, tmp_pa
     tools.update_versions({str(tmp_path): manifest}, "9.8.7")
     assert "<version>9.8.7</version>" in (tmp_path / "package.xml").read_text()
     assert 'version="9.8.7"' in (tmp_path / "setup.py").read_text()
-
-
-def test_what_the_tests_import_is_declared(manifest):
-    declared = {dependency.name for dependency in manifest.exec_depends + manifest.test_depends}
-    # Packaging comes with pytest; the modules of these folders are of this repository.
-    own = {
-        path.stem
-        for folder in ("demo", "benchmarks", "tools", "test/helpers")
-        for path in (REPOSITORY / folder).iterdir()
-    }
-    assert keys(imported("test") - OPTIONAL) - {"packaging"} - own <= declared
-
-
-def test_every_folder_with_modules_is_a_package():
-    folders = {path.parent for path in (REPOSITORY / PACKAGE).rglob("*.py")}
-    assert [folder for folder in folders if not (folder / "__init__.py").is_file()] == []
 
 
 def pinned(python):
@@ -250,8 +211,14 @@ def test_pinned_requirements_keep_the_pins_of_setup(python):
     assert int(pins["setuptools"].partition(".")[0]) < 80
 
 
-def test_pinned_requirements_name_no_place_to_take_them_from():
-    """What `make lock` wrote must not depend on the machine that it ran on."""
-    text = (REPOSITORY / "requirements" / "development.txt").read_text()
+def test_pinned_requirements_name_no_place_and_one_opencv():
+    """What `make lock` wrote depends on no machine; the benchmark measures what is tested."""
+    folder, versions = REPOSITORY / "requirements", {}
+    text = (folder / "development.txt").read_text()
     assert "make lock" in text
     assert not re.search(r"^-|[@/\\]", text, re.MULTILINE)
+    for name in ("bench", "development"):
+        lines = (folder / f"{name}.txt").read_text()
+        versions |= re.findall(r"^(opencv\S*)==([^\s;]+)", lines, re.MULTILINE)
+    assert versions.keys() == {"opencv-contrib-python-headless", "opencv-python-headless"}
+    assert len(set(versions.values())) == 1

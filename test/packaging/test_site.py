@@ -1,12 +1,10 @@
 """The documentation is built without a warning, opens from disk alone, and is complete."""
 
-import ast
 import doctest
 import os
 import re
 import subprocess
 import sys
-from html.parser import HTMLParser
 from importlib import import_module
 from pathlib import Path
 
@@ -30,18 +28,6 @@ PUBLIC = [
 CALLABLE = [
     (module, name) for module, name in PUBLIC if callable(getattr(import_module(module), name))
 ]
-# Attributes of a tag that make a browser load something.
-LOADED = {
-    "audio": "src",
-    "embed": "src",
-    "iframe": "src",
-    "img": "src",
-    "link": "href",
-    "object": "data",
-    "script": "src",
-    "source": "src",
-    "video": "src",
-}
 
 
 @pytest.fixture(scope="module")
@@ -61,32 +47,18 @@ def site(tmp_path_factory):
     return folder
 
 
-class Resources(HTMLParser):
-    """The addresses that a page loads."""
-
-    def __init__(self):
-        super().__init__()
-        self.found = []
-
-    def handle_starttag(self, tag, attrs):
-        address = dict(attrs).get(LOADED.get(tag))
-        if address:
-            self.found.append(address)
-
-
 def loaded_by(page):
-    parser = Resources()
-    parser.feed(page.read_text(encoding="utf-8"))
-    return parser.found
-
-
-def test_every_page_is_built(site):
-    pages = {path.stem for path in (ROOT / "docs").iterdir() if path.suffix in (".md", ".rst")}
-    assert "index" in pages
-    assert pages <= {path.stem for path in site.glob("*.html")}
+    """The addresses that a page makes a browser load."""
+    tags = re.findall(r"<(\w+)\s([^>]*)>", page.read_text(encoding="utf-8"))
+    for tag, attributes in tags:
+        name = {"link": "href", "object": "data"}.get(tag, "src")
+        if tag != "a":
+            yield from re.findall(rf'(?:^|\s){name}="([^"]+)"', attributes)
 
 
 def test_the_pages_load_only_files_beside_them(site):
+    pages = {path.stem for path in (ROOT / "docs").iterdir() if path.suffix in (".md", ".rst")}
+    assert {"index"} <= pages <= {path.stem for path in site.glob("*.html")}
     loaded = {(page, one) for page in site.glob("*.html") for one in loaded_by(page)}
     assert len(loaded) > 100
     for page, address in loaded:
@@ -125,13 +97,9 @@ def test_links_to_other_repositories_files_name_files_of_this_one(site):
     assert [path for path in sorted(linked) if not (ROOT / path).exists()] == []
 
 
-@pytest.mark.parametrize(("module", "name"), PUBLIC)
-def test_a_public_name_is_in_the_reference(site, module, name):
-    entry = f'id="{module}.{name}"'
-    assert any(entry in page.read_text() for page in site.glob("*.html"))
-
-
-def test_the_version_is_in_the_reference():
+def test_every_public_name_is_in_the_reference(site):
+    text = "".join(page.read_text() for page in site.glob("*.html"))
+    assert [one for one in PUBLIC if f'id="{".".join(one)}"' not in text] == []
     assert "`pf_tracker_ros.__version__`" in (ROOT / "docs" / "library.md").read_text()
 
 
@@ -149,15 +117,10 @@ def test_a_public_name_has_an_example_that_gives_what_it_shows(module, name):
 
 def test_every_executable_has_its_help_in_the_reference(site):
     named = re.findall(r"\{command-help\} (\w+)", (ROOT / "docs" / "commands.md").read_text())
-    tree = ast.parse((ROOT / "setup.py").read_text())
-    scripts = [
-        re.match(r"(\w+) = ", ast.unparse(value).strip("f'\""))[1]
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Dict)
-        for key, values in zip(node.keys, node.values, strict=True)
-        if isinstance(key, ast.Constant) and key.value == "console_scripts"
-        for value in values.elts
-    ]
+    (declared,) = re.findall(
+        r'"console_scripts": \[(.*?)\]', (ROOT / "setup.py").read_text(), re.DOTALL
+    )
+    scripts = re.findall(r'"(\w+) = ', declared)
     assert sorted(named) == sorted(scripts)
     page = (site / "commands.html").read_text()
     for name in named:

@@ -6,6 +6,8 @@ import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
+from common import run_python
+
 import pf_tracker_ros
 
 REPOSITORY = Path(__file__).resolve().parents[2]
@@ -15,6 +17,8 @@ SHOW = "import pf_tracker_ros; print(pf_tracker_ros.__version__)"
 
 def test_the_version_is_that_of_the_manifest():
     assert pf_tracker_ros.__version__ == VERSION
+    assert {"Estimate", "Tracker", "__version__"} <= set(pf_tracker_ros.__all__)
+    assert not hasattr(pf_tracker_ros, "version")
 
 
 def test_the_version_of_sources_that_are_not_installed_is_theirs(tmp_path):
@@ -36,12 +40,5 @@ def test_the_version_of_sources_that_are_not_installed_is_theirs(tmp_path):
 def test_an_import_and_the_version_load_neither_numpy_nor_opencv():
     """The executables take care of signals before the slow imports."""
     program = f"{SHOW}; import sys; print(sorted({{'numpy', 'cv2'}} & sys.modules.keys()))"
-    outcome = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
+    outcome = run_python(program, check=True)
     assert outcome.stdout.splitlines()[1] == "[]"
-
-
-def test_the_version_is_listed_and_other_names_are_not_there():
-    assert {"Estimate", "Tracker", "__version__"} <= set(pf_tracker_ros.__all__)
-    assert not hasattr(pf_tracker_ros, "version")

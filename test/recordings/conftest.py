@@ -7,44 +7,26 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from archives import TARGET
 from common import QUICK, run_command
+from make_vision_msgs import DEFINITIONS
+from processes import processes_below, wait_until
 
-import pf_tracker_ros
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.recordings.archives import executors
+from pf_tracker_ros.recordings.archives import executors, results
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
 _COUNT = 16
 _INTERVAL = 40_000_000
 _NAMES = ("x", "y", "width", "height")
-# As the repository of vision_msgs has them.
-_DEFINITIONS = {
-    "vision_msgs/msg/Point2D": "float64 x\nfloat64 y",
-    "vision_msgs/msg/Pose2D": "vision_msgs/Point2D position\nfloat64 theta",
-    "vision_msgs/msg/BoundingBox2D": "vision_msgs/Pose2D center\nfloat64 size_x\nfloat64 size_y",
-    "vision_msgs/msg/ObjectHypothesis": "string class_id\nfloat64 score",
-    "vision_msgs/msg/ObjectHypothesisWithPose": (
-        "vision_msgs/ObjectHypothesis hypothesis\ngeometry_msgs/PoseWithCovariance pose"
-    ),
-    "vision_msgs/msg/Detection2D": (
-        "std_msgs/Header header\nvision_msgs/ObjectHypothesisWithPose[] results\n"
-        "vision_msgs/BoundingBox2D bbox\nstring id"
-    ),
-    "vision_msgs/msg/Detection2DArray": (
-        "std_msgs/Header header\nvision_msgs/Detection2D[] detections"
-    ),
-}
 
 
 @pytest.fixture
@@ -58,27 +40,9 @@ def track(capsys):
 
 
 @pytest.fixture
-def start_track(tmp_path):
+def start_track(start_module):
     """Starts the command as a process, which is killed after the test."""
-    processes = []
-
-    def start(*arguments):
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pf_tracker_ros.recordings", *map(str, arguments)],
-            cwd=tmp_path,
-            env={**os.environ, "PYTHONPATH": str(PACKAGES)},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            start_new_session=True,
-        )
-        processes.append(process)
-        return process
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+    return partial(start_module, "recordings")
 
 
 @pytest.fixture
@@ -93,31 +57,25 @@ def rows():
 
 
 @pytest.fixture
-def write_images_bag(make_stamped, write_bag, tmp_path):
+def write_images_bag(make_image_message, write_bag, tmp_path):
     """Writes images at their stamps into a bag, in the given order."""
 
-    def write(name, images, order, storage="MCAP"):
-        messages = []
-        for position, index in enumerate(order):
-            height, width = images[index].shape[:2]
-            message = make_stamped(
-                "sensor_msgs/msg/Image", 10**9 + index * 40_000_000, height=height, width=width,
-                encoding="bgr8", is_bigendian=0, step=3 * width, data=images[index].reshape(-1),
-            )  # fmt: skip
-            messages.append(("/eye", "sensor_msgs/msg/Image", 2 * 10**9 + position, message))
+    def write(name, images, order=None, storage="MCAP", *, interval=_INTERVAL):
+        order = range(len(images)) if order is None else order
+        messages = [
+            ("/eye", "sensor_msgs/msg/Image", 2 * 10**9 + position,
+             make_image_message(10**9 + index * interval, images[index]))
+            for position, index in enumerate(order)
+        ]  # fmt: skip
         return write_bag(tmp_path / name, messages, storage)
 
     return write
 
 
 @pytest.fixture(scope="session")
-def long_sequence(write_sequence_in, moving_square, tmp_path_factory):
+def long_sequence(write_sequence_in, walk, tmp_path_factory):
     """The moving square there and back, for a thousand frames; not to change."""
-    order = np.resize(np.r_[np.arange(20), np.arange(18, 0, -1)], 1000)
-    parent = tmp_path_factory.mktemp("shared")
-    return write_sequence_in(
-        parent, "walk", moving_square.images[order], moving_square.boxes[order]
-    )
+    return write_sequence_in(tmp_path_factory.mktemp("shared"), "walk", *walk(1000))
 
 
 @pytest.fixture(scope="session")
@@ -127,13 +85,12 @@ def archive(write_sequence_in, moving_square, tmp_path_factory):
     sequence = (moving_square.images, moving_square.boxes)
     for number in range(10):
         write_sequence_in(folder / f"day_{number % 2}", f"drive_{number}", *sequence)
-    target = "target_box: [20, 30, 24, 24]"
     images = write_sequence_in(folder, "pictures", *sequence)
     (images / "img").rename(folder / "shots")
     shutil.rmtree(images)
-    (folder / "shots.target.yaml").write_text(target.replace("20, 30", "900, 30"))
+    (folder / "shots.target.yaml").write_text(TARGET.replace("20, 30", "900, 30"))
     (folder / "noise.mp4").write_bytes(b"\x00no video")
-    (folder / "noise.target.yaml").write_text(target)
+    (folder / "noise.target.yaml").write_text(TARGET)
     broken = write_sequence_in(folder, "broken", *sequence)
     (broken / "img" / "0013.png").write_bytes(b"no picture")
     return folder
@@ -155,6 +112,18 @@ def serial(archive, tmp_path_factory):
     ):
         code = main(["--archive", str(archive), "--output", str(output), *QUICK])
     return output, (code, said.getvalue(), errors.getvalue())
+
+
+@pytest.fixture
+def memory(monkeypatch):
+    """An empty store in memory that takes results."""
+    fsspec = pytest.importorskip("fsspec")
+    monkeypatch.setattr(results, "_OBJECT_STORES", ("memory",))
+    store = fsspec.filesystem("memory")
+    store.store.clear()
+    store.pseudo_dirs[:] = [""]
+    yield store
+    store.store.clear()
 
 
 @pytest.fixture
@@ -191,45 +160,37 @@ class Watch:
     @classmethod
     def wait_for_results(cls, output, count):
         """Wait for a number of finished recordings."""
-        cls.wait_until(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
+        wait_until(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
 
     @classmethod
     def kill_worker(cls, driver, name):
         """Kill a process below the driver that has a name in its command line."""
         found = []
-        cls.wait_until(lambda: found.extend(cls.below(driver.pid, name)) or found)
+        wait_until(lambda: found.extend(processes_below(driver.pid, name)) or found)
         # It may have ended in between.
         with contextlib.suppress(ProcessLookupError):
             os.kill(found[0], signal.SIGKILL)
 
-    @classmethod
-    def below(cls, pid, name):
-        """The processes below one, at any depth, with a name in their command line."""
-        for child in _read(pid, f"task/{pid}/children").split():
-            yield from cls.below(int(child), name)
-            if name in _read(child, "cmdline"):
-                yield int(child)
 
-    @staticmethod
-    def wait_until(condition):
-        """Wait for a condition."""
-        deadline = time.monotonic() + 120
-        while not condition():
-            assert time.monotonic() < deadline
-            time.sleep(0.005)
+@pytest.fixture
+def wait_for_rows():
+    """Waits until a process has written more than so many rows of boxes.csv into its draft."""
+
+    def wait(process, output, count):
+        def is_written():
+            assert process.poll() is None, process.communicate()
+            drafts = output.glob(".track_*/boxes.csv")
+            return any(path.read_bytes().count(b"\n") > count for path in drafts)
+
+        wait_until(is_written)
+
+    return wait
 
 
 @pytest.fixture
 def watch():
     """Observes the processes of an archive."""
     return Watch()
-
-
-def _read(pid, name):
-    try:
-        return Path(f"/proc/{pid}/{name}").read_text()
-    except OSError:
-        return ""
 
 
 @pytest.fixture(scope="session")
@@ -348,8 +309,8 @@ def vision(typestore):
 
     store = get_typestore(Stores.ROS2_JAZZY)
     types = {}
-    for name, text in _DEFINITIONS.items():
-        types |= get_types_from_msg(text, name)
+    for name, text in DEFINITIONS.items():
+        types |= get_types_from_msg(text, f"vision_msgs/msg/{name}")
     store.register(types)
     return store
 
@@ -357,72 +318,49 @@ def vision(typestore):
 @pytest.fixture
 def detections_message(vision):
     """Serializes detections as a vision_msgs/Detection2DArray, without the code under test."""
-    types = vision.types
 
-    def header(stamp):
-        seconds, nanoseconds = divmod(stamp, 10**9)
-        time = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-        return types["std_msgs/msg/Header"](stamp=time, frame_id="lens")
+    def new(name, package="vision_msgs", **fields):
+        return vision.types[f"{package}/msg/{name}"](**fields)
 
     def make(stamp, boxes, *, little_endian=True):
-        pose = types["geometry_msgs/msg/Pose"](
-            position=types["geometry_msgs/msg/Point"](x=0.0, y=0.0, z=0.0),
-            orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-        )
-        pose = types["geometry_msgs/msg/PoseWithCovariance"](pose=pose, covariance=np.zeros(36))
+        seconds, nanoseconds = divmod(stamp, 10**9)
+        time = new("Time", "builtin_interfaces", sec=seconds, nanosec=nanoseconds)
+        header = new("Header", "std_msgs", stamp=time, frame_id="lens")
+        place = new("Point", "geometry_msgs", x=0.0, y=0.0, z=0.0)
+        turn = new("Quaternion", "geometry_msgs", x=0.0, y=0.0, z=0.0, w=1.0)
+        pose = new("Pose", "geometry_msgs", position=place, orientation=turn)
+        pose = new("PoseWithCovariance", "geometry_msgs", pose=pose, covariance=np.zeros(36))
         detections = []
         for number, (x, y, width, height) in enumerate(boxes):
             results = [
-                types["vision_msgs/msg/ObjectHypothesisWithPose"](
-                    hypothesis=types["vision_msgs/msg/ObjectHypothesis"](
-                        class_id=label, score=score
-                    ),
-                    pose=pose,
-                )
+                new("ObjectHypothesisWithPose", pose=pose,
+                    hypothesis=new("ObjectHypothesis", class_id=label, score=score))
                 for label, score in (("tree", 0.1), ("walker", 0.9))
-            ]
-            point = types["vision_msgs/msg/Point2D"](x=x + width / 2, y=y + height / 2)
-            bbox = types["vision_msgs/msg/BoundingBox2D"](
-                center=types["vision_msgs/msg/Pose2D"](position=point, theta=0.0),
-                size_x=width,
-                size_y=height,
-            )
+            ]  # fmt: skip
+            point = new("Point2D", x=x + width / 2, y=y + height / 2)
+            center = new("Pose2D", position=point, theta=0.0)
+            box = new("BoundingBox2D", center=center, size_x=width, size_y=height)
             detections.append(
-                types["vision_msgs/msg/Detection2D"](
-                    header=header(stamp), results=results, bbox=bbox, id="x" * number
-                )
+                new("Detection2D", header=header, results=results, bbox=box, id="x" * number)
             )
+        message = new("Detection2DArray", header=header, detections=detections)
         kind = "vision_msgs/msg/Detection2DArray"
-        message = types[kind](header=header(stamp), detections=detections)
         return bytes(vision.serialize_cdr(message, kind, little_endian=little_endian))
 
     return make
 
 
 @pytest.fixture
-def write_walkers(walkers, vision, make_stamped, tmp_path):
+def write_walkers(walkers, vision, make_image_message, write_bag, tmp_path):
     """Writes a bag of the walkers and of messages of a detector (log time, octets)."""
 
     def write(messages, kind="vision_msgs/msg/Detection2DArray"):
-        from rosbags.rosbag2 import StoragePlugin, Writer
-
-        rows = [(log_time, 0, kind, octets) for log_time, octets in messages]
+        rows = [("/found", kind, log_time, octets) for log_time, octets in messages]
         for number, image in enumerate(walkers[0]):
-            height, width = image.shape[:2]
-            octets = make_stamped(
-                "sensor_msgs/msg/Image", Library.at(number), height=height, width=width,
-                encoding="bgr8", is_bigendian=0, step=3 * width, data=image.reshape(-1),
-            )  # fmt: skip
-            rows.append((Library.at(number) + 1000, 1, "sensor_msgs/msg/Image", octets))
-        path = tmp_path / "drive"
-        with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            topics = {}
-            for log_time, index, message_type, octets in sorted(rows):
-                if message_type not in topics:
-                    topics[message_type] = writer.add_connection(
-                        ("/found", "/eye")[index], message_type, typestore=vision
-                    )
-                writer.write(topics[message_type], log_time, octets)
-        return path
+            stamp = Library.at(number)
+            octets = make_image_message(stamp, image)
+            rows.append(("/eye", "sensor_msgs/msg/Image", stamp + 1000, octets))
+        rows.sort(key=lambda row: (row[2], row[0] == "/eye"))
+        return write_bag(tmp_path / "drive", rows, types=vision)
 
     return write

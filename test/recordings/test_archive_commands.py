@@ -62,26 +62,24 @@ def ray_head(monkeypatch):
     """Start Ray as documented, without a token, on another port; the address."""
     if RAY is None:
         pytest.skip("needs ray")
-    # Short, because it is part of the names of sockets.
     with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+    # Short, because it is part of the names of sockets.
     folder = tempfile.mkdtemp(prefix="ray_")
     (command,) = [line for line in COMMANDS if line.startswith("ray start --head")]
-    alone = ("--block", f"--port={port}", f"--temp-dir={folder}", "--include-dashboard=false")
+    alone = ("--block", f"--port={address[10:]}", f"--temp-dir={folder}")
     monkeypatch.delenv("RAY_AUTH_MODE", raising=False)
-    monkeypatch.setenv("HOME", folder)
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    monkeypatch.setenv("RAY_ADDRESS", f"127.0.0.1:{port}")
+    settings = {"HOME": folder, "RAY_USAGE_STATS_ENABLED": "0", "RAY_ADDRESS": address}
+    for name, value in settings.items():
+        monkeypatch.setenv(name, value)
     process = subprocess.Popen(
-        [RAY, *command.split()[1:], "--num-cpus=2", *alone],
+        [RAY, *command.split()[1:], "--num-cpus=2", "--include-dashboard=false", *alone],
         stdout=subprocess.PIPE,
         text=True,
         start_new_session=True,
     )
-    for line in process.stdout:
-        if "Ray runtime started" in line:
-            break
-    yield f"127.0.0.1:{port}"
+    assert any("Ray runtime started" in line for line in process.stdout)
+    yield address
     process.terminate()
     process.communicate(timeout=60)
     # The processes of Ray that outlive it.

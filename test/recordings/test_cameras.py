@@ -13,18 +13,9 @@ DEADLINE = 60
 BOX = ("--box", "10,10,24,24")
 
 
-def wait_for_rows(process, folder, count):
-    """Wait until so many rows of boxes.csv are written, in the hidden folder."""
-    deadline = time.monotonic() + DEADLINE
-    while not any(
-        path.read_text().count("\n") > count for path in folder.glob(".track_*/boxes.csv")
-    ):
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-def test_ctrl_c_ends_it_well_with_all_results(send_stream, start_track, rows, tmp_path):
+def test_ctrl_c_ends_it_well_with_all_results(
+    send_stream, start_track, wait_for_rows, rows, tmp_path
+):
     pytest.importorskip("matplotlib")
     output = tmp_path / "out"
     outputs = ("--output", output, "--video", "--report")
@@ -37,7 +28,8 @@ def test_ctrl_c_ends_it_well_with_all_results(send_stream, start_track, rows, tm
     assert "secret" not in printed
     assert printed.startswith("opening rtsp://127.0.0.1:")
     found = rows(output)
-    assert f"{len(found)} frames (100% tracking)" in printed
+    # A busy machine may skip some.
+    assert f"live: {len(found)} frames (" in printed
     stamps = [int(row["stamp"]) for row in found]
     assert before < stamps[0] < stamps[-1] < time.time_ns()
     assert (output / "overlay.mp4").stat().st_size > 0
@@ -57,7 +49,7 @@ def test_a_camera_that_ends_is_an_error_with_results(send_stream, start_track, r
     assert errors.endswith(f"{len(rows(output))} frames were tracked\n")
 
 
-def test_a_target_is_drawn_on_a_picture_of_the_camera(send_stream, start_track, rows, tmp_path):
+def test_a_target_is_drawn_on_a_picture(send_stream, start_track, wait_for_rows, rows, tmp_path):
     pytest.importorskip("aiohttp")
     output = tmp_path / "out"
     process = start_track(send_stream(400), *QUICK, "--output", output, "--draw")

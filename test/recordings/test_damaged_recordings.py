@@ -3,7 +3,6 @@
 import csv
 import os
 import shutil
-import signal
 
 import cv2
 import numpy as np
@@ -61,19 +60,6 @@ def stamps_in(folder):
         return [row["stamp"] for row in csv.DictReader(file)]
 
 
-@pytest.fixture
-def start_alarm():
-    """A function that starts the time in which a case has to end."""
-
-    def give_up(number, frame):
-        raise TimeoutError("it hangs")
-
-    before = signal.signal(signal.SIGALRM, give_up)
-    yield lambda: signal.alarm(60)
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
-
-
 @pytest.mark.parametrize("whole", KINDS, indirect=True)
 def test_damage_is_told(whole, track, start_alarm, tmp_path):
     source, kind = whole
@@ -89,7 +75,7 @@ def test_damage_is_told(whole, track, start_alarm, tmp_path):
         else:
             shutil.copy(source, damaged)
             damage(damaged, random)
-        start_alarm()
+        start_alarm(60)
         code, said, errors = track(damaged, "--output", output, *REQUEST)
         assert code in (0, 3, 7), (seed, errors)
         assert [line for line in errors.splitlines() if not line.startswith("track: ")] == []

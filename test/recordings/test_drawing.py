@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import yaml
-from common import QUICK
+from common import QUICK, TRACK_WITHOUT_ROS
 
 import pf_tracker_ros
 from pf_tracker_ros.pages.access import HEADERS
@@ -27,16 +27,6 @@ from pf_tracker_ros.recordings.target import Target
 BOX = [20.0, 30.0, 24.0, 24.0]
 FIRST = {"frame": 0, "box": BOX}
 DEADLINE = 60
-WITHOUT_ROS = """
-import sys
-class NoRos:
-    def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"rclpy", "sensor_msgs", "std_msgs", "geometry_msgs"}:
-            raise ModuleNotFoundError(name)
-sys.meta_path.insert(0, NoRos())
-from pf_tracker_ros.recordings.__main__ import main
-sys.exit(main(sys.argv[1:]))
-"""
 
 
 class DrawCommand:
@@ -49,7 +39,7 @@ class DrawCommand:
 
     def __init__(self, *arguments):
         self.process = subprocess.Popen(
-            [sys.executable, "-c", WITHOUT_ROS, *map(str, arguments), "--draw", *QUICK],
+            [sys.executable, "-c", TRACK_WITHOUT_ROS, *map(str, arguments), "--draw", *QUICK],
             env={**os.environ, "PYTHONPATH": str(Path(pf_tracker_ros.__file__).parents[1])},
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -150,57 +140,40 @@ def first_box(rows, folder):
     return int(row["frame"]), [float(row[name]) for name in ("x", "y", "width", "height")]
 
 
-def test_the_note_offers_another_target_and_reports_a_missing_box(start_draw, open_page, images):
-    command = start_draw(images, "--output", images.parents[1] / "out")
+@pytest.mark.parametrize("max_targets", [2, 1])
+def test_the_note_offers_another_target_if_there_may_be_one(
+    start_draw, open_page, rows, images, max_targets
+):
+    output = images.parents[1] / "out"
+    command = start_draw(images, "--output", output, "--parameter", f"max_targets={max_targets}")
     page = open_page(command)
     note = page.locator("#note")
-    assert note.inner_text().endswith("; A keeps it and adds another target")
+    offered = "; A keeps it and adds another target" if max_targets > 1 else "Escape drops it"
+    assert note.inner_text().endswith(offered)
     page.keyboard.press("Enter")
-    missing = page.get_by_text("there is no box yet: drag one around the target, or press R")
-    missing.wait_for()
+    page.get_by_text("there is no box yet: drag one around the target, or press R").wait_for()
     assert note.get_attribute("data-level") == "error"
     page.keyboard.press("r")
     page.get_by_text("drag a box around the target").wait_for()
-    assert note.inner_text().endswith("; A keeps it and adds another target")
-    assert note.get_attribute("data-level") == "ok"
-
-
-def test_with_max_targets_1_the_note_offers_no_other_target(start_draw, open_page, images):
-    command = start_draw(
-        images, "--output", images.parents[1] / "out", "--parameter", "max_targets=1"
-    )
-    note = open_page(command).locator("#note")
-    assert note.inner_text().endswith("Enter starts, Escape drops it")
-
-
-def test_a_box_is_drawn_corrected_and_tracked(start_draw, open_page, rows, track, images):
-    tmp_path = images.parents[1]
-    command = start_draw(images, "--output", tmp_path / "out")
-    page = open_page(command)
-    assert page.locator("#name").inner_text() == "img"
-    drag(page, (20, 30), (60, 70))
-    assert page.locator("#handles circle:visible").count() == 4
-    drag(page, (60, 70), (44, 54))
+    assert (note.inner_text().endswith(offered), note.get_attribute("data-level")) == (True, "ok")
+    if max_targets == 1:
+        return
+    drag(page, (20, 30), (44, 54))
+    page.keyboard.press("a")
+    # No more than `max_targets` are kept.
+    drag(page, (100, 20), (140, 60))
+    assert page.locator("#add").is_disabled()
+    page.keyboard.press("a")
+    assert page.locator("#list li").count() == 1
+    page.keyboard.press("Escape")
+    # The kept targets are tracked without another box.
     page.keyboard.press("Enter")
     page.get_by_text("tracking begins").wait_for()
-    assert page.locator("#send").is_disabled()
-    code, output, errors = command.end()
-    assert (code, errors) == (0, "")
-    file = images.parent / "img.target.yaml"
-    assert f"saved as {file}" in output
-    frame, found = first_box(rows, tmp_path / "out")
-    assert (frame, found) == (0, pytest.approx(BOX, abs=0.5))
-    saved = yaml.safe_load(file.read_text())
-    assert (saved["frame"], saved["stamp"]) == (0, 10**9)
-    assert (saved["recording"], saved["image_size"]) == ("img", [160, 120])
-    # The saved target gives the same boxes.
-    assert track(images, "--output", tmp_path / "again", *QUICK)[0] == 0
-    assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
+    assert command.end()[0] == 0
+    assert {row["id"] for row in rows(output)} == {"1"}
 
 
-def test_a_box_is_drawn_on_another_frame_and_placed_by_keys(
-    start_draw, open_page, rows, images, tmp_path
-):
+def test_a_box_is_drawn_on_another_frame_by_keys(start_draw, open_page, rows, images, tmp_path):
     command = start_draw(images, "--output", tmp_path / "out")
     page = open_page(command)
     for number in range(1, 4):
@@ -226,7 +199,10 @@ def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, row
     assert page.locator("#send").is_disabled()
     assert page.locator("#add").is_disabled()
     assert page.locator("#undo").is_disabled()
-    drag(page, (20, 30), (44, 54))
+    assert page.locator("#name").inner_text() == "img"
+    drag(page, (20, 30), (60, 70))
+    assert page.locator("#handles circle:visible").count() == 4
+    drag(page, (60, 70), (44, 54))
     page.locator("#label").fill("\u00e4: 'square'")
     page.locator("#add").click()
     assert page.locator("#drawn:not([hidden])").count() == 0
@@ -270,25 +246,6 @@ def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, row
     assert (tmp_path / "again/boxes.csv").read_bytes() == (tmp_path / "out/boxes.csv").read_bytes()
 
 
-def test_at_most_max_targets_are_drawn(start_draw, open_page, rows, images):
-    output = images.parent / "out"
-    command = start_draw(images, "--output", output, "--parameter", "max_targets=2")
-    page = open_page(command)
-    drag(page, (20, 30), (44, 54))
-    page.keyboard.press("a")
-    drag(page, (100, 20), (140, 60))
-    assert page.locator("#add").is_disabled()
-    page.keyboard.press("a")
-    assert page.locator("#list li").count() == 1
-    page.keyboard.press("Escape")
-    # The kept targets are tracked without another box.
-    page.keyboard.press("Enter")
-    page.get_by_text("tracking begins").wait_for()
-    assert command.end()[0] == 0
-    assert {row["id"] for row in rows(output)} == {"1"}
-    assert first_box(rows, output)[1] == pytest.approx(BOX, abs=0.5)
-
-
 def test_cancel_on_the_page_ends_without_tracking(start_draw, open_page, images, tmp_path):
     command = start_draw(images, "--output", tmp_path / "out")
     page = open_page(command)
@@ -301,30 +258,29 @@ def test_cancel_on_the_page_ends_without_tracking(start_draw, open_page, images,
     assert not (images.parent / "img.target.yaml").exists()
 
 
-def test_a_signal_while_drawing_ends_it(start_draw, images, tmp_path):
-    command = start_draw(images, "--output", tmp_path / "out")
-    assert command.ask("/")[0] == 200
-    command.process.send_signal(signal.SIGINT)
-    code, _, errors = command.end()
-    assert code == 130
-    assert errors.count("\n") == 1
-    assert errors.endswith("ed before a target was drawn; nothing was tracked\n")
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_signal_before_the_page_ends_it_too(images, track, monkeypatch, tmp_path):
+@pytest.mark.parametrize("moment", ["before the page", "while drawing"])
+def test_a_signal_before_a_target_is_drawn_ends_it(start_draw, images, track, monkeypatch, moment):
     def signaled(*_):
         os.kill(os.getpid(), signal.SIGTERM)
 
-    monkeypatch.setattr("pf_tracker_ros.recordings.run.check_applies", signaled)
-    code, printed, errors = track(images, "--output", tmp_path / "out", "--draw", *QUICK)
-    assert (code, printed) == (143, "")
+    output = images.parents[1] / "out"
+    if moment == "while drawing":
+        command = start_draw(images, "--output", output)
+        assert command.ask("/")[0] == 200
+        command.process.send_signal(signal.SIGTERM)
+        code, _, errors = command.end()
+    else:
+        monkeypatch.setattr("pf_tracker_ros.recordings.run.check_applies", signaled)
+        code, _, errors = track(images, "--output", output, "--draw", *QUICK)
+    assert code == 143
     assert errors.count("\n") == 1
-    assert "terminated before a target was drawn" in errors
+    assert "terminated before a target was drawn; nothing was tracked" in errors
+    assert not output.exists()
 
 
 def finished_page(command, open_page):
     """The page of a command whose target is drawn, when it shows the report."""
+    pytest.importorskip("matplotlib")
     page = open_page(command)
     drag(page, (20, 30), (44, 54))
     page.keyboard.press("Enter")
@@ -334,7 +290,6 @@ def finished_page(command, open_page):
 
 
 def test_the_page_goes_from_the_box_to_the_report(start_draw, open_page, images, tmp_path):
-    pytest.importorskip("matplotlib")
     output = tmp_path / "out"
     command = start_draw(images, "--output", output, "--video", "--report", tmp_path / "report")
     page = finished_page(command, open_page)
@@ -362,12 +317,10 @@ def test_the_page_goes_from_the_box_to_the_report(start_draw, open_page, images,
     assert printed.endswith("the page shows the report; close it, or press Ctrl-C, to end\n")
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_page_with_the_report(start_draw, open_page, images, tmp_path, number):
-    pytest.importorskip("matplotlib")
+def test_a_signal_ends_the_page_with_the_report(start_draw, open_page, images, tmp_path):
     command = start_draw(images, "--output", tmp_path / "out", "--report")
     page = finished_page(command, open_page)
-    command.process.send_signal(number)
+    command.process.send_signal(signal.SIGINT)
     assert command.end()[::2] == (0, "")
     page.close()
 
@@ -455,26 +408,21 @@ def test_only_valid_targets_of_the_same_origin_are_tracked(start_draw, images, t
 
 
 def test_other_errors_are_reported_before_the_page(track, images, monkeypatch, tmp_path):
-    output = tmp_path / "out"
-    output.mkdir()
-    (output / "boxes.csv").write_text("mine")
-    draw = (images, "--output", output, "--draw")
-    code, printed, errors = track(*draw)
-    assert (code, printed) == (4, "")
-    assert "boxes.csv exists already" in errors
-    assert track(*draw, "--box", "1,2,3,4")[0] == 2
-    none = (images, "--output", tmp_path / "a", "--draw", "--detections", tmp_path / "none.csv")
-    code, printed, errors = track(*none)
-    assert (code, printed) == (8, "")
-    assert "none.csv" in errors
-    code, _, errors = track("--archive", images.parent, "--output", tmp_path / "b", "--draw")
-    assert code == 2
-    assert "--draw applies to a single recording; leave it out" in errors
-    monkeypatch.setitem(sys.modules, "aiohttp", None)
-    code, _, errors = track(images, "--output", tmp_path / "c", "--draw")
-    assert code == 2
-    assert "aiohttp is not installed: pip install aiohttp, or '.[console]'" in errors
-    assert len(errors.splitlines()) == 1
+    taken, free = tmp_path / "taken", ("--output", tmp_path / "out", "--draw")
+    taken.mkdir()
+    (taken / "boxes.csv").write_text("mine")
+    none = ("--detections", tmp_path / "none.csv")
+    for arguments, expected, said in (
+        ((images, "--output", taken, "--draw"), 4, "boxes.csv exists already"),
+        ((images, *free, "--box", "1,2,3,4"), 2, ""),
+        ((images, *free, *none), 8, "none.csv"),
+        (("--archive", images.parent, *free), 2, "--draw applies to a single recording; leave it"),
+        ((images, *free), 2, "aiohttp is not installed: pip install aiohttp, or '.[console]'"),
+    ):
+        if "aiohttp" in said:
+            monkeypatch.setitem(sys.modules, "aiohttp", None)
+        code, printed, errors = track(*arguments)
+        assert (code, printed, said in errors) == (expected, "", True), errors
 
 
 def test_a_bag_without_a_decodable_image_is_an_error(track, make_stamped, write_bag, tmp_path):
@@ -484,12 +432,6 @@ def test_a_bag_without_a_decodable_image_is_an_error(track, make_stamped, write_
     code, _, errors = track(bag, "--output", tmp_path / "out", "--draw")
     assert code == 2
     assert "bag cannot be drawn on: there is no image in frame 0 or after it" in errors
-
-
-def test_without_a_target_the_error_mentions_draw(track, images, tmp_path):
-    code, _, errors = track(images, "--output", tmp_path / "out")
-    assert code == 2
-    assert "draw it with --draw" in errors
 
 
 def test_the_page_gets_max_targets(track, images, monkeypatch, tmp_path):

@@ -6,10 +6,10 @@ import os
 import shutil
 
 import pytest
+from archives import fail_late
 from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives import results as results_module
 from pf_tracker_ros.recordings.archives.results import ResultsFolder, ResultsStore
 
 RECORDS = {".lock", ".track_files.json"}
@@ -89,14 +89,6 @@ def test_a_file_in_place_of_a_new_one_is_named_until_it_is_moved(run, drive):
     assert run("--format", "mot")[::2] == (0, "")
 
 
-def test_a_removed_result_is_written_again(run, drive):
-    run()
-    before = content(drive)
-    (drive / "boxes.csv").unlink()
-    assert "1 tracked, 0 up to date" in run()[1]
-    assert content(drive) == before
-
-
 def test_manifest_and_report_of_others_stay(run, drive):
     pytest.importorskip("jinja2")
     pytest.importorskip("matplotlib")
@@ -150,6 +142,11 @@ def test_only_staging_folders_of_a_run_are_removed(run, drive):
 
 def test_results_of_a_run_that_was_killed_between_two_renames_are_put_back(run, drive):
     run()
+    before = content(drive)
+    # A removed result is written again.
+    (drive / "boxes.csv").unlink()
+    assert "1 tracked, 0 up to date" in run()[1]
+    assert content(drive) == before
     (drive / "corrected.zip").write_bytes(b"an hour of work")
     before = content(drive)
     staging = drive.parent / ".archive_0123456789abcdef_abcd_123"
@@ -160,51 +157,36 @@ def test_results_of_a_run_that_was_killed_between_two_renames_are_put_back(run, 
     assert not staging.exists()
 
 
-def put(results, staging, kept):
-    staged = staging / "results"
+def put(results, staged, kept):
     staged.mkdir(exist_ok=True)
     (staged / "boxes.csv").write_text("new")
     results.put(staged, "drive", kept)
 
 
-def test_a_failed_rename_puts_the_former_results_back(run, drive, monkeypatch):
+@pytest.mark.parametrize("moment", ["rename fails", "file is added"])
+def test_what_fails_while_results_are_replaced_leaves_the_former(run, drive, monkeypatch, moment):
     run()
-    (drive / "corrected.zip").write_bytes(b"an hour of work")
-    before = content(drive)
+    added, kept = drive / "corrected.zip", []
+    if moment == "rename fails":
+        kept.append(added.name)
+        added.write_bytes(b"an hour of work")
+    before, rename = content(drive), type(drive).replace
+
+    def go_wrong(path, target):
+        if path.name == "results" and kept:
+            raise OSError(5, "Input/output error")
+        if path == drive and not kept:
+            added.write_bytes(b"an hour of work")
+        return rename(path, target)
+
+    reason = "Input/output error" if kept else "were changed while its recording was tracked"
     with ResultsFolder(drive.parent).locked() as results:
-        rename = type(drive).replace
-
-        def fail(path, target):
-            if path.name == "results":
-                raise OSError(5, "Input/output error")
-            return rename(path, target)
-
-        monkeypatch.setattr(type(drive), "replace", fail)
+        monkeypatch.setattr(type(drive), "replace", go_wrong)
         with (
-            pytest.raises(RecordingError, match="Input/output error"),
+            pytest.raises(RecordingError, match=reason),
             results.staging_folder("drive") as staging,
         ):
-            put(results, staging, ["corrected.zip"])
-    assert content(drive) == before
-
-
-def test_a_file_that_is_added_while_the_results_are_replaced_stays(run, drive, monkeypatch):
-    run()
-    before = content(drive)
-    with ResultsFolder(drive.parent).locked() as results:
-        rename = type(drive).replace
-
-        def add_first(path, target):
-            if path == drive:
-                (drive / "corrected.zip").write_bytes(b"an hour of work")
-            return rename(path, target)
-
-        monkeypatch.setattr(type(drive), "replace", add_first)
-        with (
-            pytest.raises(RecordingError, match="were changed while its recording was tracked"),
-            results.staging_folder("drive") as staging,
-        ):
-            put(results, staging, [])
+            put(results, staging / "results", kept)
     assert content(drive) == {**before, "corrected.zip": b"an hour of work"}
 
 
@@ -249,26 +231,6 @@ def test_an_entry_with_a_wrong_value_is_not_up_to_date(run, drive, name, value):
     assert json.loads((drive.parent / "archive.json").read_text())[0]["name"] == "drive"
 
 
-def test_a_done_file_that_is_a_pipe_is_not_read(run, drive):
-    drive.mkdir(parents=True)
-    os.mkfifo(drive / "done.json")
-    code, _, errors = run()
-    assert code == 1
-    assert "holds no results" in errors
-
-
-@pytest.fixture
-def memory(monkeypatch):
-    """A store in memory that takes results."""
-    fsspec = pytest.importorskip("fsspec")
-    monkeypatch.setattr(results_module, "_OBJECT_STORES", ("memory",))
-    store = fsspec.filesystem("memory")
-    store.store.clear()
-    store.pseudo_dirs[:] = [""]
-    yield store
-    store.store.clear()
-
-
 @pytest.fixture
 def put_objects(memory, tmp_path):
     """Puts files of a name and text into the store as the results of `drive`."""
@@ -307,35 +269,29 @@ def test_added_and_changed_objects_stay(memory, put_objects):
     assert results.complete({"drive": ["boxes.csv"], "other": ["boxes.csv"]}) == {"drive"}
 
 
-def test_the_manifest_of_another_in_a_store_stays(memory):
+def test_added_objects_stay_after_an_upload_that_failed(memory, put_objects, monkeypatch):
+    put_objects({"boxes.csv": "0", "boxes.mot.txt": "0"})
+    with monkeypatch.context() as patch:
+        fail_late(memory, patch)
+        for _ in range(2):
+            with pytest.raises(RecordingError, match="the line is dead"):
+                put_objects({"boxes.csv": "1"})
+            assert "/boxes/drive/done.json" not in memory.store
+    memory.pipe_file("/boxes/drive/corrected.zip", b"work")
+    assert ResultsStore("memory://boxes").kept_files("drive") == ["corrected.zip"]
+    put_objects({"boxes.csv": "2"}, ["corrected.zip"])
+    found = {name.rpartition("/")[2]: memory.cat_file(name) for name in memory.find("/boxes/drive")}
+    del found["done.json"]
+    assert found == {"boxes.csv": b"2", "corrected.zip": b"work"}
+
+
+def test_manifest_and_lock_of_others_in_a_store_stay(memory, fleet, track):
     with ResultsStore("memory://boxes").locked() as results:
         assert results.put_text("one", "archive.json")
         assert results.put_text("two", "archive.json")
         memory.pipe_file("/boxes/archive.json", b"mine")
         assert not results.put_text("three", "archive.json")
     assert memory.cat_file("/boxes/archive.json") == b"mine"
-
-
-def test_added_objects_stay_after_an_upload_that_failed(memory, put_objects, monkeypatch):
-    put_file = type(memory).put_file
-
-    def fail_late(self, local, remote, **further):
-        if remote.endswith("done.json"):
-            raise ConnectionError("the line is dead")
-        put_file(self, local, remote, **further)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(type(memory), "put_file", fail_late)
-        with pytest.raises(RecordingError, match="the line is dead"):
-            put_objects({"boxes.csv": "1"})
-    memory.pipe_file("/boxes/drive/corrected.zip", b"work")
-    assert ResultsStore("memory://boxes").kept_files("drive") == ["corrected.zip"]
-    put_objects({"boxes.csv": "2"}, ["corrected.zip"])
-    assert memory.cat_file("/boxes/drive/corrected.zip") == b"work"
-    assert memory.cat_file("/boxes/drive/boxes.csv") == b"2"
-
-
-def test_another_program_s_lock_in_a_store_stays(memory, fleet, track):
     memory.pipe_file("/boxes/.lock", b"process 12")
     code, _, errors = track("--archive", fleet, "--output", "memory://boxes", *QUICK)
     assert code == 4

@@ -43,15 +43,13 @@ def test_a_file_equals_typed_options(tracked, own):
     )
     assert tracked(*BOX, "--params-file", own) == typed
     assert tracked(*BOX, "--params-file", own, "--seed", 4) != typed
-
-
-def test_typed_options_override_the_file(tracked, own):
+    # Typed options override the file.
     over = ("--parameter", "particles=30", "--parameter", "template.update_above=0.5")
     typed = ("--preset", "li2007", "--seed", 3, "--parameter", "cues=color_histogram,hog")
     assert tracked(*BOX, "--params-file", own, *over) == tracked(*BOX, *typed, *over)
 
 
-def test_a_file_for_another_node_is_used_with_a_warning(
+def test_a_file_for_another_node_causes_a_warning(
     track, rows, moving_square_sequence, own, tmp_path
 ):
     other = tmp_path / "other.yaml"
@@ -89,31 +87,24 @@ def test_a_file_with_max_targets_tracks_a_single_target_as_one_of_several(tracke
     assert tracked(*BOX, "--params-file", own, "--parameter", "max_targets=7") == found
 
 
-def test_an_invalid_typed_value_does_not_name_the_file(track, moving_square_sequence, own):
-    arguments = (moving_square_sequence, "--output", own.parent / "out", "--params-file", own)
-    code, _, errors = track(*arguments, "--parameter", "particles=none")
-    assert code == 2
-    assert "parameter 'particles' is 'none'" in errors
-    assert str(own) not in errors
-
-
 @pytest.mark.parametrize(
     ("line", "said"),
     [
         ("particels: 5", "did you mean 'particles'"),
-        ("track: {lost_after: soon}", "parameter 'track.lost_after' is 'soon'"),
         ("particles:", "parameter 'particles' is 'None'"),
         ('detector: {labels: ["a, b"]}', "allowed here: strings without commas"),
+        ("", "parameter 'particles' is 'none'"),
     ],
 )
-def test_an_invalid_value_is_reported_with_file_and_parameter(
+def test_an_invalid_value_is_reported_with_its_file_or_without_if_it_was_typed(
     track, moving_square_sequence, own, line, said
 ):
-    own.write_text(f"/**:\n  ros__parameters:\n    {line}\n")
-    output = own.parent / "out"
-    arguments = (moving_square_sequence, "--output", output, "--params-file", own)
-    code, _, errors = track(*arguments)
+    typed = () if line else ("--parameter", "particles=none")
+    if line:
+        own.write_text(f"/**:\n  ros__parameters:\n    {line}\n")
+    arguments = (moving_square_sequence, "--output", own.parent / "out", "--params-file", own)
+    code, _, errors = track(*arguments, *typed)
     assert code == 2
     assert said in errors
-    assert f"{own}: " in errors
+    assert (f"{own}: " in errors) == bool(line)
     assert len(errors.splitlines()) == 1

@@ -89,11 +89,21 @@ def test_positions_velocities_and_regions_are_true(locate, room):
     assert speeds == pytest.approx([2 * math.pi * 0.8 / 9, 2 * math.pi * 0.6 / 9], abs=0.25)
 
 
-def test_without_depth_ground_and_height_remain(locate, room):
-    rows, _ = locate("--world-topic", "depth=")
-    assert {row["method"] for row in rows} == {"ground+height"}
+@pytest.mark.parametrize(
+    ("arguments", "method", "limit"),
+    [
+        (["--world-topic", "depth=", *MOUNTING], "ground+height", 0.08),
+        # Transforms of the bag stand for the camera's height and angles, and for the odometry.
+        (["--world-topic", "odom="], "ground+height+depth", 0.03),
+    ],
+)
+def test_without_a_sensor_the_others_remain(locate, room, arguments, method, limit):
+    rows, err = locate(*arguments, mounting=())
+    assert err == ""
+    assert {row["method"] for row in rows} == {method}
     relative, squared = errors_of(rows, room[1])
-    assert np.median(relative) < 0.08
+    assert len(relative) == len(rows)
+    assert np.median(relative) < limit
     assert (squared < REGION_99).mean() > 0.9
 
 
@@ -105,25 +115,6 @@ def test_gravity_stands_for_the_angles_and_a_file_for_the_command_line(locate, r
     rows, _ = locate("--params-file", file, mounting=())
     assert {row["method"] for row in rows} == {"ground"}
     assert np.median(errors_of(rows, room[1])[0]) < 0.1
-
-
-def test_transforms_of_the_bag_stand_for_height_angles_and_odometry(locate, room):
-    # The camera's height is not given, and the odometry is left out.
-    rows, err = locate("--world-topic", "odom=", mounting=())
-    assert err == ""
-    assert {row["method"] for row in rows} == {"ground+height+depth"}
-    relative, squared = errors_of(rows, room[1])
-    assert len(relative) == len(rows)
-    assert np.median(relative) < 0.03
-    assert (squared < REGION_99).mean() > 0.9
-
-
-def test_a_bag_whose_transforms_do_not_reach_the_camera_says_so(track, room, tmp_path):
-    arguments = ("--world", "--world-topic", "tf_static=", "--output", tmp_path / "out")
-    code, out, err = track(room[0], "--bag-topic", IMAGE_TOPIC, *arguments)
-    assert code == 0
-    assert err.count("no transform from camera_optical_frame to odom; record it") == 1
-    assert "positions in 0%" in out
 
 
 def test_the_bag_has_the_localizers_topics_and_the_report_a_view_from_above(locate, room, tmp_path):
@@ -171,35 +162,28 @@ def test_a_wrong_request_is_refused(track, room, tmp_path, arguments, reason):
     assert not (tmp_path / "out").exists()
 
 
-def test_recordings_without_a_calibration_are_refused(
+def test_no_calibration_or_several_depths_are_refused(
     track, room, moving_square_sequence, tmp_path
 ):
-    bag = tmp_path / "images.mcap"
-    with BagWriter(bag) as writer:
-        writer.add_topic("/image", "sensor_msgs/msg/Image")
-        writer.write_image("/image", stamp_at(0.0), room[1][0].image)
-    for recording in (bag, moving_square_sequence):
-        arguments = ("--world", "--box", "1,1,9,9", "--output", tmp_path / "out")
-        code, _, err = track(recording, *arguments)
-        assert code == 2
-        assert "CameraInfo" in err
-
-
-def test_the_calibration_beside_the_images_is_taken_and_several_depths_are_asked_for(
-    track, room, tmp_path
-):
-    bag = tmp_path / "cameras.mcap"
-    images = "/camera/color/image_raw", "/camera/depth/image", "/camera/aligned_depth/image"
-    with BagWriter(bag) as writer:
-        for topic in images:
-            writer.add_topic(topic, "sensor_msgs/msg/Image")
-            writer.write_image(topic, stamp_at(0.0), room[1][0].image)
-        for camera in ("color", "depth"):
-            writer.add_topic(f"/camera/{camera}/camera_info", "sensor_msgs/msg/CameraInfo")
-    arguments = (bag, "--bag-topic", images[0], "--world", "--box", "1,1,9,9")
-    code, _, err = track(*arguments, "--output", tmp_path / "out")
-    assert code == 2
-    assert f"several topics for depth: {images[2]}, {images[1]}; choose with --world-topic" in err
+    bags = {"images.mcap": ["/image"], "cameras.mcap": ["/camera/color/image_raw"]}
+    depths = ["/camera/aligned_depth/image", "/camera/depth/image"]
+    bags["cameras.mcap"] += depths
+    for name, topics in bags.items():
+        with BagWriter(tmp_path / name) as writer:
+            for topic in topics:
+                writer.add_topic(topic, "sensor_msgs/msg/Image")
+                writer.write_image(topic, stamp_at(0.0), room[1][0].image)
+            for camera in ("color", "depth") if len(topics) > 1 else ():
+                writer.add_topic(f"/camera/{camera}/camera_info", "sensor_msgs/msg/CameraInfo")
+    several = f"several topics for depth: {', '.join(depths)}; choose with --world-topic"
+    for arguments, reason in (
+        ((tmp_path / "images.mcap",), "CameraInfo"),
+        ((moving_square_sequence,), "CameraInfo"),
+        ((tmp_path / "cameras.mcap", "--bag-topic", "/camera/color/image_raw"), several),
+    ):
+        output = ("--box", "1,1,9,9", "--output", tmp_path / "out")
+        code, _, err = track(*arguments, "--world", *output)
+        assert (code, reason in err) == (2, True), err
 
 
 def test_useless_sensors_are_told_once_and_tracking_goes_on(track, room, tmp_path):
@@ -214,10 +198,13 @@ def test_useless_sensors_are_told_once_and_tracking_goes_on(track, room, tmp_pat
             info = writer.new("sensor_msgs/msg/CameraInfo", header=writer.header(stamp), **zeros)
             writer.write_message("/camera_info", stamp, info)
     box = ",".join(map(str, room[1][0].boxes[0]))
-    code, out, err = track(bag, "--world", "--box", box, "--output", tmp_path / "out")
-    assert code == 0
-    assert err.count("the CameraInfo on /camera_info is not usable") == 1
-    assert "positions in 0%" in out
+    unreached = (room[0], "--bag-topic", IMAGE_TOPIC, "--world-topic", "tf_static=")
+    for name, arguments, reason in (
+        ("zeros", (bag, "--box", box), "the CameraInfo on /camera_info is not usable"),
+        ("tf", unreached, "no transform from camera_optical_frame to odom; record it"),
+    ):
+        code, out, err = track(*arguments, "--world", "--output", tmp_path / name)
+        assert (code, err.count(reason), "positions in 0%" in out) == (0, 1, True), err
 
 
 def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path, monkeypatch):

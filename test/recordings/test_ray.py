@@ -11,14 +11,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from archives import options_of
 from common import QUICK
+from processes import processes_below
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
 from pf_tracker_ros.recordings.archives.results import ResultsFolder
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory, run_tasks
-from pf_tracker_ros.recordings.command_line import parser
-from pf_tracker_ros.recordings.plan import apply_parameter_file
 
 needs_ray = pytest.mark.skipif(
     subprocess.run(
@@ -80,13 +80,11 @@ def test_killed_workers_and_a_killed_driver_cost_only_the_recordings_in_progress
 
 
 @needs_ray
-def test_ctrl_c_ends_the_cluster_which_listens_on_the_loopback_interface_only(
-    start_on_ray, watch, tmp_path
-):
+def test_ctrl_c_ends_the_cluster_which_listens_on_the_loopback_only(start_on_ray, watch, tmp_path):
     output = tmp_path / "out"
     driver = start_on_ray(output)
     watch.wait_for_results(output, 1)
-    processes = [driver.pid, *watch.below(driver.pid, "ray")]
+    processes = [driver.pid, *processes_below(driver.pid, "ray")]
     assert len(processes) > 3
     addresses = [address for pid in processes for address in listening(pid)]
     assert addresses
@@ -116,8 +114,8 @@ def listening(pid):
 
 
 @needs_ray
-@pytest.mark.parametrize("address", ["nowhere", "127.0.0.1:1"])
-def test_without_a_cluster_it_says_how_to_start_one(start_track, archive, tmp_path, address):
+def test_without_a_cluster_it_says_how_to_start_one(start_track, archive, tmp_path):
+    address = "127.0.0.1:1"
     process = start_track(
         "--archive", archive, "--output", tmp_path / "out", "--ray", address, *QUICK
     )
@@ -133,12 +131,6 @@ def test_without_ray_it_says_what_to_install(archive, track, monkeypatch, tmp_pa
     code, _, errors = track(*arguments)
     assert code == 2
     assert "ray is not installed: pip install ray, or '.[ray]' in the sources" in errors
-
-
-def options_of(*arguments):
-    options = parser().parse_args(["--archive", "a", "--output", "b", *QUICK, *arguments])
-    apply_parameter_file(options)
-    return options
 
 
 class LossyExecutor:
@@ -166,7 +158,7 @@ def tasks(own_archive, tmp_path):
     """Three tasks in a locked folder."""
     recordings = {f"drive_{n}": own_archive / f"day_{n % 2}" / f"drive_{n}" for n in range(3)}
     with ResultsFolder(tmp_path / "out").locked() as results:
-        yield make_tasks(recordings, results, options_of())
+        yield make_tasks(recordings, results, options_of(*QUICK))
 
 
 def test_lost_tasks_are_repeated_as_long_as_others_complete(tasks):
@@ -186,25 +178,25 @@ def test_a_recording_that_ends_every_worker_is_reported_and_does_not_stop_the_ot
     assert executor.rounds[1:] == [["drive_1"]] * 4
 
 
-def test_a_worker_with_another_version_refuses_tasks(tasks):
-    others = [dataclasses.replace(task, version="0.0.1") for task in tasks]
-    found = dict(run_tasks(others, LossyExecutor(lambda name, number: False)))
-    for task, entry in found.items():
-        assert entry.exit_code == 1
-        assert ", not 0.0.1; install the same everywhere" in entry.error
-        assert not (task.results.path / task.name).exists()
-
-
-def test_a_worker_with_an_unshared_folder_or_of_a_former_run_does_not_write(tasks, tmp_path):
+def test_a_worker_of_another_version_folder_or_run_does_not_write(tasks, tmp_path):
     elsewhere = dataclasses.replace(tasks[0].results, path=tmp_path / "unshared")
-    others = [dataclasses.replace(task, results=elsewhere) for task in tasks]
-    for _, entry in run_tasks(others, LossyExecutor(lambda name, number: False)):
-        assert "is not the folder of the run; give a folder that all machines share" in entry.error
-    assert not (tmp_path / "unshared").exists()
+    for changed, reason in (
+        ({"version": "0.0.1"}, ", not 0.0.1; install the same everywhere"),
+        (
+            {"results": elsewhere},
+            "is not the folder of the run; give a folder that all machines share",
+        ),
+    ):
+        others = [dataclasses.replace(task, **changed) for task in tasks]
+        found = dict(run_tasks(others, LossyExecutor(lambda name, number: False)))
+        assert len(found) == len(tasks)
+        for entry in found.values():
+            assert (entry.exit_code, reason in entry.error) == (1, True), entry.error
     former = dataclasses.replace(tasks[0].results, run="former")
     with pytest.raises(RecordingError, match="another run is writing into"):
         former.put(tmp_path, "drive_0")
-    assert not (tmp_path / "out" / "drive_0").exists()
+    assert not (tmp_path / "unshared").exists()
+    assert not list((tmp_path / "out").glob("drive_*"))
 
 
 def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, own_archive):
@@ -214,7 +206,7 @@ def test_the_required_memory_depends_on_the_image_size_and_the_outputs(tasks, ow
     )
     plain = required_memory(task)
     assert 200e6 < plain < 300e6
-    full = dataclasses.replace(task, options=options_of("--video", "--report"))
+    full = dataclasses.replace(task, options=options_of(*QUICK, "--video", "--report"))
     assert required_memory(full) > 1.5 * plain
     # Large images are assumed where the size is unknown.
     assert required_memory(tasks[1]) > 1.5 * plain

@@ -1,16 +1,14 @@
 """Several targets and detections in archives with the command `track`."""
 
-import csv
 import json
 
-import cv2
 import numpy as np
 import pytest
+from archives import options_of
 from common import QUICK, one_sentence
 
 from pf_tracker_ros.recordings.archives.results import results_at
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory
-from pf_tracker_ros.recordings.command_line import parser
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS
 
 COUNT = 16
@@ -32,7 +30,7 @@ def detected_archive(walkers, write_sequence, write_detections, tmp_path):
     return archive
 
 
-def test_an_archive_with_several_targets_counts_frames(
+def test_an_archive_of_several_targets_counts_frames(
     track, rows, walkers, write_sequence, tmp_path
 ):
     images, boxes = walkers
@@ -59,37 +57,16 @@ def test_an_archive_with_several_targets_counts_frames(
 def test_detections_require_more_memory(write_sequence, walkers, tmp_path):
     images, boxes = walkers
     source = write_sequence("pair", images, np.array(boxes)[:, 0])
-    results = results_at(tmp_path / "out")
 
     def needed(text, *arguments):
         source.with_name("pair.target.yaml").write_text(text)
-        options = parser().parse_args(["--archive", "a", "--output", "b", *arguments])
-        return required_memory(make_tasks({"pair": source}, results, options)[0])
+        tasks = make_tasks({"pair": source}, results_at(tmp_path / "out"), options_of(*arguments))
+        return required_memory(tasks[0])
 
     one = "{target_box: [1, 2, 30, 40], image_size: [240, 160]}"
     alone = needed(one)
     assert needed(f"targets: [{one}, {one}]") == alone
     assert needed(one, "--detector=motion") > 1.2 * alone
-
-
-def test_an_archive_may_have_a_detector(track, walkers, write_sequence, tmp_path):
-    images, boxes = walkers
-    source = write_sequence("pair", images, np.array(boxes)[:, 0])
-    (tmp_path / "list.txt").write_text(f"{source.name}/img\n")
-    given = ("--archive", tmp_path / "list.txt", "--output", tmp_path / "out", *QUICK)
-    code, _, errors = track(*given, "--detector", "motion", "--detector-rate", "25")
-    assert code == 0
-    name = f"{source.name}/img"
-    warning, idle = errors.splitlines()
-    assert warning.startswith(f"track: {name}: the detector 'motion' found nothing in 16 frames")
-    assert idle == f"track: 1 of 1 recording had no target in any frame, such as {name}"
-    with (tmp_path / "out" / source.name / "img" / "boxes.csv").open() as file:
-        assert {row["frame"] for row in csv.DictReader(file)} == {str(n) for n in range(COUNT)}
-    # Another rate of the detector changes the key.
-    code, said, _ = track(*given, "--detector", "motion", "--detector-rate", "25")
-    assert "1 up to date" in said
-    code, said, _ = track(*given, "--detector", "motion", "--detector-rate", "5")
-    assert (code, "1 tracked" in said) == (0, True)
 
 
 def test_an_archive_is_labeled_from_the_detections_beside_its_recordings(
@@ -129,9 +106,7 @@ def test_an_archive_is_labeled_from_the_detections_beside_its_recordings(
             assert found == (alone / "boxes.csv").read_bytes()
 
 
-def test_only_recordings_with_changed_detections_are_tracked_again(
-    track, detected_archive, tmp_path
-):
+def test_only_changed_detections_are_tracked_again(track, detected_archive, tmp_path):
     output = tmp_path / "out"
     given = ("--archive", detected_archive, "--output", output, "--detections", *QUICK)
     assert "2 tracked, 0 up to date, 1 failed" in track(*given)[1]
@@ -153,9 +128,7 @@ def test_only_recordings_with_changed_detections_are_tracked_again(
     assert "1 up to date" in track(*given)[1]
 
 
-def test_an_archive_of_bags_takes_detections_of_a_topic(
-    track, rows, write_walkers, detections_message, library
-):
+def test_an_archive_of_bags_has_detections(track, rows, write_walkers, detections_message, library):
     bag = write_walkers([])
     archive = bag.with_name("archive")
     archive.mkdir()
@@ -183,24 +156,29 @@ def test_an_archive_of_bags_takes_detections_of_a_topic(
     assert "0 tracked, 1 up to date, 1 failed" in track(*given)[1]
 
 
-def test_a_detector_runs_on_every_recording_of_a_folder(track, walkers, source):
+def test_a_detector_runs_on_every_recording_of_a_folder(track, rows, walkers, source, write_video):
     archive = source.parents[1] / "archive"
     (archive / "empty").mkdir(parents=True)
     source.rename(archive / "images")
-    path = str(archive / "clip.avi")
-    video = cv2.VideoWriter(path, cv2.VideoWriter_fourcc(*"MJPG"), 25.0, (240, 160))
-    for image in walkers[0]:
-        video.write(image)
-    video.release()
+    write_video(archive / "clip.avi", walkers[0], codec="MJPG")
     (archive / "clip.txt").write_text("about the clip")
     output = archive / "boxes"
     given = ("--archive", archive, "--output", output, "--detector", "motion", "--video", *QUICK)
-    code, said, _ = track(*given)
+    code, said, errors = track(*given, "--detector-rate", "25")
     assert (code, "2 recordings: 2 tracked" in said) == (0, True)
     manifest = json.loads((output / "archive.json").read_text())
     assert [entry["name"] for entry in manifest] == ["clip.avi", "images"]
+    assert {row["frame"] for row in rows(output / "images")} == {str(n) for n in range(COUNT)}
+    *warnings, idle = errors.splitlines()
+    assert any(
+        line.startswith("track: images: the detector 'motion' found nothing in 16 frames")
+        for line in warnings
+    )
+    assert idle.startswith("track: 2 of 2 recordings had no target in any frame, such as ")
     # The videos of the results are not recordings.
-    assert "2 recordings: 0 tracked, 2 up to date" in track(*given)[1]
+    assert "2 recordings: 0 tracked, 2 up to date" in track(*given, "--detector-rate", "25")[1]
+    # Another rate of the detector changes the key.
+    assert "2 recordings: 2 tracked" in track(*given, "--detector-rate", "5")[1]
 
 
 def test_recordings_without_a_target_are_reported(track, detected_archive, tmp_path):

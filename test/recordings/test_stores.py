@@ -11,46 +11,23 @@ import tempfile
 import time
 
 import pytest
+from common import QUICK
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.results import ResultsStore, results_at
+from pf_tracker_ros.recordings.archives.results import results_at
 from pf_tracker_ros.recordings.archives.scratch import scratch_folder
 from pf_tracker_ros.recordings.archives.sources import find_recordings, local_copy
 from pf_tracker_ros.recordings.archives.stores import parse_path_or_url
-from pf_tracker_ros.recordings.archives.tasks import (
-    done_entries,
-    make_tasks,
-    run_tasks,
-    write_manifest,
-)
-from pf_tracker_ros.recordings.command_line import parser
-from pf_tracker_ros.recordings.plan import apply_parameter_file
 
 fsspec = pytest.importorskip("fsspec")
-QUICK = ("--preset=li2007", "--parameter=particles=20")
-
-
-class SameProcess:
-    """Runs tasks in this process, which has the store in memory."""
-
-    workers = 1
-
-    @staticmethod
-    def run(work, tasks):
-        for number, task in enumerate(tasks):
-            yield number, work(task)
 
 
 @pytest.fixture
-def memory(archive):
+def fleet(archive, memory):
     """A store in memory that holds the archive at memory://fleet."""
-    store = fsspec.filesystem("memory")
-    store.store.clear()
-    store.pseudo_dirs[:] = [""]
-    store.put(f"{archive}/", "/fleet/", recursive=True)
-    yield store
-    store.store.clear()
+    memory.put(f"{archive}/", "/fleet/", recursive=True)
+    return memory
 
 
 @pytest.fixture
@@ -62,22 +39,16 @@ def scratch(monkeypatch, tmp_path):
     return folder
 
 
-def options_of(*arguments):
-    options = parser().parse_args(["--archive", "a", "--output", "b", *arguments])
-    apply_parameter_file(options)
-    return options
+@pytest.fixture
+def run(fleet, track, in_this_process):
+    """Tracks into memory://boxes; the entries of the manifest by name, and what was printed."""
 
+    def start(archive="memory://fleet", *further):
+        _, said, _ = track("--archive", archive, "--output", "memory://boxes", *QUICK, *further)
+        entries = json.loads(fleet.cat_file("/boxes/archive.json"))
+        return {entry["name"]: entry for entry in entries}, said
 
-def run(archive="memory://fleet", url="memory://boxes", arguments=QUICK):
-    """Track what is not up to date; name to entry of all, and the names that were tracked."""
-    with ResultsStore(url).locked() as results:
-        tasks = make_tasks(find_recordings(archive), results, options_of(*arguments))
-        done = done_entries(tasks, results)
-        pending = [task for task in tasks if task.name not in done]
-        found = {task.name: entry for task, entry in run_tasks(pending, SameProcess())}
-        entries = {**done, **found}
-        write_manifest(results, [entries[task.name] for task in tasks])
-        return entries, set(found)
+    return start
 
 
 def stored(store, url="/boxes"):
@@ -89,136 +60,79 @@ def stored(store, url="/boxes"):
     }
 
 
-def test_the_results_in_a_store_equal_those_in_folders(serial, memory, archive, scratch, watch):
-    output, (_, _, errors) = serial
-    assert list(find_recordings("memory://fleet")) == list(find_recordings(archive))
+def test_the_results_in_a_store_equal_those_in_folders(serial, archive, run, scratch, watch):
+    fleet = fsspec.filesystem("memory")
     entries, _ = run()
-    assert stored(memory) == watch.boxes(output)
-    manifest = json.loads(memory.cat_file("/boxes/archive.json"))
-    local = json.loads((output / "archive.json").read_text())
-    keys = ("name", "exit_code", "frames", "states")
-    assert [[entry[key] for key in keys] for entry in manifest] == [
-        [entry[key] for key in keys] for entry in local
-    ]
-    sentences = [entry.error for entry in entries.values() if entry.error]
-    assert sorted(sentences) == sorted(
-        line.removeprefix("track: error: ").replace(str(archive), "memory://fleet")
-        for line in errors.splitlines()
-    )
+    assert stored(fleet) == watch.boxes(serial[0])
+    local = (serial[0] / "archive.json").read_text().replace(str(archive), "memory://fleet")
+    assert list(entries) == [entry["name"] for entry in json.loads(local)]
+    for entry in json.loads(local):
+        for key in ("exit_code", "frames", "states", "error"):
+            assert entries[entry["name"]][key] == entry[key]
     assert list(scratch.iterdir()) == []
 
 
-def test_only_changed_recordings_in_a_store_are_tracked_again(memory):
-    _, done = run()
-    assert len(done) == 13
-    _, done = run()
-    assert done == {"broken", "noise.mp4", "shots"}
-    truth = memory.cat_file("/fleet/day_0/drive_2/groundtruth.txt")
-    memory.pipe_file(
-        "/fleet/day_0/drive_2/groundtruth.txt", truth.replace(b"20,30,24,24", b"21,31,24,24")
-    )
-    _, done = run()
-    assert done == {"broken", "noise.mp4", "shots", "day_0/drive_2"}
-    _, done = run(arguments=(*QUICK, "--seed=1"))
-    assert len(done) == 13
-
-
-def test_detections_in_a_store_are_found_beside_their_recordings(memory, own_archive, track, watch):
+def test_detections_in_a_store_are_found_beside_recordings(fleet, own_archive, run, track, watch):
     pytest.importorskip("scipy")
-    given = (*QUICK, "--detections")
-    for name in ("drive_0", "drive_2"):
-        memory.pipe_file(f"/fleet/day_0/{name}.detections.csv", b"4,-1,33,37,24,24,0.9,square\n")
-        (own_archive / "day_0" / f"{name}.detections.csv").write_text(
-            "4,-1,33,37,24,24,0.9,square\n"
-        )
+    for name in ("drive_0.detections.csv", "drive_2.detections.csv"):
+        text = "4,-1,33,37,24,24,0.9,square\n"
+        fleet.pipe_file(f"/fleet/day_0/{name}", text.encode())
+        (own_archive / "day_0" / name).write_text(text)
     output = own_archive.with_name("local")
-    assert track("--archive", own_archive / "day_0", "--output", output, *given)[0] == 1
-    entries, _ = run("memory://fleet/day_0", arguments=given)
-    found = stored(memory)
+    given = ("--archive", own_archive / "day_0", "--output", output)
+    assert track(*given, *QUICK, "--detections")[0] == 1
+    entries, _ = run("memory://fleet/day_0", "--detections")
+    found = stored(fleet)
     assert found == watch.boxes(output)
     assert set(found) == {"drive_0", "drive_2"}
-    assert entries["drive_4"].error == (
+    assert entries["drive_4"]["error"] == (
         "no detections for memory://fleet/day_0/drive_4; write drive_4.detections.csv beside it"
     )
-    memory.pipe_file("/fleet/day_0/drive_2.detections.csv", b"2,-1,25,33,24,24,0.9,square\n")
-    _, done = run("memory://fleet/day_0", arguments=given)
-    assert done == {f"drive_{number}" for number in (2, 4, 6, 8)}
-    assert stored(memory)["drive_2"] != found["drive_2"]
+    fleet.pipe_file("/fleet/day_0/drive_2.detections.csv", b"2,-1,25,33,24,24,0.9,square\n")
+    _, said = run("memory://fleet/day_0", "--detections")
+    assert "5 recordings: 1 tracked, 1 up to date, 3 failed" in said
+    assert stored(fleet)["drive_2"] != found["drive_2"]
 
 
-def test_errors_of_a_recording_in_a_store_name_its_url(memory, track, scratch, tmp_path):
-    memory.pipe_file("/fleet/clip.mp4", b"no video")
-    memory.pipe_file("/fleet/clip.target.yaml", b"target_box: [1, 2, 3]")
+def test_errors_of_a_recording_in_a_store_name_its_url(fleet, run, track, scratch, tmp_path):
+    fleet.pipe_file("/fleet/clip.mp4", b"no video")
+    fleet.pipe_file("/fleet/clip.target.yaml", b"target_box: [1, 2, 3]")
     source, output = "memory://fleet/clip.mp4", tmp_path / "out"
     _, said, _ = track("--archive", "memory://fleet", "--output", output, *QUICK, "--dry-run")
     broken = [line for line in said.splitlines() if line.startswith("would fail: ")]
     _, _, errors = track(source, "--output", output, *QUICK)
-    memory.rm("/fleet/clip.target.yaml")
+    fleet.rm("/fleet/clip.target.yaml")
     _, _, without = track("memory://fleet/shots", "--output", output, *QUICK, "--detections")
     # An error after some tracked frames.
     code, _, late = track("memory://fleet/broken", "--output", output, *QUICK)
     assert code == 3
     entries, _ = run()
-    messages = [*broken, errors, without, late, *(entry.error for entry in entries.values())]
+    messages = [*broken, errors, without, late, *(entry["error"] for entry in entries.values())]
     assert sum("memory://fleet/" in text for text in messages) >= 8
     assert not any(str(scratch) in text for text in messages)
     assert "memory://fleet/broken/img/0013.png cannot be decoded" in late
     assert "no detections for memory://fleet/shots; write shots.detections.csv" in without
 
 
-def test_incomplete_results_in_a_store_are_not_up_to_date(memory, monkeypatch):
-    memory.pipe_file("/fleet/some.txt", b"day_0/drive_0\n")
-    run("memory://fleet/some.txt")
-    assert "/boxes/day_0/drive_0/done.json" in memory.store
-    put = type(memory).put_file
-
-    def fail_soon(self, local, remote, **further):
-        if "boxes.csv" in remote:
-            put(self, local, remote, **further)
-        else:
-            raise ConnectionError("the line is dead")
-
-    monkeypatch.setattr(type(memory), "put_file", fail_soon)
-    entries, _ = run("memory://fleet/some.txt", arguments=(*QUICK, "--seed=1"))
-    (entry,) = entries.values()
-    assert entry.exit_code == 1
-    assert entry.error == "memory://boxes/day_0/drive_0 cannot be written (the line is dead)"
-    # The boxes of the failed run are there, the former done.json is not.
-    assert "/boxes/day_0/drive_0/done.json" not in memory.store
-    monkeypatch.undo()
-    for _ in range(2):
-        entries, done = run("memory://fleet/some.txt")
-    assert done == set()
-    assert entries["day_0/drive_0"].exit_code == 0
-
-
-def test_the_files_of_a_run_with_more_outputs_are_removed(memory):
-    memory.pipe_file("/fleet/some.txt", b"day_0/drive_0\nmemory://fleet/day_1/drive_1  # by URL\n")
+def test_the_files_of_a_run_with_more_outputs_are_removed(fleet, run):
+    fleet.pipe_file("/fleet/some.txt", b"day_0/drive_0\nmemory://fleet/day_1/drive_1  # by URL\n")
     pytest.importorskip("matplotlib")
-    _, done = run("memory://fleet/some.txt", arguments=(*QUICK, "--report"))
-    assert done == {"day_0/drive_0", "day_1/drive_1"}
-    page = memory.cat_file("/boxes/day_1/drive_1/report.html").decode()
+    entries, said = run("memory://fleet/some.txt", "--report")
+    assert entries.keys() == {"day_0/drive_0", "day_1/drive_1"}
+    assert "2 recordings: 2 tracked" in said
+    page = fleet.cat_file("/boxes/day_1/drive_1/report.html").decode()
     assert "memory://fleet/day_1/drive_1" in page
     assert tempfile.gettempdir() + "/" not in page
     run("memory://fleet/some.txt")
-    assert memory.find("/boxes/day_0/drive_0") == [
+    assert fleet.find("/boxes/day_0/drive_0") == [
         "/boxes/day_0/drive_0/boxes.csv",
         "/boxes/day_0/drive_0/done.json",
     ]
 
 
-@pytest.mark.parametrize("name", ["pf_tracker_ros_bagfiles", "pf_tracker_ros_scratch_2024"])
-def test_folders_of_others_in_the_temporary_folder_stay(scratch, name):
-    (scratch / name).mkdir()
-    (scratch / name / "drive.mcap").write_bytes(b"a day of work")
-    with scratch_folder():
-        pass
-    assert (scratch / name / "drive.mcap").read_bytes() == b"a day of work"
-
-
-def test_an_object_whose_name_leads_elsewhere_is_not_downloaded(memory, tmp_path):
+def test_an_object_whose_name_leads_elsewhere_is_not_downloaded(fleet, tmp_path):
     secret = f"/fleet/day_0/drive_0/{'../' * 20}{tmp_path.as_posix().lstrip('/')}/planted"
-    memory.store[secret] = memory.store["/fleet/day_0/drive_0/groundtruth.txt"]
+    fleet.store[secret] = fleet.store["/fleet/day_0/drive_0/groundtruth.txt"]
     with (
         pytest.raises(FootageError, match=r"has an object of the name .*planted'; allowed: no"),
         local_copy("memory://fleet/day_0/drive_0"),
@@ -227,13 +141,18 @@ def test_an_object_whose_name_leads_elsewhere_is_not_downloaded(memory, tmp_path
     assert not (tmp_path / "planted").exists()
 
 
-def test_a_single_recording_may_have_a_url(track, memory, rows, scratch, tmp_path):
-    output = tmp_path / "out"
+def test_a_single_recording_may_have_a_url(track, fleet, rows, scratch, tmp_path):
+    output, others = tmp_path / "out", ["pf_tracker_ros_bagfiles", "pf_tracker_ros_scratch_2024"]
+    for name in others:
+        (scratch / name).mkdir()
     code, said, _ = track("memory://fleet/day_0/drive_0", "--output", output, *QUICK)
     assert code == 0
     assert said.startswith("memory://fleet/day_0/drive_0: 20 frames (100% tracking), ")
     assert len(rows(output)) == 20
-    assert list(scratch.iterdir()) == []
+    # Folders of others in the temporary folder stay.
+    assert sorted(path.name for path in scratch.iterdir()) == others
+    with pytest.raises(FootageError, match="there is no archive memory://nowhere, or it is empty"):
+        find_recordings("memory://nowhere")
     code, _, errors = track("memory://fleet/nothing.mp4", "--output", tmp_path / "more")
     assert (code, errors) == (3, "track: error: there is no memory://fleet/nothing.mp4\n")
     code, _, errors = track("nostore://fleet/drive.mp4", "--output", tmp_path / "more")
@@ -248,7 +167,7 @@ def test_without_fsspec_it_says_what_to_install(track, monkeypatch, tmp_path):
     assert "fsspec is not installed: pip install fsspec, or '.[archives]'" in errors
 
 
-def test_a_dry_run_downloads_only_some_recordings(track, memory, scratch, tmp_path):
+def test_a_dry_run_downloads_only_some_recordings(track, fleet, scratch, tmp_path):
     arguments = ("--archive", "memory://fleet", "--output", tmp_path / "out", "--dry-run", *QUICK)
     code, said, _ = track(*arguments)
     assert code == 0
@@ -267,11 +186,6 @@ def test_only_stores_with_atomic_writes_take_results(track, archive, tmp_path):
     code, _, errors = track(archive / "day_0" / "drive_0", "--output", "s3://bucket/boxes")
     assert code == 2
     assert "--output s3://bucket/boxes is a URL; allowed for a single recording: a" in errors
-
-
-def test_a_missing_archive_is_reported():
-    with pytest.raises(FootageError, match="there is no archive memory://nowhere, or it is empty"):
-        find_recordings("memory://nowhere")
 
 
 def test_scratch_folders_of_killed_processes_are_removed_and_those_in_use_stay(scratch):

@@ -29,22 +29,18 @@ def write_target(moving_square_sequence):
     return write
 
 
-def test_the_file_stands_beside_the_recording(tmp_path):
-    assert target_file(tmp_path / "drive.mcap") == tmp_path / "drive.target.yaml"
-    folder = tmp_path / "run.1"
-    folder.mkdir()
-    assert target_file(folder) == tmp_path / "run.1.target.yaml"
-
-
-def test_a_box_precedes_the_target_file_which_precedes_the_truth(
-    moving_square_sequence, write_target
-):
-    recording = open_recording(moving_square_sequence)
+def test_a_box_precedes_the_target_file_and_that_the_truth(moving_square_sequence, write_target):
+    recording, folder = open_recording(moving_square_sequence), moving_square_sequence.parent
+    assert target_file(folder / "drive.mcap") == folder / "drive.target.yaml"
+    (folder / "run.1").mkdir()
+    assert target_file(folder / "run.1") == folder / "run.1.target.yaml"
     assert choose_target(recording, None).box is None
     write_target("target_box: [1, 2, 3, 4.5]\nlabel: car")
     target = choose_target(recording, None)
     assert (target.box, target.stamp, target.label) == ((1.0, 2.0, 3.0, 4.5), 0, "car")
     assert choose_target(recording, (5, 6, 7, 8)).box == (5.0, 6.0, 7.0, 8.0)
+    write_target("target_box: [1, 2, 3, 4]\nlabel:")
+    assert choose_target(recording, None).label == ""
 
 
 @pytest.mark.parametrize(
@@ -56,9 +52,7 @@ def test_a_box_precedes_the_target_file_which_precedes_the_truth(
         "recording: moving_square\nimage_size: [160, 120]\nframe: 6\nstamp: 0",
     ],
 )
-def test_tracking_begins_on_the_frame_that_the_target_was_drawn_on(
-    track, rows, write_target, tmp_path, where
-):
+def test_tracking_begins_on_the_frame_of_the_target(track, rows, write_target, tmp_path, where):
     box = [44.0, 42.0, 24.0, 24.0]
     source = write_target(f"target_box: {box}\n{where}\n").with_name("moving_square")
     assert track(source, "--output", tmp_path / "out", *QUICK)[0] == 0
@@ -78,6 +72,9 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
     found = rows(tmp_path / "out")
     assert [row["state"] for row in found[:4]] == ["idle"] * 3 + ["tracking"]
     assert float(found[3]["x"]) == moving_square.boxes[3][0]
+    recording = open_recording(write_sequence("empty", moving_square.images, boxes * np.nan))
+    with pytest.raises(RecordingError, match="the ground truth has no box in any frame"):
+        raise choose_target(recording, None).not_found_error()
 
 
 @pytest.mark.parametrize(
@@ -124,7 +121,7 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
         ("label: !!bool perhaps", "cannot be read as YAML"),
     ],
 )
-def test_a_target_file_that_is_invalid_or_belongs_to_another_recording(
+def test_a_target_file_that_is_invalid_or_of_another_recording(
     track, write_target, tmp_path, text, said
 ):
     path = write_target(text)
@@ -137,9 +134,7 @@ def test_a_target_file_that_is_invalid_or_belongs_to_another_recording(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_target_file_that_is_a_broken_link_cannot_be_read(
-    track, moving_square_sequence, tmp_path
-):
+def test_a_target_file_that_is_a_broken_link_is_told(track, moving_square_sequence, tmp_path):
     path = target_file(moving_square_sequence)
     for leads_to, reason in ((path.name, "Too many levels"), ("nowhere", "No such file")):
         path.symlink_to(leads_to)
@@ -150,26 +145,15 @@ def test_a_target_file_that_is_a_broken_link_cannot_be_read(
         path.unlink()
 
 
-def test_a_label_that_is_left_empty_is_none(moving_square_sequence, write_target):
-    write_target("target_box: [1, 2, 3, 4]\nlabel:")
-    assert choose_target(open_recording(moving_square_sequence), None).label == ""
-
-
-def test_boxes_have_the_precision_of_a_message(moving_square_sequence):
+def test_boxes_have_the_precision_of_a_message_and_may_overflow(moving_square_sequence):
     recording = open_recording(moving_square_sequence)
     frame = next(recording.frames())
     box = choose_target(recording, (20.1, 30.3, 24.7, 23.9)).box_in(frame)
-    corners = [float(np.float32(value)) for value in (20.1, 30.3, 20.1 + 24.7, 30.3 + 23.9)]
-    assert box == (
-        corners[0], corners[1], corners[2] - corners[0], corners[3] - corners[1]
-    )  # fmt: skip
-
-
-def test_a_box_beyond_single_precision_is_refused_without_a_warning(moving_square_sequence):
-    recording = open_recording(moving_square_sequence)
+    left, top, right, bottom = map(float, np.float32([20.1, 30.3, 20.1 + 24.7, 30.3 + 23.9]))
+    assert box == (left, top, right - left, bottom - top)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        box = choose_target(recording, (1e308, 2, 1e308, 4)).box_in(next(recording.frames()))
+        box = choose_target(recording, (1e308, 2, 1e308, 4)).box_in(frame)
     assert box is not None
     assert not np.isfinite(box).all()
 
@@ -179,7 +163,7 @@ def drawn():
     return [Target((1.0, 2.0, 30.0, 40.0), 7, 3, (160, 120))]
 
 
-def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn):
+def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn, monkeypatch):
     kept = tmp_path / "kept.yaml"
     kept.write_text("target_box: [9, 9, 9, 9]\n")
     link = tmp_path / "drive.target.yaml"
@@ -189,6 +173,15 @@ def test_a_target_file_that_is_a_link_stays_one(tmp_path, drawn):
     assert save_targets(drawn, tmp_path / "drive.mcap", may_replace=True) == link
     assert link.is_symlink()
     assert "target_box: [1.0, 2.0, 30.0, 40.0]" in kept.read_text()
+
+    def fail(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    # What cannot be written leaves nothing behind.
+    monkeypatch.setattr(Path, "write_text", fail)
+    with pytest.raises(OSError, match="No space left"):
+        save_targets(drawn, tmp_path / "other.mcap", may_replace=True)
+    assert sorted(tmp_path.iterdir()) == [link, kept]
 
 
 @pytest.mark.parametrize("kind", ["pipe", "link to a pipe", "folder", "link to itself"])
@@ -207,43 +200,13 @@ def test_what_is_no_file_is_not_written_over(tmp_path, drawn, kind):
     assert pipe.is_fifo()
 
 
-def test_a_target_file_that_cannot_be_written_leaves_nothing_behind(tmp_path, drawn, monkeypatch):
-    def fail(*_, **__):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_text", fail)
-    with pytest.raises(OSError, match="No space left"):
-        save_targets(drawn, tmp_path / "drive.mcap", may_replace=True)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_truth_without_any_box_is_no_target(write_sequence, moving_square):
-    source = write_sequence("empty", moving_square.images[:2], np.full((2, 4), np.nan))
-    recording = open_recording(source)
-    with pytest.raises(RecordingError, match="the ground truth has no box in any frame"):
-        raise choose_target(recording, None).not_found_error()
-
-
-def test_a_video_keeps_its_size_if_the_images_change(tmp_path, track, make_stamped, write_bag,
-                                                     moving_square):  # fmt: skip
-    messages = []
-    for index, image in enumerate(moving_square.images):
-        stamp = (index + 1) * 40_000_000
-        if index >= 10:
-            image = cv2.resize(image, None, fx=2, fy=2)  # noqa: PLW2901
-        height, width = image.shape[:2]
-        message = make_stamped(
-            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
-            is_bigendian=0, step=3 * width, data=image.reshape(-1),
-        )  # fmt: skip
-        messages.append(("/eye", "sensor_msgs/msg/Image", stamp, message))
-    bag = write_bag(tmp_path / "drive", messages)
+def test_a_video_keeps_its_size_if_images_change(tmp_path, track, write_images_bag, moving_square):
+    larger = [cv2.resize(image, None, fx=2, fy=2) for image in moving_square.images[10:]]
+    bag = write_images_bag("drive", [*moving_square.images[:10], *larger])
     box = ("--box", "20,30,24,24")
     assert track(bag, "--output", tmp_path / "out", *box, *QUICK, "--video")[0] == 0
     capture = cv2.VideoCapture(str(tmp_path / "out" / "overlay.mp4"))
-    shapes = set()
-    count = 0
+    shapes = []
     while (read := capture.read())[0]:
-        shapes.add(read[1].shape)
-        count += 1
-    assert (count, shapes) == (20, {(120, 160, 3)})
+        shapes.append(read[1].shape)
+    assert shapes == [(120, 160, 3)] * 20

@@ -1,16 +1,13 @@
 """The command `tune`."""
 
-import os
 import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import wait_until
 
-import pf_tracker_ros
 from pf_tracker_ros.parameter_files import read_parameter_file
 from pf_tracker_ros.tuning import __main__
 from pf_tracker_ros.tuning.search_space import CUE_RANGES, RANGES
@@ -19,8 +16,6 @@ optuna = pytest.importorskip("optuna")
 pytest.importorskip("scipy")
 pytest.importorskip("jinja2")
 
-PACKAGES = Path(pf_tracker_ros.__file__).parents[1]
-DEADLINE = 60.0
 FEW = ("--preset", "li2007", "--trials", "3", "--folds", "2", "--seeds", "1")
 
 
@@ -157,30 +152,23 @@ def test_a_missing_package_is_named_with_its_extra(folder, capsys, monkeypatch):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_an_interrupted_run_keeps_its_trials(folder, number):
+def test_an_interrupted_run_keeps_its_trials(folder, start_module, number):
     def start():
-        return subprocess.Popen(
-            [sys.executable, "-m", "pf_tracker_ros.tuning", "sequences", *FEW, "--trials", "9999"]
-            + ["--output", "mine.yaml"],
-            env={**os.environ, "PYTHONPATH": str(PACKAGES)},
-            stderr=subprocess.PIPE,
-        )
+        given = ("sequences", *FEW, "--trials", "9999", "--output", "mine.yaml")
+        return start_module("tuning", *given)
 
     journal = folder / "mine.journal"
 
     def wait_for(size):
-        end = time.monotonic() + DEADLINE
-        while not (journal.exists() and journal.stat().st_size >= size):
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        wait_until(lambda: journal.exists() and journal.stat().st_size >= size)
 
     process = start()
     wait_for(40_000)
     process.send_signal(number)
-    _, errors = process.communicate(timeout=DEADLINE)
+    _, errors = process.communicate(timeout=60)
     if number == signal.SIGINT:
         assert process.returncode == 130
-        assert errors.decode() == "tune: interrupted; mine.yaml has the best values so far\n"
+        assert errors == "tune: interrupted; mine.yaml has the best values so far\n"
         assert "# Interrupted after" in (folder / "mine.yaml").read_text()
         assert read_parameter_file(folder / "mine.yaml").preset == "li2007"
     before = finished_trials(journal)
@@ -206,7 +194,6 @@ def finished_trials(journal):
 
 
 def test_the_page_of_the_documentation_lists_the_tuned_parameters():
-    page = Path(__file__).parents[2] / "docs" / "tuning.md"
-    text = page.read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "docs" / "tuning.md").read_text(encoding="utf-8")
     for name in (*RANGES, *(f"<cue>.{parameter}" for parameter in CUE_RANGES)):
         assert f"`{name}`" in text, name

@@ -23,6 +23,8 @@ SIZE = (640, 480)
 def test_an_edge_at_the_border_is_cut(box, has_upper, has_lower, is_whole):
     edges = BoxEdges.of(box, None, SIZE)
     assert (edges.has_upper, edges.has_lower, edges.is_whole) == (has_upper, has_lower, is_whole)
+    for outside in ((700, 100, 40, 100), (-50, 100, 40, 100), (10, 480, 40, 100)):
+        assert BoxEdges.of(outside, None, SIZE) is None
 
 
 def test_the_edges_inside_the_image():
@@ -32,11 +34,6 @@ def test_the_edges_inside_the_image():
     np.testing.assert_allclose(
         edges.points(), [(319.5, 99.5), (319.5, -0.5), (319.5, 49.5)], atol=1e-12
     )
-
-
-@pytest.mark.parametrize("box", [(700, 100, 40, 100), (-50, 100, 40, 100), (10, 480, 40, 100)])
-def test_a_box_outside_the_image_has_no_edges(box):
-    assert BoxEdges.of(box, None, SIZE) is None
 
 
 def test_a_box_cut_at_a_side_has_its_middle_where_a_whole_one_would():
@@ -78,33 +75,25 @@ def test_a_covariance_of_the_center_leaves_the_size_as_a_detector_has_it():
     assert by_center.covariance[1, 1] == pytest.approx(4.25 + default / 2.0)
 
 
-@pytest.mark.parametrize(
-    "box",
-    [
-        (0, 0, 0, 10),
-        (0, 0, 10, -1),
-        (np.nan, 0, 1, 1),
-        (0, 0, np.inf, 1),
-        (0, np.nan, 1, 1),
-        (0, 0, 1, 1e200),
-        (1, 2, 3),
-    ],
-)
-def test_a_box_that_is_none_is_rejected(box):
-    with pytest.raises(ValueError, match="four finite numbers"):
-        BoxEdges.of(box, None, SIZE)
+FINITE = "four finite numbers"
 
 
 @pytest.mark.parametrize(
-    ("covariance", "message"),
+    ("box", "covariance", "message"),
     [
-        (np.eye(3), r"shape \(3, 3\)"),
-        (np.full((2, 2), np.nan), "finite"),
-        (-np.eye(4), "semidefinite"),
-        ([[4.0, 1.0], [-1.0, 4.0]], "symmetric"),
-        (1e20 * np.eye(2), "deviations up to"),
+        ((0, 0, 0, 10), None, FINITE),
+        ((0, 0, 10, -1), None, FINITE),
+        ((np.nan, 0, 1, 1), None, FINITE),
+        ((0, 0, np.inf, 1), None, FINITE),
+        ((0, 0, 1, 1e200), None, FINITE),
+        ((1, 2, 3), None, FINITE),
+        ((300, 100, 40, 100), np.eye(3), r"shape \(3, 3\)"),
+        ((300, 100, 40, 100), np.full((2, 2), np.nan), "finite"),
+        ((300, 100, 40, 100), -np.eye(4), "semidefinite"),
+        ((300, 100, 40, 100), [[4.0, 1.0], [-1.0, 4.0]], "symmetric"),
+        ((300, 100, 40, 100), 1e20 * np.eye(2), "deviations up to"),
     ],
 )
-def test_a_covariance_that_is_none_is_rejected(covariance, message):
+def test_what_is_no_box_or_no_covariance_is_rejected(box, covariance, message):
     with pytest.raises(ValueError, match=message):
-        BoxEdges.of((300, 100, 40, 100), covariance, SIZE)
+        BoxEdges.of(box, covariance, SIZE)

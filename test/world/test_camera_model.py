@@ -23,6 +23,9 @@ CAMERAS = {
 }
 
 
+K = (500.0, 0, 322, 0, 510, 238, 0, 0, 1)
+
+
 def made(name):
     distortion, model = CAMERAS[name]
     return CameraModel(500.0, 510.0, 322.0, 238.0, 640, 480, distortion, model)
@@ -96,28 +99,22 @@ def test_pixels_beyond_the_fold_of_the_polynomial_have_no_ray():
 
 
 @pytest.mark.parametrize("name", CAMERAS)
-def test_no_pixels_have_no_rays(name):
+def test_no_pixels_have_no_rays_and_points_behind_the_camera_no_pixel(name):
     rays, jacobians = made(name).rays_with_jacobians(np.empty((0, 2)))
     assert (rays.shape, jacobians.shape) == ((0, 3), (0, 3, 2))
     assert made(name).project(np.empty((0, 3))).shape == (0, 2)
+    if "equidistant" not in name:
+        assert np.isnan(made(name).project([[0.1, 0.1, -1.0]])).all()
 
 
-def test_points_behind_the_camera_have_no_pixel():
-    assert np.isnan(made("plumb_bob").project([[0.1, 0.1, -1.0]])).all()
+def calibrated(**options):
+    distortion = CAMERAS["plumb_bob"][0]
+    return CameraModel.from_calibration(640, 480, "plumb_bob", distortion, K, **options)
 
 
 def test_binning_and_region_of_interest():
     full = made("plumb_bob")
-    part = CameraModel.from_calibration(
-        640,
-        480,
-        "plumb_bob",
-        CAMERAS["plumb_bob"][0],
-        (500.0, 0, 322, 0, 510, 238, 0, 0, 1),
-        binning=(2, 4),
-        region=(100, 40, 400, 320),
-        image_size=(200, 80),
-    )
+    part = calibrated(binning=(2, 4), region=(100, 40, 400, 320), image_size=(200, 80))
     # The first binned pixel covers columns 100 and 101 and rows 40 to 43, with center 100.5, 41.5.
     np.testing.assert_allclose(part.rays([[0.0, 0.0]]), full.rays([[100.5, 41.5]]), atol=1e-9)
     np.testing.assert_allclose(part.rays([[10.0, 5.0]]), full.rays([[120.5, 61.5]]), atol=1e-9)
@@ -125,18 +122,8 @@ def test_binning_and_region_of_interest():
 
 
 def test_rectified_images_have_the_projection_and_no_distortion():
-    rectified = CameraModel.from_calibration(
-        640,
-        480,
-        "plumb_bob",
-        CAMERAS["plumb_bob"][0],
-        (500.0, 0, 322, 0, 510, 238, 0, 0, 1),
-        projection=(400.0, 0, 300, 0, 0, 400, 220, 0, 0, 0, 1, 0),
-    )
+    rectified = calibrated(projection=(400.0, 0, 300, 0, 0, 400, 220, 0, 0, 0, 1, 0))
     np.testing.assert_allclose(rectified.project([[1.0, 0.5, 2.0]]), [[500.0, 320.0]])
-
-
-K = (500.0, 0, 322, 0, 510, 238, 0, 0, 1)
 
 
 @pytest.mark.parametrize(
@@ -165,12 +152,16 @@ def test_a_calibration_that_cannot_be_says_so(arguments, message):
         CameraModel.from_calibration(*arguments)
 
 
-@pytest.mark.parametrize("region", [(2**32 - 1, 0, 64, 64), (600, 0, 64, 64), (0, 0, 640, 481)])
-def test_a_region_outside_of_the_image_says_so(region):
-    with pytest.raises(ValueError, match="outside of the calibrated image of 640 x 480"):
-        CameraModel.from_calibration(640, 480, "", (), K, region=region)
-
-
-def test_a_calibration_of_another_image_size_says_so():
-    with pytest.raises(ValueError, match="1280 x 960 px, but these have 640 x 480"):
-        CameraModel.from_calibration(1280, 960, "", (), K, image_size=(640, 480))
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        *(
+            ({"region": one}, "outside of the calibrated image of 640 x 480")
+            for one in ((2**32 - 1, 0, 64, 64), (600, 0, 64, 64), (0, 0, 640, 481))
+        ),
+        ({"image_size": (320, 240)}, "640 x 480 px, but these have 320 x 240"),
+    ],
+)
+def test_a_calibration_of_another_image_says_so(options, message):
+    with pytest.raises(ValueError, match=message):
+        calibrated(**options)

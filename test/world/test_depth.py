@@ -23,12 +23,6 @@ def read(depth, **arguments):
     return read_depth(depth, BoxSamples.of(BOX, SIZE, depth.shape), **arguments)
 
 
-def with_holes(depth, share=0.3, seed=0):
-    depth = depth.copy()
-    depth[np.random.default_rng(seed).random(depth.shape) < share] = 0.0
-    return depth
-
-
 @pytest.mark.parametrize("hole", [0.0, np.nan, np.inf, -np.inf])
 def test_background_in_half_of_the_box_and_holes(hole):
     depth = scene()
@@ -39,12 +33,13 @@ def test_background_in_half_of_the_box_and_holes(hole):
     assert reading.row == pytest.approx(0.5, abs=0.03)
 
 
-def test_a_saturated_value_is_a_hole():
+def test_millimeters_and_saturated_values():
     """Drivers write 65535 where there is no measurement, or one beyond their range."""
     depth = np.full((480, 640), 65535, np.uint16)
     assert read(depth) is None
     depth[TARGET] = 4000
     assert read(depth).depth == pytest.approx(4.0)
+    assert read((scene() * 1000).astype(np.uint16)).depth == pytest.approx(4.0)
 
 
 def test_the_target_is_not_the_largest_mode_but_the_one_inside_the_box():
@@ -52,17 +47,10 @@ def test_the_target_is_not_the_largest_mode_but_the_one_inside_the_box():
     depth = scene()
     depth[:, 320:350] = 8.0
     assert read(depth).depth == pytest.approx(4.0)
-
-
-def test_noise_leaves_the_median():
-    generator = np.random.default_rng(0)
-    depths = []
-    for _ in range(30):
-        depth = scene()
-        depth += generator.normal(0.0, 0.04, depth.shape)
-        depths.append(read(with_holes(depth)).depth)
-    assert np.mean(depths) == pytest.approx(4.0, abs=0.005)
-    assert np.std(depths) < 0.01
+    # Too few pixels with depth say nothing.
+    depth[:] = 0.0
+    depth[200, 300:305] = 4.0
+    assert read(depth) is None
 
 
 def test_the_prediction_chooses_between_modes():
@@ -79,22 +67,26 @@ def test_the_prediction_chooses_between_modes():
     assert read(depth).occlusion == pytest.approx(45 / 120, abs=0.02)
 
 
-def test_the_prediction_does_not_move_a_mode():
-    depth = scene() + np.random.default_rng(0).normal(0.0, 0.05, (480, 640)).astype(np.float32)
-    alone = read(depth).depth
+def test_noise_leaves_the_median_and_the_prediction_does_not_move_it():
+    generator = np.random.default_rng(0)
+    depths = []
+    for _ in range(30):
+        depth = scene()
+        depth += generator.normal(0.0, 0.04, depth.shape)
+        depth[np.random.default_rng(0).random(depth.shape) < 0.3] = 0.0
+        depths.append(read(depth).depth)
+    assert np.mean(depths) == pytest.approx(4.0, abs=0.005)
+    assert np.std(depths) < 0.01
     for predicted in (3.6, 4.0, 4.4):
-        assert read(depth, expected=ExpectedDepth(predicted, 0.2)).depth == alone
+        assert read(depth, expected=ExpectedDepth(predicted, 0.2)).depth == depths[-1]
 
 
 def test_nothing_at_the_predicted_distance_is_a_hidden_target():
     depth = scene()
     depth[100:380, 240:400] = 1.5
     reading = read(depth, expected=ExpectedDepth(4.0, 0.1))
-    assert reading.depth is None
-    assert reading.occlusion == 1.0
-
-
-def test_a_guess_from_the_box_excludes_nothing():
+    assert (reading.depth, reading.occlusion) == (None, 1.0)
+    # A guess from the box excludes nothing.
     reading = read(scene(), expected=ExpectedDepth(1.0, 0.05, floor=0.05))
     assert reading.depth == pytest.approx(4.0)
 
@@ -111,27 +103,12 @@ def test_the_map_of_the_target_chooses():
     """Two people of the same size side by side."""
     depth = scene()
     depth[120:360, 320:350] = 5.0
-    for left, right, expected in ((0.9, 0.1, 4.0), (0.1, 0.9, 5.0)):
-        samples = BoxSamples.of(BOX, SIZE, depth.shape)
-        probability = samples.resample(np.array([[left, right]]))
+    samples = BoxSamples.of(BOX, SIZE, depth.shape)
+    for shares, expected in (((0.9, 0.1), 4.0), ((0.1, 0.9), 5.0)):
+        probability = samples.resample(np.array([shares]))
         assert read_depth(depth, samples, probability).depth == pytest.approx(expected)
-
-
-def test_a_map_of_nothing_sees_no_target():
-    samples = BoxSamples.of(BOX, SIZE, (480, 640))
-    reading = read_depth(scene(), samples, samples.resample(np.zeros((4, 4))))
-    assert reading.depth is None
-    assert reading.occlusion is None
-
-
-def test_too_few_pixels_with_depth_say_nothing():
-    depth = np.zeros((480, 640), np.float32)
-    depth[200, 300:305] = 4.0
-    assert read(depth) is None
-
-
-def test_millimeters():
-    assert read((scene() * 1000).astype(np.uint16)).depth == pytest.approx(4.0)
+    nothing = read_depth(depth, samples, samples.resample(np.zeros((4, 4))))
+    assert nothing.depth is nothing.occlusion is None
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (240, 320), (960, 1280), (30, 40)])

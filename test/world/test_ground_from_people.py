@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.world import CameraModel, GroundPlane, fit_ground_plane
+from pf_tracker_ros.world.height_line import HeightLine
 
 
 def people(camera, box_of, plane, count, *, noise=0.0, height_sd=0.0, seed=0, distances=(5, 25)):
@@ -51,14 +52,11 @@ def test_noisy_boxes_give_it_within_its_uncertainty(camera, box_of):
     assert np.abs(errors).mean() > 0.1
 
 
-def test_a_roll_is_found(camera, box_of):
+def test_a_roll_is_found_and_the_height_of_people_sets_the_scale(camera, box_of):
     """People at both sides: with a roll, those of one side are higher in the image."""
     true = GroundPlane.from_angles(6.0, 0.3, 0.08)
-    plane = fit_ground_plane(camera, people(camera, box_of, true, 150)).plane
-    assert plane.roll == pytest.approx(0.08, abs=0.02)
-
-
-def test_the_height_of_people_sets_the_scale(camera, box_of):
+    boxes = people(camera, box_of, true, 150)
+    assert fit_ground_plane(camera, boxes).plane.roll == pytest.approx(0.08, abs=0.02)
     boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 50)
     assert fit_ground_plane(camera, boxes, 0.875).plane.height == pytest.approx(2.5, rel=0.01)
 
@@ -92,21 +90,6 @@ def test_each_box_has_its_own_direction_down(camera, box_of):
     assert fitted.plane.pitch == pytest.approx(0.25)
 
 
-@pytest.mark.parametrize(
-    ("down", "message"),
-    [
-        ((0.0, -1.0, 0.0), "0 of 60 boxes have their foot below the horizon"),
-        ((0.0, 1.0), r"down has shape \(2,\); expected \(3,\) or \(60, 3\)"),
-        ((0.0, np.nan, 0.0), "finite"),
-        ((0.0, 0.0, 0.0), "zero"),
-    ],
-)
-def test_a_wrong_direction_down_says_so(camera, box_of, down, message):
-    boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 60)
-    with pytest.raises(ValueError, match=message):
-        fit_ground_plane(camera, boxes, down=down)
-
-
 def test_people_of_all_sizes_determine_no_height(camera, box_of):
     true = GroundPlane.from_angles(3.0, 0.15)
     boxes = people(camera, box_of, true, 60, height_sd=0.5)
@@ -119,13 +102,10 @@ def test_too_few_whole_boxes_say_so(camera, box_of):
     boxes[0, 1] = 0.0
     with pytest.raises(ValueError, match="49 of 50 boxes are whole; a plane needs at least 50"):
         fit_ground_plane(camera, boxes)
-
-
-def test_cut_boxes_before_a_lens_with_distortion_say_so():
-    camera = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480, (-0.3, 0.1, 0.0, 0.0, 0.0))
+    lens = CameraModel(500.0, 500.0, 320.0, 240.0, 640, 480, (-0.3, 0.1, 0.0, 0.0, 0.0))
     # 3 px from the border are less than 2 % of the height.
     with pytest.raises(ValueError, match="0 of 60 boxes are whole"):
-        fit_ground_plane(camera, [(300.0, 3.0, 80.0, 300.0)] * 60)
+        fit_ground_plane(lens, [(300.0, 3.0, 80.0, 300.0)] * 60)
 
 
 def test_boxes_that_determine_no_plane_say_so(camera, box_of):
@@ -137,15 +117,10 @@ def test_boxes_that_determine_no_plane_say_so(camera, box_of):
     upside_down = np.column_stack(
         [generator.uniform(50, 550, 60), rows, np.full(60, 40.0), 180.0 - rows / 2.0]
     )
-    for boxes in (same, upside_down):
-        with pytest.raises(ValueError, match="do not determine the ground"):
+    one = [box_of(camera, plane, 12.0)[0]] * 50
+    for boxes, reason in ((same, ""), (upside_down, ""), (one, r".*here 1\.00 times")):
+        with pytest.raises(ValueError, match=f"do not determine the ground{reason}"):
             fit_ground_plane(camera, boxes)
-
-
-def test_one_box_many_times_determines_no_plane(camera, box_of):
-    box, _ = box_of(camera, GroundPlane.from_angles(5.0, 0.3), 12.0)
-    with pytest.raises(ValueError, match=r"do not determine the ground.*here 1\.00 times"):
-        fit_ground_plane(camera, [box] * 50)
 
 
 @pytest.mark.parametrize("height", [1.0, 2.0])
@@ -159,14 +134,34 @@ def test_a_person_who_sways_determines_no_plane(camera, box_of, height):
 
 
 @pytest.mark.parametrize(
-    ("boxes", "height", "message"),
+    ("boxes", "options", "message"),
     [
-        (np.zeros((60, 3)), 1.75, r"expected \(N, 4\)"),
-        (np.ones((60, 4)), 0.0, "target_height"),
-        (np.full((60, 4), np.nan), 1.75, "four finite numbers"),
-        (np.empty((0, 4)), 1.75, "0 of 0"),
+        (np.zeros((60, 3)), {}, r"expected \(N, 4\)"),
+        (np.ones((60, 4)), {"target_height": 0.0}, "target_height"),
+        (np.full((60, 4), np.nan), {}, "four finite numbers"),
+        (np.empty((0, 4)), {}, "0 of 0"),
+        (None, {"down": (0.0, -1.0, 0.0)}, "0 of 60 boxes have their foot below the horizon"),
+        (None, {"down": (0.0, 1.0)}, r"down has shape \(2,\); expected \(3,\) or \(60, 3\)"),
+        (None, {"down": (0.0, np.nan, 0.0)}, "finite"),
+        (None, {"down": (0.0, 0.0, 0.0)}, "zero"),
     ],
 )
-def test_wrong_arguments_are_rejected(camera, boxes, height, message):
+def test_wrong_arguments_are_rejected(camera, box_of, boxes, options, message):
+    if boxes is None:
+        boxes = people(camera, box_of, GroundPlane.from_angles(5.0, 0.25), 60)
     with pytest.raises(ValueError, match=message):
-        fit_ground_plane(camera, boxes, height)
+        fit_ground_plane(camera, boxes, **options)
+
+
+def test_before_a_level_camera_the_line_of_heights_is_the_ground(camera, box_of):
+    """Slope and horizon by the geometry, and by the plane that is learned from the same people."""
+    places = [(distance, 0.02 * distance - 0.2) for distance in np.linspace(4.0, 20.0, 60)]
+    boxes = np.array([box_of(camera, GroundPlane.from_angles(1.4), *place)[0] for place in places])
+    line = HeightLine.fit(boxes[:, 1] + boxes[:, 3], boxes[:, 3])
+    assert line.slope == pytest.approx(1.75 / 1.4, rel=1e-4)
+    # Edges count half a pixel more than the calibration.
+    horizon = line.lower_edge - line.height / line.slope
+    assert horizon == pytest.approx(camera.cy + 0.5, abs=0.02)
+    learned = fit_ground_plane(camera, boxes).plane
+    assert 1.75 / line.slope == pytest.approx(learned.height, rel=1e-3)
+    assert learned.pitch == pytest.approx(0.0, abs=1e-3)

@@ -33,20 +33,15 @@ def test_angles_are_those_of_rep_103(pitch, roll):
     np.testing.assert_allclose(from_gravity.down, plane.down, atol=1e-12)
 
 
-def test_a_positive_pitch_looks_down():
+def test_distances_along_rays():
     # 45 degrees down from 2 m: the optical axis meets the ground after sqrt(8) m.
     plane = GroundPlane.from_angles(2.0, math.pi / 4.0)
     assert plane.distances([[0.0, 0.0, 1.0]])[0] == pytest.approx(math.sqrt(8.0))
-
-
-def test_a_ray_at_or_above_the_horizon_misses_the_ground():
+    # A ray at or above the horizon misses the ground.
     plane = GroundPlane.from_angles(2.0)
     distances = plane.distances([[0.0, 0.0, 1.0], [0.0, -0.6, 0.8], [0.0, 0.6, 0.8]])
     assert np.isnan(distances[:2]).all()
     assert distances[2] == pytest.approx(2.0 / 0.6)
-
-
-def test_a_plane_of_unknown_height_has_no_distances():
     assert np.isnan(GroundPlane.from_angles(None).distances([[0.0, 0.6, 0.8]])).all()
 
 
@@ -74,8 +69,5 @@ def test_what_is_no_plane_is_rejected(arguments):
 def test_gravity_has_any_length(length):
     plane = GroundPlane.from_gravity(1.0, (0.0, length, length))
     np.testing.assert_allclose(plane.down, (0.0, 0.5**0.5, 0.5**0.5))
-
-
-def test_angles_that_are_not_finite_are_rejected():
     with pytest.raises(ValueError, match="finite"):
         GroundPlane.from_angles(1.0, math.nan)

@@ -7,10 +7,15 @@ from pf_tracker_ros.world import CameraModel, GroundPlane, Localizer, in_fixed_f
 from pf_tracker_ros.world.fusion import TO_MIDDLE
 
 
+def onward(foot, plane):
+    """The horizontal direction from below the camera to a foot."""
+    horizontal = foot - (foot @ plane.down) * plane.down
+    return horizontal / np.linalg.norm(horizontal)
+
+
 def middle(foot, plane):
     """The middle of a target whose foot's near side is at `foot`."""
-    horizontal = foot - (foot @ plane.down) * plane.down
-    return foot + TO_MIDDLE * horizontal / np.linalg.norm(horizontal)
+    return foot + TO_MIDDLE * onward(foot, plane)
 
 
 def depth_of(box, distance, background=9.0, size=(480, 640)):
@@ -73,7 +78,7 @@ def test_the_covariance_is_that_of_the_errors(camera, box_of, methods, distance)
         plane = GroundPlane.from_angles(2.5, 0.1 + generator.normal(0.0, 0.004))
         near = distance - TO_MIDDLE - generator.normal(0.0, 0.15)
         box, foot = box_of(camera, plane, near, 0.1, height=generator.normal(1.75, 0.1))
-        true = foot + (distance - near) * middle_direction(foot, plane)
+        true = foot + (distance - near) * onward(foot, plane)
         x, y, width, height = box
         dx, dy, dw, dh = generator.multivariate_normal(np.zeros(4), covariance)
         drawn = (x + dx - dw / 2, y + dy - dh / 2, width + dw, height + dh)
@@ -89,19 +94,18 @@ def test_the_covariance_is_that_of_the_errors(camera, box_of, methods, distance)
     assert np.mean(vertical) < 1.2
 
 
-def middle_direction(foot, plane):
-    horizontal = foot - (foot @ plane.down) * plane.down
-    return horizontal / np.linalg.norm(horizontal)
-
-
 def test_together_is_surer_than_either(camera, box_of, level):
-    box, _ = box_of(camera, level, 6.0)
+    box, foot = box_of(camera, level, 6.0)
     localizer = Localizer(camera, level.height)
     one, other, both = (
         np.linalg.det(localizer.locate(box, methods=methods).covariance)
         for methods in (["ground"], ["height"], ["ground", "height"])
     )
     assert both < min(one, other)
+    # Without ground, there is the height.
+    place = Localizer(camera, None).locate(box)
+    assert place.method == "height"
+    np.testing.assert_allclose(place.position, middle(foot, level), atol=1e-6)
 
 
 def test_the_ground_loses_accuracy_with_a_lower_camera(camera, box_of):
@@ -116,33 +120,22 @@ def test_the_ground_loses_accuracy_with_a_lower_camera(camera, box_of):
     assert sds[0] > sds[1] > sds[2]
 
 
-def test_a_cut_foot_gives_no_ground_and_no_height(camera):
-    assert Localizer(camera).locate((300, 300, 60, 180)) is None
-
-
-def test_a_cut_head_leaves_the_ground(camera, box_of):
-    plane = GroundPlane.from_angles(1.65)
-    box, _ = box_of(camera, plane, 5.0)
-    assert Localizer(camera).locate((box[0], 0.0, box[2], box[1] + box[3])).method == "ground"
-    assert Localizer(camera, None).locate((box[0], 0.0, box[2], box[1] + box[3])) is None
-
-
-def test_a_foot_above_the_horizon_leaves_the_height(camera):
-    assert Localizer(camera, 1.65).locate((300, 40, 60, 150)).method == "height"
-    assert Localizer(camera, 1.65).locate((300, 40, 60, 150), methods=["ground"]) is None
-
-
-def test_without_ground_there_is_the_height(camera, box_of, level):
-    box, foot = box_of(camera, level, 6.0)
-    place = Localizer(camera, None).locate(box)
-    assert place.method == "height"
-    np.testing.assert_allclose(place.position, middle(foot, level), atol=1e-6)
-
-
-def test_a_box_outside_the_image_has_no_place(camera):
-    localizer = Localizer(camera)
-    assert localizer.locate((900, 100, 40, 100)) is None
-    assert localizer.bearing((900, 100, 40, 100)) is None
+@pytest.mark.parametrize(
+    ("height", "box", "methods", "method"),
+    [
+        pytest.param(1.65, (300, 300, 60, 180), None, None, id="a cut foot"),
+        pytest.param(1.65, (300, 0, 60, 380), None, "ground", id="a cut head leaves the ground"),
+        pytest.param(None, (300, 0, 60, 380), None, None, id="a cut head without ground"),
+        pytest.param(1.65, (300, 40, 60, 150), None, "height", id="a foot above the horizon"),
+        pytest.param(1.65, (300, 40, 60, 150), ["ground"], None, id="its ground alone"),
+        pytest.param(1.65, (900, 100, 40, 100), None, None, id="outside the image"),
+    ],
+)
+def test_what_is_not_seen_leaves_the_other_method(camera, height, box, methods, method):
+    given = {} if methods is None else {"methods": methods}
+    place = Localizer(camera, height).locate(box, **given)
+    assert (place and place.method) == method
+    assert Localizer(camera).bearing((900, 100, 40, 100)) is None
 
 
 def test_a_box_cut_at_the_side_is_less_sure_across(camera, box_of):
@@ -167,14 +160,8 @@ def test_depth_gives_the_distance(camera, box_of, level, dtype):
     alone = Localizer(camera, None).locate(box, depth=depth, methods=["depth"])
     assert alone.method == "depth"
     np.testing.assert_allclose(alone.position, middle(foot, level), atol=0.01)
-
-
-def test_depth_in_another_resolution_is_the_same(camera, box_of, level):
-    box, foot = box_of(camera, level, 4.0, 0.2)
-    depth = depth_of(box, foot[2])
-    full = Localizer(camera, None).locate(box, depth=depth, methods=["depth"])
     half = Localizer(camera, None).locate(box, depth=depth[::2, ::2], methods=["depth"])
-    np.testing.assert_allclose(half.position, full.position, atol=0.02)
+    np.testing.assert_allclose(half.position, alone.position, atol=0.02)
 
 
 def test_a_half_figure_is_as_far_as_its_depth(camera, level):
@@ -187,6 +174,11 @@ def test_a_half_figure_is_as_far_as_its_depth(camera, level):
     # The head at 100 px is .206 m above the camera.
     assert unknown.position[1:] == pytest.approx((1.75 - 0.206, 0.9 + TO_MIDDLE), abs=0.01)
     assert unknown.covariance[1, 1] > 0.01
+    # Without foot and head, the height is open.
+    box = (200.0, 0.0, 240.0, 480.0)
+    place = Localizer(camera, None).locate(box, depth=depth_of(box, 0.9))
+    assert place.position[2] == pytest.approx(0.9 + TO_MIDDLE, abs=0.01)
+    assert place.covariance[1, 1] ** 0.5 > 0.3
 
 
 def test_the_width_of_a_half_figure_tells_it_from_an_occluder(camera):
@@ -199,13 +191,6 @@ def test_the_width_of_a_half_figure_tells_it_from_an_occluder(camera):
     assert place.occlusion == pytest.approx(0.5, abs=0.05)
 
 
-def test_depth_without_foot_and_head_leaves_the_height_open(camera):
-    box = (200.0, 0.0, 240.0, 480.0)
-    place = Localizer(camera, None).locate(box, depth=depth_of(box, 0.9))
-    assert place.position[2] == pytest.approx(0.9 + TO_MIDDLE, abs=0.01)
-    assert place.covariance[1, 1] ** 0.5 > 0.3
-
-
 def test_depth_wins_over_what_it_contradicts(camera, box_of, level):
     """A child: the ground agrees with the depth, the height does not."""
     box, foot = box_of(camera, level, 4.0, height=1.0)
@@ -214,13 +199,12 @@ def test_depth_wins_over_what_it_contradicts(camera, box_of, level):
     np.testing.assert_allclose(place.position, middle(foot, level), atol=0.01)
 
 
-def test_holes_everywhere_leave_ground_and_height(camera, box_of, level):
+@pytest.mark.parametrize("hole", [0.0, np.nan, np.inf, -1.0])
+def test_holes_everywhere_leave_ground_and_height(camera, box_of, level, hole):
     box, _ = box_of(camera, level, 4.0)
-    for hole in (0.0, np.nan, np.inf, -1.0):
-        depth = np.full((480, 640), hole, np.float32)
-        place = Localizer(camera, level.height).locate(box, depth=depth)
-        assert place.method == "ground+height"
-        assert place.occlusion is None
+    depth = np.full((480, 640), hole, np.float32)
+    place = Localizer(camera, level.height).locate(box, depth=depth)
+    assert (place.method, place.occlusion) == ("ground+height", None)
 
 
 def test_a_target_behind_something_is_not_where_that_is(camera, box_of, level):
@@ -234,13 +218,6 @@ def test_a_target_behind_something_is_not_where_that_is(camera, box_of, level):
     assert hidden.range == pytest.approx(np.linalg.norm(foot), rel=0.02)
 
 
-def test_a_plane_of_the_frame_replaces_that_of_the_localizer(camera, box_of, level):
-    pitched = GroundPlane.from_angles(1.2, 0.15)
-    box, foot = box_of(camera, pitched, 5.0)
-    place = Localizer(camera, 3.0).locate(box, plane=pitched, methods=["ground"])
-    np.testing.assert_allclose(place.position, middle(foot, pitched), atol=1e-6)
-
-
 def test_a_place_in_the_fixed_frame(camera, box_of, level):
     box, foot = box_of(camera, level, 5.0, 0.1)
     place = Localizer(camera, level.height).locate(box)
@@ -250,6 +227,11 @@ def test_a_place_in_the_fixed_frame(camera, box_of, level):
     expected = np.array([10.0 + foot[0], 20.0 + foot[2], 0.0])
     np.testing.assert_allclose(fixed.mean, expected, atol=TO_MIDDLE + 1e-6)
     assert fixed.covariance[1, 1] == pytest.approx(place.covariance[2, 2])
+    # A plane of the frame replaces that of the localizer.
+    pitched = GroundPlane.from_angles(1.2, 0.15)
+    box, foot = box_of(camera, pitched, 5.0)
+    place = Localizer(camera, 3.0).locate(box, plane=pitched, methods=["ground"])
+    np.testing.assert_allclose(place.position, middle(foot, pitched), atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -277,23 +259,19 @@ def test_wrong_arguments_are_rejected(camera, arguments, message):
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("name", "values"),
     [
-        {"camera_height": 0.0},
-        {"camera_height": np.nan},
-        {"camera_pitch": np.inf},
-        {"camera_height": 1e200},
-        {"target_height": -1.0},
-        {"target_height": 1e200},
-        {"target_height": 1e-200},
-        {"target_height_sd": 1e200},
-        {"target_height_sd": np.nan},
-        {"tilt_sd": -1.0},
+        ("camera_height", (0.0, np.nan, 1e200)),
+        ("camera_pitch", (np.inf,)),
+        ("target_height", (-1.0, 1e200, 1e-200)),
+        ("target_height_sd", (1e200, np.nan)),
+        ("tilt_sd", (-1.0,)),
     ],
 )
-def test_wrong_parameters_are_rejected(camera, arguments):
-    with pytest.raises(ValueError, match=r"expected|finite"):
-        Localizer(camera, **arguments)
+def test_wrong_parameters_are_rejected(camera, name, values):
+    for value in values:
+        with pytest.raises(ValueError, match=r"expected|finite"):
+            Localizer(camera, **{name: value})
 
 
 def test_a_range_above_10_km_is_no_position():

@@ -12,18 +12,19 @@ EVEN = math.log(0.05)
 RULES = {"min_confidence": 0.5, "hold": 2.0}
 
 
-def test_a_new_target_is_trusted():
+def test_it_is_in_doubt_while_it_is_hidden_and_after_a_contradiction():
     trust = Trust()
     trust.measure(0, 0.0, 0.5, **RULES)
     assert trust.doubted_for == 0.0
-
-
-def test_it_is_in_doubt_while_it_is_hidden_and_not_with_a_low_confidence_alone():
-    trust = Trust()
+    # Not with a low confidence alone.
     trust.lose_sight(is_hidden=False)
     assert trust.doubted_for == 0.0
     trust.lose_sight(is_hidden=True)
     assert trust.doubted_for == math.inf
+    trust = Trust()
+    trust.contradict(0)
+    trust.measure(0, 10.0, 0.5, **RULES)
+    assert trust.doubted_for == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize(
@@ -52,13 +53,6 @@ def test_the_place_and_the_confidence_decide_how_long(by_place, confidence, seco
         # Without another loss, a place says nothing any more.
         trust.measure(5 * SECOND, -50.0, confidence, **RULES)
         assert trust.doubted_for == 0.0
-
-
-def test_a_contradiction_takes_the_whole_time():
-    trust = Trust()
-    trust.contradict(0)
-    trust.measure(0, 10.0, 0.5, **RULES)
-    assert trust.doubted_for == pytest.approx(2.0)
 
 
 def test_the_odds_by_a_place():

@@ -76,15 +76,11 @@ def test_after_a_jump_a_confident_target_is_in_doubt():
     assert all("jumped" in one for one in found[20:25])
     # Log odds of -4 by the place and 6.1 less 0.8 by the confidence: no doubt is left.
     assert not any(found[26:])
-
-
-def test_after_a_jump_an_unconfident_target_is_in_doubt_for_longer():
+    # Of a lower confidence, it is in doubt for longer.
     found = silences([0.0] * 20 + [2.0] * 80, confidence=0.7)
     assert all("may be something else" in one for one in found[26:54])
     assert not any(found[58:])
-
-
-def test_one_box_elsewhere_leaves_no_doubt():
+    # One box elsewhere leaves no doubt.
     found = silences([0.0] * 20 + [2.0] + [0.0] * 20)
     assert [index for index, one in enumerate(found) if one] == [20]
 
