@@ -48,17 +48,12 @@ _SHRINKAGE = 1e-3
 
 
 class Errors(NamedTuple):
-    """Tracked frames of a sequence, all seeds.
+    """Tracked frames of a sequence, all seeds."""
 
-    Attributes:
-        features: (F, 4) from `box_features`.
-        errors: (F, 4) of the center, in box widths and heights, and of log width and log height.
-        edges: (F,) error of the lower edge, box heights.
-    """
-
-    features: NDArray[np.float64]
+    features: NDArray[np.float64]  # (F, 4) from `box_features`
+    # (F, 4) of the center, in box widths and heights, and of log width and log height
     errors: NDArray[np.float64]
-    edges: NDArray[np.float64]
+    edges: NDArray[np.float64]  # (F,) error of the lower edge, box heights
 
 
 def measure(footage: Footage, preset: str, seeds: int) -> Errors:

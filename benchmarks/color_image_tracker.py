@@ -21,15 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlainEstimate:
-    """A tracker's output for a frame.
+    """A tracker's output for a frame."""
 
-    Attributes:
-        box: (x, y, width, height) in pixels; the last one while lost.
-        state: "tracking", or "lost" without a box from the tracker.
-    """
-
-    box: Box
-    state: str
+    box: Box  # (x, y, width, height) in pixels; the last one while lost
+    state: str  # "tracking", or "lost" without a box from the tracker
 
 
 class ColorImageTracker(ABC):

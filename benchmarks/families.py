@@ -46,21 +46,14 @@ HEADINGS = ("sequence", "tracker", "center RMSE px", "success AUC", "CPU ms")
 
 @dataclass(frozen=True)
 class Outcome:
-    """One tracker on one sequence.
+    """One tracker on one sequence."""
 
-    Attributes:
-        sequence: Name of the sequence.
-        tracker: Name of the tracker.
-        center_rmse: Root mean square of the center error over the frames, px, mean of the seeds.
-        success_auc: As `pf_tracker_ros.evaluation` has it.
-        milliseconds: Median CPU time of a frame.
-    """
-
-    sequence: str
-    tracker: str
+    sequence: str  # name of the sequence
+    tracker: str  # name of the tracker
+    # root mean square of the center error over the frames, px, mean of the seeds
     center_rmse: float
-    success_auc: float
-    milliseconds: float
+    success_auc: float  # as `pf_tracker_ros.evaluation` has it
+    milliseconds: float  # median CPU time of a frame
 
 
 def outcome(tracker: str, result: SequenceResult) -> Outcome:

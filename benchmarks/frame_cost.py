@@ -42,19 +42,12 @@ _WARM_UP, _CALLS, _STEPS = 30, 6, 30
 
 @dataclass(frozen=True)
 class Setting:
-    """An image that stands still, with a target in the middle.
+    """An image that stands still, with a target in the middle."""
 
-    Attributes:
-        size: (width, height) of the image, pixels.
-        side: Of the target, pixels.
-        particles: Their number.
-        kind: Of the image: color, gray or 16 bit.
-    """
-
-    size: tuple[int, int] = (768, 576)
-    side: int = 40
-    particles: int = 200
-    kind: str = "color"
+    size: tuple[int, int] = (768, 576)  # (width, height) of the image, pixels
+    side: int = 40  # of the target, pixels
+    particles: int = 200  # their number
+    kind: str = "color"  # of the image: color, gray or 16 bit
 
     @property
     def image(self) -> NDArray[np.generic]:

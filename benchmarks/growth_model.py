@@ -149,17 +149,11 @@ def _foreseen(belief: Gaussian, step: int) -> Gaussian:
 
 @dataclass(frozen=True)
 class Outcome:
-    """One filter on all runs.
+    """One filter on all runs."""
 
-    Attributes:
-        name: Of the filter.
-        errors: (runs,) root mean square error over the steps of a run.
-        milliseconds: (runs,) CPU time of a step.
-    """
-
-    name: str
-    errors: Array
-    milliseconds: Array
+    name: str  # of the filter
+    errors: Array  # (runs,) root mean square error over the steps of a run
+    milliseconds: Array  # (runs,) CPU time of a step
 
 
 FILTERS: Mapping[str, Filter] = {

@@ -86,17 +86,11 @@ PARTS = ("light", "cut", "gone")
 
 @dataclass(frozen=True)
 class TrackerTrace:
-    """A tracker's output for F frames, without the first.
+    """A tracker's output for F frames, without the first."""
 
-    Attributes:
-        boxes: (F, 4), pixels.
-        is_tracking: (F,) whether the state was tracking.
-        confidence: (F,) 0 to 1.
-    """
-
-    boxes: NDArray[np.float64]
-    is_tracking: NDArray[np.bool_]
-    confidence: NDArray[np.float64]
+    boxes: NDArray[np.float64]  # (F, 4), pixels
+    is_tracking: NDArray[np.bool_]  # (F,) whether the state was tracking
+    confidence: NDArray[np.float64]  # (F,) 0 to 1
 
     @property
     def is_sure(self) -> NDArray[np.bool_]:
@@ -106,25 +100,18 @@ class TrackerTrace:
 
 @dataclass(frozen=True)
 class Run:
-    """One figure of one run.
+    """One figure of one run."""
 
-    Attributes:
-        kind: Kind of footage.
-        name: Name of the footage.
-        seed: Seed of the tracker.
-        figure: Overlap after the light changed, frames in which it was sure after the cut, while
-            the target was gone, or of something else in a situation.
-        seconds: Time until the target was tracked again; NaN if not measured, infinite for never.
-        is_apart: Whether the other scene is the place of the target itself.
-        share: Share of the frames of a situation that are called tracking on something else.
-    """
-
-    kind: str
-    name: str
-    seed: int
+    kind: str  # kind of footage
+    name: str  # name of the footage
+    seed: int  # seed of the tracker
+    # overlap after the light changed, frames in which it was sure after the cut, while the target
+    # was gone, or of something else in a situation
     figure: float
+    # time until the target was tracked again; NaN if not measured, infinite for never
     seconds: float = math.nan
-    is_apart: bool = False
+    is_apart: bool = False  # whether the other scene is the place of the target itself
+    # share of the frames of a situation that are called tracking on something else
     share: float = math.nan
 
 

@@ -21,19 +21,14 @@ GainOverTime = Callable[[float], float]
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """A few seconds of footage in memory.
+    """A few seconds of footage in memory."""
 
-    Attributes:
-        name: Its name.
-        images: (height, width, 3), 8 bit, blue first; gray ones have three equal channels.
-        boxes: (frames, 4) true boxes, pixels; NaN where the target is not in the image.
-        interval: Seconds between frames.
-    """
-
-    name: str
+    name: str  # its name
+    # (height, width, 3), 8 bit, blue first; gray ones have three equal channels
     images: tuple[Image, ...]
+    # (frames, 4) true boxes, pixels; NaN where the target is not in the image
     boxes: NDArray[np.float64]
-    interval: float
+    interval: float  # seconds between frames
 
     @classmethod
     def of(cls, footage: Footage, frames: int | None = None) -> Clip:

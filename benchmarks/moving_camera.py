@@ -19,15 +19,10 @@ _STEPS, _RATES, _JITTER = (0.008, 0.02), (0.9, 1.8), 1.0
 
 @dataclass(frozen=True, eq=False)
 class MovingCamera:
-    """A camera that sees a part of another one's images.
+    """A camera that sees a part of another one's images."""
 
-    Attributes:
-        corners: (frames, 2) upper left corner of the part in each image, pixels.
-        size: (width, height) of the part, pixels.
-    """
-
-    corners: NDArray[np.float64]
-    size: tuple[int, int]
+    corners: NDArray[np.float64]  # (frames, 2) upper left corner of the part in each image, pixels
+    size: tuple[int, int]  # (width, height) of the part, pixels
 
     @classmethod
     def carried(cls, count: int, interval: float, size: tuple[int, int]) -> MovingCamera:

@@ -68,22 +68,16 @@ class BareSubscriber(Node):
 
 @dataclass
 class Figures:
-    """Figures of the frames of some turns, after the warm-up.
+    """Figures of the frames of some turns, after the warm-up."""
 
-    Attributes:
-        published: Number of frames.
-        ages: Seconds from publishing to the answer, one for each frame that was answered.
-        cpu: CPU seconds of the process.
-        processing: Seconds of the tracker's updates, by its status.
-        starts: Seconds from the start of the process to its first answer, one for each turn.
-        memory: Megabytes that the process held at the beginning and the end of the last turn.
-    """
-
-    published: int = 0
+    published: int = 0  # number of frames
+    # seconds from publishing to the answer, one for each frame that was answered
     ages: list[float] = field(default_factory=list)
-    cpu: float = 0.0
-    processing: float = 0.0
+    cpu: float = 0.0  # CPU seconds of the process
+    processing: float = 0.0  # seconds of the tracker's updates, by its status
+    # seconds from the start of the process to its first answer, one for each turn
     starts: list[float] = field(default_factory=list)
+    # megabytes that the process held at the beginning and the end of the last turn
     memory: tuple[float, float] = (0.0, 0.0)
 
     @property

@@ -58,30 +58,19 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Contender:
-    """A tracker to compare.
+    """A tracker to compare."""
 
-    Attributes:
-        name: Name in the tables.
-        make_tracker: Factory from a seed.
-        is_random: Whether the result depends on the seed; if not, one run suffices.
-    """
-
-    name: str
-    make_tracker: TrackerFactory
-    is_random: bool
+    name: str  # name in the tables
+    make_tracker: TrackerFactory  # factory from a seed
+    is_random: bool  # whether the result depends on the seed; if not, one run suffices
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Results of a contender on all sequences.
+    """Results of a contender on all sequences."""
 
-    Attributes:
-        name: Name of the tracker or setting.
-        results: A result for each sequence, at least one.
-    """
-
-    name: str
-    results: Sequence[SequenceResult]
+    name: str  # name of the tracker or setting
+    results: Sequence[SequenceResult]  # a result for each sequence, at least one
 
     @property
     def scores(self) -> Scores:

@@ -23,19 +23,12 @@ Rows = Sequence[Sequence[str]]
 
 @dataclass(frozen=True)
 class Table:
-    """A table of results.
+    """A table of results."""
 
-    Attributes:
-        title: Its title.
-        headings: A heading for each column.
-        groups: Groups of rows, separated in print.
-        names: Number of columns with names, from the left; the others have figures.
-    """
-
-    title: str
-    headings: Sequence[str]
-    groups: Sequence[Rows]
-    names: int = 1
+    title: str  # its title
+    headings: Sequence[str]  # a heading for each column
+    groups: Sequence[Rows]  # groups of rows, separated in print
+    names: int = 1  # number of columns with names, from the left; the others have figures
 
     def show(self) -> None:
         """Print on standard output."""

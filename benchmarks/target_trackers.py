@@ -126,21 +126,13 @@ class SingleTargets(TargetTracker):
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a tracker by detections alone.
+    """Settings of a tracker by detections alone."""
 
-    Attributes:
-        max_misses: Maximum of consecutive missed detections before a track ends.
-        max_misses_reported: Maximum of consecutive missed detections of a reported track.
-        iou_threshold: Minimum overlap of a track with its detection, 0 to 1; DIoU from -1 on.
-        score_threshold: Minimum score of a detection that starts a track, 0 to 1.
-        options: Further arguments of the tracker.
-    """
-
-    max_misses: int
-    max_misses_reported: int
-    iou_threshold: float
-    score_threshold: float
-    options: Mapping[str, Any] = field(default_factory=dict)
+    max_misses: int  # maximum of consecutive missed detections before a track ends
+    max_misses_reported: int  # maximum of consecutive missed detections of a reported track
+    iou_threshold: float  # minimum overlap of a track with its detection, 0 to 1; DIoU from -1 on
+    score_threshold: float  # minimum score of a detection that starts a track, 0 to 1
+    options: Mapping[str, Any] = field(default_factory=dict)  # further arguments of the tracker
 
 
 class DetectionOnlyTracker(TargetTracker):

@@ -55,35 +55,22 @@ FIGURES = (
 
 
 class FrameTracks(NamedTuple):
-    """Tracks of a frame, by a tracker or true ones.
+    """Tracks of a frame, by a tracker or true ones."""
 
-    Attributes:
-        ids: (K,) of the targets.
-        boxes: (K, 4) x, y, width, height in pixels.
-    """
-
-    ids: NDArray[np.intp]
-    boxes: NDArray[np.float64]
+    ids: NDArray[np.intp]  # (K,) of the targets
+    boxes: NDArray[np.float64]  # (K, 4) x, y, width, height in pixels
 
 
 @dataclass(frozen=True)
 class AnnotatedSequence:
-    """A sequence with the ground truth of all targets, and detections.
+    """A sequence with the ground truth of all targets, and detections."""
 
-    Attributes:
-        name: Name of its folder.
-        frames: Video or folder of its images.
-        interval: Seconds between frames.
-        truth: Ids and boxes of the scored targets in each frame.
-        detections: (M, 5) boxes and scores in each frame.
-        camera: Moving camera that sees a part of the images; None for whole images.
-    """
-
-    name: str
-    frames: Path
-    interval: float
-    truth: tuple[FrameTracks, ...]
-    detections: tuple[NDArray[np.float64], ...]
+    name: str  # name of its folder
+    frames: Path  # video or folder of its images
+    interval: float  # seconds between frames
+    truth: tuple[FrameTracks, ...]  # ids and boxes of the scored targets in each frame
+    detections: tuple[NDArray[np.float64], ...]  # (M, 5) boxes and scores in each frame
+    # moving camera that sees a part of the images; None for whole images
     camera: MovingCamera | None = None
 
     def carried(self) -> AnnotatedSequence:
@@ -170,15 +157,10 @@ def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) ->
 
 
 class Run(NamedTuple):
-    """A tracker's run on a sequence.
+    """A tracker's run on a sequence."""
 
-    Attributes:
-        tracks: Tracks of each frame.
-        seconds: Total CPU time.
-    """
-
-    tracks: list[FrameTracks]
-    seconds: float
+    tracks: list[FrameTracks]  # tracks of each frame
+    seconds: float  # total CPU time
 
 
 def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: int) -> Run:

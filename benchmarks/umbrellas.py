@@ -42,17 +42,11 @@ Boxes = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Setting:
-    """One of the paper's experiments.
+    """One of the paper's experiments."""
 
-    Attributes:
-        name: Name in the tables.
-        alpha: Weight of the color cue; that of the texture cue is 1 - alpha.
-        particles: Number of particles.
-    """
-
-    name: str
-    alpha: float
-    particles: int
+    name: str  # name in the tables
+    alpha: float  # weight of the color cue; that of the texture cue is 1 - alpha
+    particles: int  # number of particles
 
     def tracker(self, seed: int) -> Tracker:
         """The preset's tracker in this setting."""
@@ -73,25 +67,15 @@ SETTINGS = (
 
 @dataclass(frozen=True)
 class Run:
-    """Run of a setting on a scene.
+    """Run of a setting on a scene."""
 
-    Attributes:
-        setting: Name of the setting.
-        seed: Seed of the scene and of the tracker.
-        outcome: As in `outcome`.
-        errors: (frames,) distance of the estimate's center from the target's, px.
-        jitter: As in `jitter`, px.
-        milliseconds: Median CPU time of one update.
-        snapshots: Per frame of `PAPER_FRAMES`: estimated box (4,), particles' boxes (N, 4) and
-            weights (N,).
-    """
-
-    setting: str
-    seed: int
-    outcome: str
-    errors: NDArray[np.float64]
-    jitter: float
-    milliseconds: float
+    setting: str  # name of the setting
+    seed: int  # seed of the scene and of the tracker
+    outcome: str  # as in `outcome`
+    errors: NDArray[np.float64]  # (frames,) distance of the estimate's center from the target's, px
+    jitter: float  # as in `jitter`, px
+    milliseconds: float  # median CPU time of one update
+    # per frame of `PAPER_FRAMES`: estimated box (4,), particles' boxes (N, 4) and weights (N,)
     snapshots: tuple[tuple[NDArray[np.float64], ...], ...]
 
 

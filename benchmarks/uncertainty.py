@@ -56,23 +56,14 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Frames:
-    """A tracker's output for F frames, and the truth.
+    """A tracker's output for F frames, and the truth."""
 
-    Attributes:
-        overlap: (F,) of box and true box.
-        confidence: (F,) 0 to 1.
-        is_tracking: (F,) whether the state was tracking.
-        distance: (F,) squared Mahalanobis distance of the true center.
-        astray: (F,) seconds for which the box has been beside the target.
-        number: (F,) of the frame among those of its run, from 0 on.
-    """
-
-    overlap: NDArray[np.float64]
-    confidence: NDArray[np.float64]
-    is_tracking: NDArray[np.bool_]
-    distance: NDArray[np.float64]
-    astray: NDArray[np.float64]
-    number: NDArray[np.intp]
+    overlap: NDArray[np.float64]  # (F,) of box and true box
+    confidence: NDArray[np.float64]  # (F,) 0 to 1
+    is_tracking: NDArray[np.bool_]  # (F,) whether the state was tracking
+    distance: NDArray[np.float64]  # (F,) squared Mahalanobis distance of the true center
+    astray: NDArray[np.float64]  # (F,) seconds for which the box has been beside the target
+    number: NDArray[np.intp]  # (F,) of the frame among those of its run, from 0 on
 
     @property
     def is_right(self) -> NDArray[np.bool_]:

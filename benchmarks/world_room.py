@@ -42,21 +42,13 @@ _DEPTH_NOISE, _HOLE = 0.0015, 8
 
 @dataclass(frozen=True)
 class Walker:
-    """A person, or a pillar that stands.
+    """A person, or a pillar that stands."""
 
-    Attributes:
-        path: Time in seconds to (x, y), meters.
-        shirt: Color, BGR.
-        trousers: Color, BGR.
-        height: Meters.
-        is_pillar: Whether it is a pillar, in the color of the shirt.
-    """
-
-    path: Path
-    shirt: tuple[int, int, int]
-    trousers: tuple[int, int, int]
-    height: float = 1.75
-    is_pillar: bool = False
+    path: Path  # time in seconds to (x, y), meters
+    shirt: tuple[int, int, int]  # color, BGR
+    trousers: tuple[int, int, int]  # color, BGR
+    height: float = 1.75  # meters
+    is_pillar: bool = False  # whether it is a pillar, in the color of the shirt
 
 
 @dataclass(frozen=True)
@@ -70,26 +62,17 @@ class Base:
 
 @dataclass(frozen=True, eq=False)
 class RoomFrame:
-    """A frame of a room.
+    """A frame of a room."""
 
-    Attributes:
-        time: Seconds since the first frame.
-        image: (H, W, 3) uint8 BGR.
-        depth: (H, W) float32 in meters, NaN where it has holes.
-        base: Pose of the robot.
-        positions: (walkers, 2) in the fixed frame, meters.
-        boxes: (x, y, width, height) of each walker as if nobody stood before it, or None where it
-            is out of sight.
-        visible: Share of each walker's pixels that is not hidden.
-    """
-
-    time: float
-    image: NDArray[np.uint8]
-    depth: NDArray[np.float32]
-    base: Base
-    positions: Array
+    time: float  # seconds since the first frame
+    image: NDArray[np.uint8]  # (H, W, 3) uint8 BGR
+    depth: NDArray[np.float32]  # (H, W) float32 in meters, NaN where it has holes
+    base: Base  # pose of the robot
+    positions: Array  # (walkers, 2) in the fixed frame, meters
+    # (x, y, width, height) of each walker as if nobody stood before it, or None where it is out of
+    # sight
     boxes: tuple[tuple[float, float, float, float] | None, ...]
-    visible: tuple[float, ...]
+    visible: tuple[float, ...]  # share of each walker's pixels that is not hidden
 
     @property
     def millimeters(self) -> NDArray[np.uint16]:
@@ -138,25 +121,17 @@ PILLAR = Walker(standing(3.4, 0.9), (150, 160, 165), (0, 0, 0), 2.2, is_pillar=T
 
 @dataclass(frozen=True)
 class Room:
-    """A room with a robot and walkers; the same frames for the same seed.
+    """A room with a robot and walkers; the same frames for the same seed."""
 
-    Attributes:
-        walkers: The people, and pillars.
-        base: Time in seconds to the pose of the robot.
-        rate: Frames per second.
-        holes: Share of the depth without a measurement.
-        seed: Of textures and noise.
-        camera: Calibration.
-    """
-
-    walkers: Sequence[Walker] = (*WALKERS, PILLAR)
+    walkers: Sequence[Walker] = (*WALKERS, PILLAR)  # the people, and pillars
+    # time in seconds to the pose of the robot
     base: Callable[[float], Base] = field(
         default_factory=lambda: driving(0.15, 0.2, np.radians(7.0))
     )
-    rate: float = 15.0
-    holes: float = 0.15
-    seed: int = 0
-    camera: CameraModel = CAMERA
+    rate: float = 15.0  # frames per second
+    holes: float = 0.15  # share of the depth without a measurement
+    seed: int = 0  # of textures and noise
+    camera: CameraModel = CAMERA  # calibration
 
     def frames(self, count: int) -> Iterator[RoomFrame]:
         """The first frames."""

@@ -36,29 +36,17 @@ _LEFT_BEHIND, _PATIENCE = 4.5, 3.0
 
 @dataclass(eq=False)
 class Walker:
-    """Somebody who walks.
+    """Somebody who walks."""
 
-    Attributes:
-        sprites: What they look like.
-        position: (2,) meters.
-        pace: Usual speed, m/s.
-        heading: Radians.
-        velocity: (2,) m/s.
-        phase: Of the gait.
-        way: Corners of the way ahead.
-        pause: Seconds to stand.
-        stands_for: Seconds since the last step.
-    """
-
-    sprites: Sprites
-    position: Array
-    pace: float
-    heading: float
-    velocity: Array = field(default_factory=lambda: np.zeros(2))
-    phase: float = 0.0
-    way: list[Array] = field(default_factory=list)
-    pause: float = 0.0
-    stands_for: float = 0.0
+    sprites: Sprites  # what they look like
+    position: Array  # (2,) meters
+    pace: float  # usual speed, m/s
+    heading: float  # radians
+    velocity: Array = field(default_factory=lambda: np.zeros(2))  # (2,) m/s
+    phase: float = 0.0  # of the gait
+    way: list[Array] = field(default_factory=list)  # corners of the way ahead
+    pause: float = 0.0  # seconds to stand
+    stands_for: float = 0.0  # seconds since the last step
 
     @property
     def is_walking(self) -> bool:
@@ -126,19 +114,12 @@ def _components(velocity: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Somebody walks between robot and person.
+    """Somebody walks between robot and person."""
 
-    Attributes:
-        time: Seconds.
-        before: Distance in front of the person, meters; 0 for halfway.
-        lingers: Seconds for which they stand there.
-        pace: m/s.
-    """
-
-    time: float
-    before: float
-    lingers: float
-    pace: float
+    time: float  # seconds
+    before: float  # distance in front of the person, meters; 0 for halfway
+    lingers: float  # seconds for which they stand there
+    pace: float  # m/s
 
 
 def drawn_crossings(generator: np.random.Generator, seconds: float) -> list[Crossing]:
@@ -156,21 +137,13 @@ def drawn_crossings(generator: np.random.Generator, seconds: float) -> list[Cros
 
 @dataclass(eq=False)
 class Passage:
-    """A crossing that takes place.
+    """A crossing that takes place."""
 
-    Attributes:
-        walker: Number of the person.
-        crossing: What was drawn.
-        side: 1 if they come from the left of the direction to the person, else -1.
-        stage: `approach`, `cross`, `linger` or `leave`.
-        since: Time since when the stage lasts, seconds.
-    """
-
-    walker: int
-    crossing: Crossing
-    side: float
-    stage: str
-    since: float
+    walker: int  # number of the person
+    crossing: Crossing  # what was drawn
+    side: float  # 1 if they come from the left of the direction to the person, else -1
+    stage: str  # `approach`, `cross`, `linger` or `leave`
+    since: float  # time since when the stage lasts, seconds
 
 
 class Cast:

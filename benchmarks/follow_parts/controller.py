@@ -23,18 +23,13 @@ _DETOURS, _FREE = (0.0, 0.15, -0.15, 0.3, -0.3, 0.45, -0.45), 1.2
 
 @dataclass(frozen=True)
 class Perceived:
-    """What the tracker and the localizer publish of an image.
+    """What the tracker and the localizer publish of an image."""
 
-    Attributes:
-        time: Of the image, seconds.
-        position: Of the pose in the odometry's frame, meters; None while there is none.
-        velocity: Of it, m/s.
-        heading: Of the bearing in the odometry's frame, radians; None while there is none.
-    """
-
-    time: float
+    time: float  # of the image, seconds
+    # of the pose in the odometry's frame, meters; None while there is none
     position: tuple[float, float] | None
-    velocity: tuple[float, float]
+    velocity: tuple[float, float]  # of it, m/s
+    # of the bearing in the odometry's frame, radians; None while there is none
     heading: float | None
 
 

@@ -25,33 +25,23 @@ _PILLAR_SIDES = 8
 
 @dataclass(frozen=True)
 class Pillar:
-    """A pillar from floor to ceiling.
+    """A pillar from floor to ceiling."""
 
-    Attributes:
-        center: (x, y), meters.
-        radius: Meters.
-    """
-
-    center: tuple[float, float]
-    radius: float
+    center: tuple[float, float]  # (x, y), meters
+    radius: float  # meters
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Walls of a room, all from floor to ceiling.
+    """Walls of a room, all from floor to ceiling."""
 
-    Attributes:
-        outline: (N, 2) corners of the room, counterclockwise.
-        walls: (W, 2, 2) begin and end of each wall, those of pillars and inner walls among them.
-        surfaces: (W,) number of the surface of each wall; walls of one surface look alike.
-        pillars: The pillars.
-        opening: Center of the opening in the inner wall; None without.
-    """
-
-    outline: Array
+    outline: Array  # (N, 2) corners of the room, counterclockwise
+    # (W, 2, 2) begin and end of each wall, those of pillars and inner walls among them
     walls: Array
+    # (W,) number of the surface of each wall; walls of one surface look alike
     surfaces: NDArray[np.int_]
-    pillars: tuple[Pillar, ...]
+    pillars: tuple[Pillar, ...]  # the pillars
+    # center of the opening in the inner wall; None without
     opening: tuple[float, float] | None = None
     _clearance: NDArray[np.float32] = field(init=False, repr=False)
     _ways: NDArray[np.float32] = field(init=False, repr=False)

@@ -53,15 +53,10 @@ class Chain(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What was true at a frame, and what was said.
+    """What was true at a frame, and what was said."""
 
-    Attributes:
-        truth: Where everybody is.
-        report: What was published.
-    """
-
-    truth: Truth
-    report: Report
+    truth: Truth  # where everybody is
+    report: Report  # what was published
 
 
 @dataclass(eq=False)

@@ -35,67 +35,36 @@ _STANDS_AFTER = 1.0
 
 @dataclass(frozen=True)
 class Row:
-    """A frame of a run. Meters, seconds, pixels; nan and empty texts where there is nothing.
+    """A frame of a run. Meters, seconds, pixels; nan and empty texts where there is nothing."""
 
-    Attributes:
-        time: Since the start.
-        distance: From the robot to the person.
-        visible: Share of the person that is seen, 0 to 1.
-        state: Of the selected target.
-        selected: Its id, 0 without.
-        confidence: Of it.
-        box: Of it.
-        true_box: Of the person, inside the image, as if nothing were in front.
-        own: IoU of the two.
-        other: Largest IoU of the box with somebody else who is seen.
-        x: Of the person in the room.
-        y: Of the person in the room.
-        robot_x: Of the robot.
-        robot_y: Of the robot.
-        robot_yaw: Of the robot, radians.
-        said_x: Of the pose, in the room.
-        said_y: Of the pose, in the room.
-        said_distance: From the robot to the pose.
-        measured_distance: From the robot to the unfiltered position.
-        nees: Of the pose over its two degrees of freedom.
-        velocity_x: Of the person, m/s, in the room.
-        velocity_y: Of the person, m/s, in the room.
-        said_speed_x: Of the odometry topic, m/s, in the frame of the odometry.
-        said_speed_y: Of the odometry topic, m/s, in the frame of the odometry.
-        stands_for: How long the person has been standing.
-        bearing: That was published, radians to the left.
-        silence: Why there is no pose.
-        doing: What happens in the world.
-    """
-
-    time: float
-    distance: float
-    visible: float
-    state: str
-    selected: int
-    confidence: float
-    box: Box | None
-    true_box: Box | None
-    own: float
-    other: float
-    x: float
-    y: float
-    robot_x: float
-    robot_y: float
-    robot_yaw: float
-    said_x: float
-    said_y: float
-    said_distance: float
-    measured_distance: float
-    nees: float
-    velocity_x: float
-    velocity_y: float
-    said_speed_x: float
-    said_speed_y: float
-    stands_for: float
-    bearing: float
-    silence: str
-    doing: str
+    time: float  # since the start
+    distance: float  # from the robot to the person
+    visible: float  # share of the person that is seen, 0 to 1
+    state: str  # of the selected target
+    selected: int  # its id, 0 without
+    confidence: float  # of it
+    box: Box | None  # of it
+    true_box: Box | None  # of the person, inside the image, as if nothing were in front
+    own: float  # IoU of the two
+    other: float  # largest IoU of the box with somebody else who is seen
+    x: float  # of the person in the room
+    y: float  # of the person in the room
+    robot_x: float  # of the robot
+    robot_y: float  # of the robot
+    robot_yaw: float  # of the robot, radians
+    said_x: float  # of the pose, in the room
+    said_y: float  # of the pose, in the room
+    said_distance: float  # from the robot to the pose
+    measured_distance: float  # from the robot to the unfiltered position
+    nees: float  # of the pose over its two degrees of freedom
+    velocity_x: float  # of the person, m/s, in the room
+    velocity_y: float  # of the person, m/s, in the room
+    said_speed_x: float  # of the odometry topic, m/s, in the frame of the odometry
+    said_speed_y: float  # of the odometry topic, m/s, in the frame of the odometry
+    stands_for: float  # how long the person has been standing
+    bearing: float  # that was published, radians to the left
+    silence: str  # why there is no pose
+    doing: str  # what happens in the world
 
     @property
     def is_right(self) -> bool:

@@ -53,25 +53,15 @@ _SKINS: tuple[Color, ...] = ((150, 180, 225), (110, 150, 200), (70, 100, 150), (
 
 @dataclass(frozen=True)
 class Clothes:
-    """What somebody wears.
+    """What somebody wears."""
 
-    Attributes:
-        shirt: Color, BGR.
-        second: Second color of the shirt's pattern.
-        pattern: `plain`, `stripes`, `columns`, `halves` or `print`.
-        trousers: Color.
-        shoes: Color.
-        sleeves: Share of the arm that the sleeve covers.
-        has_backpack: Whether there is a backpack in the second color.
-    """
-
-    shirt: Color
-    second: Color
-    pattern: str
-    trousers: Color
-    shoes: Color
-    sleeves: float
-    has_backpack: bool
+    shirt: Color  # color, BGR
+    second: Color  # second color of the shirt's pattern
+    pattern: str  # `plain`, `stripes`, `columns`, `halves` or `print`
+    trousers: Color  # color
+    shoes: Color  # color
+    sleeves: float  # share of the arm that the sleeve covers
+    has_backpack: bool  # whether there is a backpack in the second color
 
     @classmethod
     def draw(cls, generator: np.random.Generator) -> Clothes:
@@ -98,29 +88,17 @@ def _varied(generator: np.random.Generator, colors: tuple[Color, ...]) -> Color:
 
 @dataclass(frozen=True)
 class Body:
-    """A person's build and gait.
+    """A person's build and gait."""
 
-    Attributes:
-        height: Meters.
-        girth: Width relative to the mean.
-        hair: Color, BGR.
-        skin: Color.
-        has_long_hair: Whether the hair covers the neck.
-        leg_swing: Largest angle of a leg, radians.
-        arm_swing: Largest angle of an arm, radians.
-        bob: Vertical motion while walking, in heights.
-        stride: Meters in which the gait repeats.
-    """
-
-    height: float
-    girth: float
-    hair: Color
-    skin: Color
-    has_long_hair: bool
-    leg_swing: float
-    arm_swing: float
-    bob: float
-    stride: float
+    height: float  # meters
+    girth: float  # width relative to the mean
+    hair: Color  # color, BGR
+    skin: Color  # color
+    has_long_hair: bool  # whether the hair covers the neck
+    leg_swing: float  # largest angle of a leg, radians
+    arm_swing: float  # largest angle of an arm, radians
+    bob: float  # vertical motion while walking, in heights
+    stride: float  # meters in which the gait repeats
 
     @classmethod
     def draw(cls, generator: np.random.Generator) -> Body:
@@ -140,32 +118,21 @@ class Body:
 
 
 class Sprite(NamedTuple):
-    """A person from one side.
+    """A person from one side."""
 
-    Attributes:
-        pixels: (H, W, 4) uint8, BGR times coverage, and coverage.
-        foot: (x, y) of the point on the floor below the body, pixels of the sprite.
-        box: x, y, width, height of what is covered.
-    """
-
-    pixels: NDArray[np.uint8]
+    pixels: NDArray[np.uint8]  # (H, W, 4) uint8, BGR times coverage, and coverage
+    # (x, y) of the point on the floor below the body, pixels of the sprite
     foot: tuple[float, float]
-    box: tuple[float, float, float, float]
+    box: tuple[float, float, float, float]  # x, y, width, height of what is covered
 
 
 @dataclass(eq=False)
 class Sprites:
-    """The sprites of one person, drawn when they are first needed.
+    """The sprites of one person, drawn when they are first needed."""
 
-    Args:
-        body: Build and gait.
-        clothes: Clothes.
-        seed: Of the texture of the clothes.
-    """
-
-    body: Body
-    clothes: Clothes
-    seed: int
+    body: Body  # build and gait
+    clothes: Clothes  # clothes
+    seed: int  # of the texture of the clothes
     _known: dict[tuple[int, int, bool, bool], Sprite] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:

@@ -30,27 +30,16 @@ _HALF_WIDTH, _PERSON = 0.3, 0.25
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Where everybody is at a frame.
+    """Where everybody is at a frame."""
 
-    Attributes:
-        time: Seconds.
-        view: What the camera sees, and how everybody is seen.
-        positions: (N, 2) of everybody in the room, meters; the first is followed.
-        robot: The robot in the room.
-        odometry: The robot by its odometry.
-        velocity: (2,) of the followed person, m/s.
-        stands_for: Seconds for which the followed person stands.
-        doing: What those who cross or hide do; empty for nothing.
-    """
-
-    time: float
-    view: View
-    positions: Array
-    robot: Pose2D
-    odometry: Pose2D
-    velocity: Array
-    stands_for: float
-    doing: str
+    time: float  # seconds
+    view: View  # what the camera sees, and how everybody is seen
+    positions: Array  # (N, 2) of everybody in the room, meters; the first is followed
+    robot: Pose2D  # the robot in the room
+    odometry: Pose2D  # the robot by its odometry
+    velocity: Array  # (2,) of the followed person, m/s
+    stands_for: float  # seconds for which the followed person stands
+    doing: str  # what those who cross or hide do; empty for nothing
 
     def in_odometry(self, position: Array) -> Array:
         """A (2,) place in the room as it is in the frame of the odometry now."""
@@ -62,17 +51,11 @@ class Truth:
 
 
 class Motion(NamedTuple):
-    """What the robot's sensors say of its motion.
+    """What the robot's sensors say of its motion."""
 
-    Attributes:
-        time: Seconds.
-        odometry: Pose by its wheels.
-        acceleration: (3,) of an accelerometer in camera coordinates, m/s^2, upward at rest.
-    """
-
-    time: float
-    odometry: Pose2D
-    acceleration: Array
+    time: float  # seconds
+    odometry: Pose2D  # pose by its wheels
+    acceleration: Array  # (3,) of an accelerometer in camera coordinates, m/s^2, upward at rest
 
 
 class World:

@@ -21,16 +21,13 @@ Points = list[tuple[float, float]] | NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Sprite:
-    """A picture with transparency and the point by which it is held.
+    """A picture with transparency and the point by which it is held."""
 
-    Attributes:
-        pixels: (H, W, 4) float32: blue, green and red from 0 to 255, multiplied by the coverage,
-            then the coverage from 0 to 1. Its outermost pixels are empty.
-        anchor: (x, y) of the holding point in pixels of the sprite; the center of the top-left
-            pixel is (0, 0).
-    """
-
+    # (H, W, 4) float32: blue, green and red from 0 to 255, multiplied by the coverage, then the
+    # coverage from 0 to 1. Its outermost pixels are empty.
     pixels: NDArray[np.float32]
+    # (x, y) of the holding point in pixels of the sprite; the center of the top-left pixel is (0,
+    # 0)
     anchor: tuple[float, float]
 
     def painted(self, color: Color) -> Sprite:
@@ -64,17 +61,11 @@ class Sprite:
 
 @dataclass(frozen=True)
 class Placement:
-    """A sprite's pixels on the grid of a canvas.
+    """A sprite's pixels on the grid of a canvas."""
 
-    Attributes:
-        pixels: (H, W, 4) float32 as in `Sprite`.
-        column: Canvas column of the first pixel; may lie outside the canvas.
-        row: Canvas row of the first pixel; may lie outside the canvas.
-    """
-
-    pixels: NDArray[np.float32]
-    column: int
-    row: int
+    pixels: NDArray[np.float32]  # (H, W, 4) float32 as in `Sprite`
+    column: int  # canvas column of the first pixel; may lie outside the canvas
+    row: int  # canvas row of the first pixel; may lie outside the canvas
 
     def relative_to(self, column: int, row: int) -> Placement:
         """The same pixels on a canvas that begins at this column and row."""

@@ -12,16 +12,11 @@ from scenes.sprites import Placement, Sprite
 
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """Something that moves: where it is and what it looks like in every frame.
+    """Something that moves: where it is and what it looks like in every frame."""
 
-    Attributes:
-        sprites: The views of it.
-        views: (frames,) which of the sprites is seen.
-        positions: (frames, 2) where the sprite's anchor is, in pixel indices of the stage.
-    """
-
-    sprites: tuple[Sprite, ...]
-    views: NDArray[np.int64]
+    sprites: tuple[Sprite, ...]  # the views of it
+    views: NDArray[np.int64]  # (frames,) which of the sprites is seen
+    # (frames, 2) where the sprite's anchor is, in pixel indices of the stage
     positions: NDArray[np.float64]
 
     def painted(self, color: tuple[float, float, float]) -> Actor:

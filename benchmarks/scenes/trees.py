@@ -13,23 +13,14 @@ from scenes.textures import fractal_noise
 
 @dataclass(frozen=True)
 class Tree:
-    """One tree, in pixels of the stage.
+    """One tree, in pixels of the stage."""
 
-    Attributes:
-        x: Where the trunk stands.
-        ground: Row of its foot.
-        height: From the foot to the middle of the crown.
-        trunk: Width of the trunk half-way up.
-        crown: Half the width of the crown.
-        hanging: Row down to which its lowest twigs hang.
-    """
-
-    x: float
-    ground: float
-    height: float
-    trunk: float
-    crown: float
-    hanging: float
+    x: float  # where the trunk stands
+    ground: float  # row of its foot
+    height: float  # from the foot to the middle of the crown
+    trunk: float  # width of the trunk half-way up
+    crown: float  # half the width of the crown
+    hanging: float  # row down to which its lowest twigs hang
 
 
 def plant(

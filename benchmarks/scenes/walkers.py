@@ -66,20 +66,13 @@ PATTERNS: tuple[Pattern, ...] = (panels, rings, stripes, checks)
 
 @dataclass(frozen=True)
 class Canopy:
-    """An umbrella's canopy: a shallow bowl with a scalloped rim, tilted towards the camera.
+    """An umbrella's canopy: a shallow bowl with a scalloped rim, tilted towards the camera."""
 
-    Attributes:
-        pattern: Where it has which of the two colors.
-        colors: The two colors of the cloth.
-        radius: Radius of the rim in pixels.
-        bulge: Height of the bowl over its radius.
-        elevation: Angle between the umbrella's shaft and the image plane in degrees, 0 to 90.
-    """
-
-    pattern: Pattern
-    colors: tuple[Color, Color]
-    radius: float = 22.0
-    bulge: float = 0.5
+    pattern: Pattern  # where it has which of the two colors
+    colors: tuple[Color, Color]  # the two colors of the cloth
+    radius: float = 22.0  # radius of the rim in pixels
+    bulge: float = 0.5  # height of the bowl over its radius
+    # angle between the umbrella's shaft and the image plane in degrees, 0 to 90
     elevation: float = 60.0
 
     def sprite(self, roll: float) -> Sprite:
@@ -127,19 +120,12 @@ class Canopy:
 
 @dataclass(frozen=True)
 class Person:
-    """A person in a coat, seen from the side.
+    """A person in a coat, seen from the side."""
 
-    Attributes:
-        height: Height in pixels.
-        coat: Color of coat and arm.
-        trousers: Color of the legs.
-        facing: 1 when looking to the right, -1 to the left.
-    """
-
-    height: float
-    coat: Color
-    trousers: Color
-    facing: int
+    height: float  # height in pixels
+    coat: Color  # color of coat and arm
+    trousers: Color  # color of the legs
+    facing: int  # 1 when looking to the right, -1 to the left
 
     def sprite(self, view: int | None) -> Sprite:
         """The person at one view of the gait, or standing for None; held at the feet."""

@@ -27,17 +27,11 @@ OCCLUDER_NEAR, OCCLUDER_WIDTH, OCCLUDER_FRAMES = 0.55, 0.3, 25
 
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """A frame of a depth camera with the pixels of one target.
+    """A frame of a depth camera with the pixels of one target."""
 
-    Attributes:
-        image: (H, W, 3) uint8 BGR.
-        depth: (H, W) uint16, millimeters.
-        mask: (H, W) whether a pixel is the target's.
-    """
-
-    image: NDArray[np.uint8]
-    depth: NDArray[np.uint16]
-    mask: NDArray[np.bool_]
+    image: NDArray[np.uint8]  # (H, W, 3) uint8 BGR
+    depth: NDArray[np.uint16]  # (H, W) uint16, millimeters
+    mask: NDArray[np.bool_]  # (H, W) whether a pixel is the target's
 
 
 def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
@@ -54,19 +48,12 @@ def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
 
 @dataclass(frozen=True)
 class Case:
-    """What is done to the frames.
+    """What is done to the frames."""
 
-    Attributes:
-        name: Of the row.
-        holes: Share of the depth without a value.
-        is_occluded: Whether something passes in front of the target.
-        is_predicted: Whether the localizer is told the range of the last frame.
-    """
-
-    name: str
-    holes: float = 0.0
-    is_occluded: bool = False
-    is_predicted: bool = False
+    name: str  # of the row
+    holes: float = 0.0  # share of the depth without a value
+    is_occluded: bool = False  # whether something passes in front of the target
+    is_predicted: bool = False  # whether the localizer is told the range of the last frame
 
 
 CASES = (

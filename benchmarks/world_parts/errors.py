@@ -16,17 +16,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of N estimates with D dimensions.
+    """Errors of N estimates with D dimensions."""
 
-    Attributes:
-        sizes: (N,) errors, meters or relative.
-        nees: (N,) squared errors in standard deviations.
-        dimensions: D.
-    """
-
-    sizes: Array
-    nees: Array
-    dimensions: int
+    sizes: Array  # (N,) errors, meters or relative
+    nees: Array  # (N,) squared errors in standard deviations
+    dimensions: int  # d
 
     @classmethod
     def of(cls, errors: Array, covariances: Array, scale: Array | float = 1.0) -> Errors:

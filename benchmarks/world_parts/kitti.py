@@ -23,23 +23,14 @@ from world_parts.errors import Array, position_errors
 
 @dataclass(frozen=True, eq=False)
 class LabeledBoxes:
-    """Boxes with their targets' positions before one camera.
+    """Boxes with their targets' positions before one camera."""
 
-    Attributes:
-        name: Of the sequence.
-        camera: Of all boxes.
-        boxes: (N, 4), pixels.
-        positions: (N, 3) lower centers in camera coordinates, meters.
-        is_whole: (N,) whether all of the target is visible and inside the image.
-        at_border: (N,) whether the box reaches the border of the image.
-    """
-
-    name: str
-    camera: CameraModel
-    boxes: Array
-    positions: Array
-    is_whole: NDArray[np.bool_]
-    at_border: NDArray[np.bool_]
+    name: str  # of the sequence
+    camera: CameraModel  # of all boxes
+    boxes: Array  # (N, 4), pixels
+    positions: Array  # (N, 3) lower centers in camera coordinates, meters
+    is_whole: NDArray[np.bool_]  # (N,) whether all of the target is visible and inside the image
+    at_border: NDArray[np.bool_]  # (N,) whether the box reaches the border of the image
 
 
 def read_kitti(path: Path) -> LabeledBoxes:

@@ -27,17 +27,11 @@ RATE = 7.0
 
 @dataclass(frozen=True, eq=False)
 class FixedCamera:
-    """A camera at rest.
+    """A camera at rest."""
 
-    Attributes:
-        model: Its calibration.
-        rotation: (3, 3) from its optical frame to the world's.
-        translation: (3,) its position in the world, meters.
-    """
-
-    model: CameraModel
-    rotation: Array
-    translation: Array
+    model: CameraModel  # its calibration
+    rotation: Array  # (3, 3) from its optical frame to the world's
+    translation: Array  # (3,) its position in the world, meters
 
 
 def read_tsai(path: Path) -> FixedCamera:
@@ -93,21 +87,13 @@ def read_tsai(path: Path) -> FixedCamera:
 
 @dataclass(frozen=True, eq=False)
 class GroundTracks:
-    """Boxes of a detector with the positions and identities of the people in them.
+    """Boxes of a detector with the positions and identities of the people in them."""
 
-    Attributes:
-        frames: (N,) from 1.
-        ids: (N,) of the people.
-        boxes: (N, 4) of the detector, pixels counted from 0.
-        positions: (N, 2) on the ground, meters.
-        velocities: (N, 2) by central differences over six frames, m/s; NaN where unknown.
-    """
-
-    frames: NDArray[np.int64]
-    ids: NDArray[np.int64]
-    boxes: Array
-    positions: Array
-    velocities: Array
+    frames: NDArray[np.int64]  # (N,) from 1
+    ids: NDArray[np.int64]  # (N,) of the people
+    boxes: Array  # (N, 4) of the detector, pixels counted from 0
+    positions: Array  # (N, 2) on the ground, meters
+    velocities: Array  # (N, 2) by central differences over six frames, m/s; NaN where unknown
 
 
 def read_ground_tracks(folder: Path, rate: float) -> GroundTracks:
