@@ -28,7 +28,7 @@ from arguments import at_least
 from numpy.typing import NDArray
 from particle_loop import ParticleLoop
 from rich.progress import track
-from tables import Table, save_tables
+from tables import Table, publish
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.tracking.presets import SELF_CONTAINED
@@ -191,9 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     tables = [table for part in given.only or PARTS for table in PARTS[part](given.turns)]
-    for table in tables:
-        table.show()
-    save_tables(given.output, tables)
+    publish(given.output, tables)
     return 0
 
 

@@ -33,7 +33,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
-from tables import Table, save_tables
+from tables import Table, publish
 
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node_parameters import NodeParameters
@@ -291,8 +291,7 @@ def main() -> int:
                     priority=arguments.realtime_priority,
                 )
             )
-            tables[-1].show()
-    save_tables(arguments.output, tables)
+    publish(arguments.output, tables)
     return 0
 
 

@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 from color_image_tracker import Array, Box, ColorImageTracker, Image
 from numpy.typing import ArrayLike, NDArray
-from tracker_families import machine_learning
 
 from pf_tracker_ros.boxes import as_box
 from pf_tracker_ros.evaluation import EvaluationError
@@ -155,20 +154,6 @@ class NanoTrack(OpenCvTracker):
         return cv2.TrackerNano_create(parameters)
 
 
-class MultipleInstanceLearning(PeerTracker):
-    """MIL, which has no scale; seeded, as what OpenCV draws from is not."""
-
-    name = "MIL"
-    is_random = True
-
-    def _learn(self, image: Image, box: Array) -> None:
-        self._tracker = machine_learning.MultipleInstanceLearning(self._seed)
-        self._tracker.start(image, box)
-
-    def _find(self, image: Image, box: Array) -> Box:
-        return self._tracker.update(image).box
-
-
 class DlibCorrelation(PeerTracker):
     """dlib's `correlation_tracker`: translation and scale filters over gradient histograms.
 
@@ -298,7 +283,6 @@ class NetworkAlone(PeerTracker):
 PEERS: tuple[type[PeerTracker], ...] = (
     ChannelSpatialReliability,
     KernelizedCorrelation,
-    MultipleInstanceLearning,
     DlibCorrelation,
     ColorParticleFilter,
 )

@@ -33,7 +33,6 @@ from pf_tracker_ros.overlay import STATE_COLORS, draw_box
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 from follow_parts.chain import LibraryChain, camera_info, stamp_at
-from follow_parts.drawing import PERSON_COLOR, POSE_COLOR, ROBOT_COLOR, RoomMap
 from follow_parts.layout import Layout
 from follow_parts.loop import Moment, moments
 from follow_parts.metrics import Row, row_of
@@ -41,6 +40,7 @@ from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
 from follow_parts.robot import Pose2D
 from follow_parts.scenarios import SCENARIOS
 from follow_parts.world import RATE, World
+from room_map import PERSON_COLOR, POSE_COLOR, ROBOT_COLOR, RoomMap
 
 NAME = "follower"
 BAG = f"{NAME}.mcap"
@@ -142,7 +142,7 @@ def locate(folder: Path, rows: Sequence[Row]) -> FollowerResult:
     again = ["python", "benchmarks/follow.py", "--scenario", _SCENARIO, "--seeds", str(_SEED), "1"]
     commands = {
         "report, boxes.csv and topics.mcap": ["track", *arguments],
-        "the run again, measured": [*again, "--seconds", f"{_SECONDS:g}", "--video", "run.mp4"],
+        "the run again, measured": [*again, "--seconds", f"{_SECONDS:g}"],
     }
     return FollowerResult(NAME, BAG, found[1], commands, errors_in_words(rows))
 
@@ -250,8 +250,8 @@ class _Panel:
 
     def draw(self, rows: Sequence[Row], others: NDArray[np.float64]) -> Picture:
         """The panel at the last of all rows so far, (480, 500, 3) BGR."""
-        self._map.line([(one.robot_x, one.robot_y) for one in rows[-2:]], ROBOT_COLOR)
-        self._map.line([(one.x, one.y) for one in rows[-2:]], PERSON_COLOR)
+        self._map.line([one.robot.position for one in rows[-2:]], ROBOT_COLOR)
+        self._map.line([one.person for one in rows[-2:]], PERSON_COLOR)
         scene = self._map.copy()
         scene.people(rows[-1], others)
         # Twice as large, then reduced: Pillow's lines have no smooth edges.

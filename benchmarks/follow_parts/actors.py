@@ -174,13 +174,6 @@ class Cast:
         self._alone_for = 0.0
         walkers[0].pause = 3.0
 
-    @property
-    def doing(self) -> str:
-        """What those who cross or hide do; empty for nothing."""
-        if self._hiding and self._hiding.is_hiding:
-            return "hide"
-        return f"{self._passage.walker} {self._passage.stage}" if self._passage else ""
-
     def advance(self, time: float, interval: float, robot: Pose2D) -> None:
         """Move everybody.
 
@@ -218,7 +211,7 @@ class Cast:
             person.way = self._next_way(person, place)
             person.pause = self._generator.choice([0.0, 1.0], p=[0.4, 0.6])
             person.pause *= self._generator.uniform(2.0, 6.0)
-        pace = person.pace * (_HURRY if self.doing == "hide" else 1.0)
+        pace = person.pace * (_HURRY if self._hiding and self._hiding.is_hiding else 1.0)
         person.advance(interval, self._layout, _away(person.position, place, 0.9), pace)
 
     def _is_followed(self, robot: Pose2D) -> bool:

@@ -51,11 +51,9 @@ class Report:
     """What tracker and localizer publish of an image."""
 
     state: str  # of the selected target, `idle` without
-    selected: int  # id of the selected target, 0 without
     confidence: float  # of the selected target; NaN without
     box: Box | None  # of the selected target; None without, or while it is lost
     targets: dict[int, Box]  # id of each target that is not lost, to its box
-    silence: str  # why there is no pose; empty if there is
     # (2,) of the pose in the frame of the odometry; None without
     position: NDArray[np.float64] | None = None
     covariance: NDArray[np.float64] | None = None  # (2, 2) of the position; None without
@@ -246,11 +244,9 @@ def _report(result: FrameResult, located: LocatedFrame) -> Report:
         values["bearing"] = math.atan2(-bearing.vector.x, bearing.vector.z)
     return Report(
         state=result.state,
-        selected=result.selected,
         confidence=float(estimate.confidence) if estimate else math.nan,
         box=boxes.get(result.selected),
         targets=boxes,
-        silence=located.silence,
         **values,
     )
 

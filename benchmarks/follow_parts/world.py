@@ -39,7 +39,6 @@ class Truth:
     odometry: Pose2D  # the robot by its odometry
     velocity: Array  # (2,) of the followed person, m/s
     stands_for: float  # seconds for which the followed person stands
-    doing: str  # what those who cross or hide do; empty for nothing
 
     def in_odometry(self, position: Array) -> Array:
         """A (2,) place in the room as it is in the frame of the odometry now."""
@@ -132,7 +131,6 @@ class World:
             robot.odometry,
             self.cast.walkers[0].velocity.copy(),
             self.cast.walkers[0].stands_for,
-            self.cast.doing,
         )
 
     def advance(self, speed: float, turn: float) -> list[Motion]:

@@ -30,10 +30,11 @@ class Sprite:
     # 0)
     anchor: tuple[float, float]
 
-    def painted(self, color: Color) -> Sprite:
-        """The same shape in one flat color."""
+    def textured(self, factors: NDArray[np.float32]) -> Sprite:
+        """The same sprite, brighter or darker by (H, W) factors."""
         pixels = self.pixels.copy()
-        pixels[..., :3] = pixels[..., 3:] * np.asarray(color, np.float32)
+        brighter = pixels[..., :3] * factors[..., None]
+        pixels[..., :3] = np.minimum(brighter, 255.0 * pixels[..., 3:])
         return Sprite(pixels, self.anchor)
 
     def held_at_centroid(self) -> Sprite:
@@ -80,14 +81,6 @@ class Placement:
         pixels = self.pixels[source]
         canvas[target] *= 1.0 - pixels[..., 3:]
         canvas[target] += pixels[..., :3]
-
-    def add_coverage(self, canvas: NDArray[np.float32]) -> None:
-        """Lay the coverage over a (H, W) float32 map of coverage, in place."""
-        region = self._region(canvas.shape)
-        if region is None:
-            return
-        target, source = region
-        canvas[target] += (1.0 - canvas[target]) * self.pixels[source][..., 3]
 
     def _region(
         self, shape: tuple[int, ...]

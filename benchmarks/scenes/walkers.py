@@ -40,6 +40,11 @@ def standing_boxes(feet: NDArray[np.float64], height: float) -> NDArray[np.float
     return np.hstack([corners, np.broadcast_to((width, height), corners.shape)])
 
 
+def gait_views(columns: NDArray[np.float64], facing: int, height: float) -> NDArray[np.int64]:
+    """(frames,) views of a walker by the columns of the feet: two steps take them one cycle."""
+    return np.floor(facing * columns / (0.8 * height) * GAIT_VIEWS).astype(np.int64) % GAIT_VIEWS
+
+
 def panels(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
     """Panels between the ribs in turn of either color."""
     return np.asarray(np.sin(_PANELS / 2 * np.arctan2(along, across)))
