@@ -35,7 +35,6 @@ from numpy.typing import NDArray
 from tables import Table, publish
 from tracking_runs import estimates_of
 
-from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
     EvaluationError,
     find_sequences,
@@ -264,7 +263,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
-        Tracker.from_preset(options.preset)
         folders = find_sequences(options.sequences)
         parts = options.only or (*PARTS, *SITUATIONS)
         runs = measured(options.preset, options.seeds, folders, options.processes, parts)

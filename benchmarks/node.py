@@ -38,6 +38,7 @@ from tables import Table, publish
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.ros_domains import unused_domain
+from pf_tracker_ros.stamps import stamp_of
 
 SIZES = {"640x480": (640, 480), "768x576": (768, 576), "1920x1080": (1920, 1080)}
 RELIABILITIES = ("reliable", "best_effort")
@@ -125,11 +126,6 @@ class Camera(Node):
         self._on_answer(message.header)
         values = {item.key: item.value for item in message.status[0].values}
         self.processing[stamp_of(message.header)] = 1e-3 * float(values["processing_time_ms"])
-
-
-def stamp_of(header: Header) -> int:
-    """Nanoseconds."""
-    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
 def moving_square(width: int, height: int) -> list[Image]:

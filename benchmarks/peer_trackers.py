@@ -5,8 +5,8 @@ Each tracker runs as its library ships it, save where its docstring says so.
 
 from __future__ import annotations
 
-import importlib.util
 from abc import abstractmethod
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -16,7 +16,6 @@ from color_image_tracker import Array, Box, ColorImageTracker, Image
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.boxes import as_box
-from pf_tracker_ros.evaluation import EvaluationError
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.networks.siamese import SiameseNetwork
 
@@ -52,13 +51,9 @@ class OpenCvTracker(PeerTracker):
 
     @classmethod
     def missing(cls) -> str:
-        """What has to be installed for this tracker to run; empty if nothing."""
-        if hasattr(cv2, cls.factory):
-            return ""
-        return (
-            "pip install opencv-contrib-python-headless in place of opencv-python-headless, "
-            "or use `make bench`"
-        )
+        """See `PeerTracker.missing`."""
+        has_it = hasattr(cv2, cls.factory)
+        return "" if has_it else "OpenCV is without its contributed trackers; use `make bench`"
 
     @abstractmethod
     def _create(self) -> Any:
@@ -130,24 +125,6 @@ class NanoTrack(OpenCvTracker):
         super().__init__(seed)
         self._files = (backbone, head)
 
-    def check(self) -> None:
-        """Try the files, which otherwise show only while tracking that they do not fit.
-
-        Raises:
-            EvaluationError: They are no networks of NanoTrack, or in the wrong order.
-        """
-        image = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
-        files = " and ".join(f"'{file}'" for file in self._files)
-        allowed = "allowed: NanoTrack's backbone, then its head, in ONNX format"
-        for file in self._files:
-            if not file.is_file():
-                raise EvaluationError(f"no file '{file}'; {allowed}")
-        try:
-            self._learn(image, np.array([140.0, 100.0, 40.0, 40.0]))
-            self._tracker.update(image)
-        except (ValueError, cv2.error) as error:
-            raise EvaluationError(f"OpenCV cannot track with {files}; {allowed}") from error
-
     def _create(self) -> Any:
         parameters = cv2.TrackerNano_Params()
         parameters.backbone, parameters.neckhead = map(str, self._files)
@@ -164,10 +141,8 @@ class DlibCorrelation(PeerTracker):
 
     @classmethod
     def missing(cls) -> str:
-        """What has to be installed for this tracker to run; empty if nothing."""
-        if importlib.util.find_spec("dlib") is not None:
-            return ""
-        return "pip install dlib-bin, or use `make bench`"
+        """See `PeerTracker.missing`."""
+        return "" if find_spec("dlib") else "pip install dlib-bin, or use `make bench`"
 
     def _learn(self, image: Image, box: Array) -> None:
         import dlib

@@ -91,7 +91,6 @@ def contenders(
         model: Folder of a network for the preset `learned` and for that network alone, if any.
 
     Raises:
-        EvaluationError: NanoTrack cannot use its files.
         ParameterError: The network cannot be used.
     """
     found = [
@@ -113,7 +112,6 @@ def contenders(
     elif NanoTrack.name not in missing:
         backbone, head = nanotrack
         make_tracker = functools.partial(NanoTrack, backbone=backbone, head=head)
-        make_tracker(0).check()
         found.append(Contender(NanoTrack.name, make_tracker, is_random=False))
     if not model:
         missing["learned"] = "name the folder of a network with --model FOLDER"

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from tables import Table, publish
 from tracking_runs import estimates_of, timed_images
 
-from pf_tracker_ros import Estimate, Tracker
+from pf_tracker_ros import Estimate
 from pf_tracker_ros.evaluation import EvaluationError, has_target, overlap, read_sequences
 from pf_tracker_ros.evaluation.sequences import usable_ground_truth
 from pf_tracker_ros.footage import Footage
@@ -200,7 +200,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
-        Tracker.from_preset(options.preset)
         sequences = read_sequences(options.sequences)
         members = grouped([footage.name for footage in sequences], options.group)
         parts = measured(sequences, options.preset, options.seeds)

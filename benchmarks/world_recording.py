@@ -20,6 +20,7 @@ room.target.yaml beside it has the boxes of the people in the first frame.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,14 +32,19 @@ from world_room import (
     CAMERA_PITCH,
     PILLAR,
     WALKERS,
-    Base,
     Room,
     RoomFrame,
 )
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.bag_writing import BagWriter
-from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
+from pf_tracker_ros.messages import (
+    IMAGE_TYPE,
+    POLYGON_TYPE,
+    MessageFactory,
+    box_message,
+    image_message,
+)
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, file_text
 from pf_tracker_ros.stamps import NANOSECONDS
@@ -101,7 +107,11 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
             time = index / _SENSOR_RATE
             stamp = stamp_at(time)
             base = room.base(time)
-            messages.append((stamp, ODOMETRY_TOPIC, _odometry(writer, stamp, base)))
+            pose, header = (
+                pose_message(new, base.x, base.y, base.yaw),
+                writer.header(stamp, FIXED_FRAME),
+            )
+            messages.append((stamp, ODOMETRY_TOPIC, odometry_message(new, header, pose)))
             moved = (base.x, base.y, 0.0), (0.0, 0.0, np.sin(base.yaw / 2), np.cos(base.yaw / 2))
             transform = _transform(writer, stamp, (FIXED_FRAME, _BASE_FRAME), moved)
             messages.append((stamp, TRANSFORM_TOPIC, transform))
@@ -110,14 +120,14 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
             stamp = stamp_at(frame.time)
             header = writer.header(stamp, FRAME)
             messages += [
-                (stamp + late, CAMERA_INFO_TOPIC, _camera_info(writer, header, room.camera)),
+                (stamp + late, CAMERA_INFO_TOPIC, camera_info_message(new, header, room.camera)),
                 (stamp + late, IMAGE_TOPIC, image_message(new, header, frame.image)),
                 (stamp + late, DEPTH_TOPIC, image_message(new, header, frame.millimeters)),
             ]
             if frame.boxes[0]:
                 messages.append((stamp + late, TRUTH, box_message(new, header, frame.boxes[0])))
             for number, (x, y) in enumerate(frame.positions, start=1):
-                pose = _pose(writer, float(x), float(y), 0.0)
+                pose = pose_message(new, float(x), float(y))
                 message = new(_POSE, header=writer.header(stamp, FIXED_FRAME), pose=pose)
                 messages.append((stamp, f"/truth/walker_{number}", message))
         for log_time, topic, message in sorted(messages, key=lambda one: one[0]):
@@ -135,13 +145,13 @@ def first_targets(frame: RoomFrame, count: int) -> list[Target]:
     ]
 
 
-def _pose(writer: BagWriter, x: float, y: float, yaw: float) -> Any:
-    return writer.new(
+def pose_message(new: MessageFactory, x: float, y: float, yaw: float = 0.0) -> Any:
+    """A pose on the ground as geometry_msgs/Pose."""
+    turn = {"z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+    return new(
         "geometry_msgs/msg/Pose",
-        position=writer.new("geometry_msgs/msg/Point", x=x, y=y),
-        orientation=writer.new(
-            "geometry_msgs/msg/Quaternion", z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2))
-        ),
+        position=new("geometry_msgs/msg/Point", x=x, y=y),
+        orientation=new("geometry_msgs/msg/Quaternion", **turn),
     )
 
 
@@ -179,15 +189,16 @@ def _transform(
     return new(_TRANSFORMS, transforms=[transform])
 
 
-def _odometry(writer: BagWriter, stamp: int, base: Base) -> Any:
-    pose = _pose(writer, base.x, base.y, base.yaw)
-    return writer.new(
-        "nav_msgs/msg/Odometry",
-        header=writer.header(stamp, FIXED_FRAME),
-        child_frame_id="base_link",
-        pose=writer.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=writer.new("geometry_msgs/msg/TwistWithCovariance", covariance=np.zeros(36)),
-    )
+def odometry_message(new: MessageFactory, header: Any, pose: Any) -> Any:
+    """A pose of the robot's base as nav_msgs/Odometry, without covariances."""
+    kinds = {"pose": {"pose": pose}, "twist": {}}
+    parts = {
+        name: new(
+            f"geometry_msgs/msg/{name.title()}WithCovariance", covariance=np.zeros(36), **given
+        )
+        for name, given in kinds.items()
+    }
+    return new("nav_msgs/msg/Odometry", header=header, child_frame_id=_BASE_FRAME, **parts)
 
 
 def _imu(writer: BagWriter, stamp: int, generator: np.random.Generator) -> Any:
@@ -205,9 +216,10 @@ def _imu(writer: BagWriter, stamp: int, generator: np.random.Generator) -> Any:
     )
 
 
-def _camera_info(writer: BagWriter, header: Any, camera: CameraModel) -> Any:
+def camera_info_message(new: MessageFactory, header: Any, camera: CameraModel) -> Any:
+    """A calibration as sensor_msgs/CameraInfo."""
     k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
-    return writer.new(
+    return new(
         "sensor_msgs/msg/CameraInfo",
         header=header,
         height=camera.height,

@@ -6,7 +6,6 @@ with premultiplied colors and the coverage of each pixel.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,8 +16,6 @@ from scenes.textures import fractal_noise
 
 Array = NDArray[np.float64]
 Color = tuple[float, float, float]
-# Maps a point of the body, in heights to its left, forward and up, to a pixel.
-_Place = Callable[[float, float, float], tuple[float, float]]
 
 VIEWS, PHASES = 12, 10
 # Pixels in a meter of a sprite, and size of its canvas in heights.
@@ -27,28 +24,18 @@ _ABOVE, _ASIDE = 1.06, 0.4
 # Fractional bits of coordinates in OpenCV's drawing.
 _SHIFT = 4
 
-_SHIRTS: tuple[Color, ...] = (
-    (40, 40, 190),
-    (170, 80, 30),
-    (60, 130, 50),
-    (40, 40, 45),
-    (215, 215, 215),
-    (50, 180, 220),
-    (130, 60, 120),
-    (150, 150, 60),
-    (90, 110, 140),
-    (110, 110, 115),
-)
-_TROUSERS: tuple[Color, ...] = (
-    (110, 70, 45),
-    (40, 38, 36),
-    (80, 85, 90),
-    (70, 100, 130),
-    (150, 160, 165),
-    (60, 45, 70),
-)
-_HAIRS: tuple[Color, ...] = ((25, 30, 35), (35, 60, 95), (80, 140, 180), (160, 165, 170))
-_SKINS: tuple[Color, ...] = ((150, 180, 225), (110, 150, 200), (70, 100, 150), (50, 70, 100))
+
+def _colors(digits: str) -> tuple[Color, ...]:
+    """Colors of two hexadecimal digits each for blue, green and red."""
+    blues, greens, reds = (tuple(bytes.fromhex(digits))[first::3] for first in range(3))
+    return tuple(zip(blues, greens, reds, strict=True))
+
+
+_SHIRTS = _colors("2828be aa501e 3c8232 28282d d7d7d7 32b4dc 823c78 96963c 5a6e8c 6e6e73")
+_TROUSERS = _colors("6e462d 282624 50555a 466482 96a0a5 3c2d46")
+_HAIRS = _colors("191e23 233c5f 508cb4 a0a5aa")
+_SKINS = _colors("96b4e1 6e96c8 466496 324664")
+_SHOES = _colors("1e1e1e c8c8c8 283c64")
 
 
 @dataclass(frozen=True)
@@ -72,7 +59,7 @@ class Clothes:
             second,
             str(generator.choice(["plain", "stripes", "columns", "halves", "print"])),
             _varied(generator, _TROUSERS),
-            _varied(generator, ((30, 30, 30), (200, 200, 200), (40, 60, 100))),
+            _varied(generator, _SHOES),
             float(generator.choice([0.35, 1.0])),
             bool(generator.random() < 0.25),
         )

@@ -23,6 +23,8 @@ from pf_tracker_ros.world import CameraModel, GroundPlane, Localizer, PositionFi
 from world_parts.errors import Array, Errors
 
 RATE = 7.0
+_TSAI = {"width", "height", "dpx", "dpy", "focal", "kappa1", "sx", "cx", "cy"}
+_TSAI |= {"rx", "ry", "rz", "tx", "ty", "tz"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,28 +41,19 @@ def read_tsai(path: Path) -> FixedCamera:
 
     Tsai's model has the undistorted coordinates as a function of the distorted ones; plumb_bob has
     the opposite, and is fitted to it over the image.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no such file.
     """
-    try:
-        root = ElementTree.parse(path).getroot()
-        found = {name: root.find(f".//{name}") for name in ("Geometry", "Intrinsic", "Extrinsic")}
-        values = {
-            f"{name}.{key}": float(value)
-            for name, element in found.items()
-            if element is not None
-            for key, value in element.attrib.items()
-        }
-        width, height = (int(values[f"Geometry.{key}"]) for key in ("width", "height"))
-        pixel = np.array([values["Geometry.dpx"], values["Geometry.dpy"]])
-        focal, kappa, scale = (values[f"Intrinsic.{key}"] for key in ("focal", "kappa1", "sx"))
-        center = np.array([values["Intrinsic.cx"], values["Intrinsic.cy"]])
-        angles = [values[f"Extrinsic.{key}"] for key in ("rx", "ry", "rz")]
-        shift = np.array([values[f"Extrinsic.{key}"] for key in ("tx", "ty", "tz")]) / 1000.0
-    except (ElementTree.ParseError, KeyError, ValueError) as error:
-        raise ValueError(f"{path} is no Tsai calibration in XML: {error}") from error
+    root = ElementTree.parse(path).getroot()
+    values = {
+        f"{element.tag}.{key}": float(element.attrib[key])
+        for element in root.iter()
+        for key in element.attrib.keys() & _TSAI
+    }
+    width, height = (int(values[f"Geometry.{key}"]) for key in ("width", "height"))
+    pixel = np.array([values["Geometry.dpx"], values["Geometry.dpy"]])
+    focal, kappa, scale = (values[f"Intrinsic.{key}"] for key in ("focal", "kappa1", "sx"))
+    center = np.array([values["Intrinsic.cx"], values["Intrinsic.cy"]])
+    angles = [values[f"Extrinsic.{key}"] for key in ("rx", "ry", "rz")]
+    shift = np.array([values[f"Extrinsic.{key}"] for key in ("tx", "ty", "tz")]) / 1000.0
     columns, rows = np.meshgrid(np.linspace(0, width - 1, 40), np.linspace(0, height - 1, 30))
     offsets = np.column_stack([columns.ravel(), rows.ravel()]) - center
     distorted = offsets * pixel / (scale, 1.0)
@@ -69,15 +62,8 @@ def read_tsai(path: Path) -> FixedCamera:
     powers = radius[:, None] ** [2, 4, 6]
     weights = radius[:, None]
     k1, k2, k3 = np.linalg.lstsq(powers * weights, (1.0 / factors - 1.0) * radius, rcond=None)[0]
-    model = CameraModel(
-        focal * scale / pixel[0],
-        focal / pixel[1],
-        center[0],
-        center[1],
-        width,
-        height,
-        (k1, k2, 0.0, 0.0, k3),
-    )
+    lengths = focal * scale / pixel[0], focal / pixel[1]
+    model = CameraModel(*lengths, *center, width, height, (k1, k2, 0.0, 0.0, k3))
     about_x, about_y, about_z = (
         cv2.Rodrigues(angle * axis)[0] for angle, axis in zip(angles, np.eye(3), strict=True)
     )
@@ -97,15 +83,7 @@ class GroundTracks:
 
 
 def read_ground_tracks(folder: Path, rate: float) -> GroundTracks:
-    """Detections that overlap a person by more than half.
-
-    Args:
-        folder: With `gt.txt` and `det.txt`.
-        rate: Frames per second.
-
-    Raises:
-        OSError: A file cannot be read.
-    """
+    """Detections that overlap a person by more than half; the rate is in frames per second."""
     truth = np.loadtxt(folder / "gt.txt", delimiter=",")
     detections = np.loadtxt(folder / "det.txt", delimiter=",")
     velocities = np.full((len(truth), 2), np.nan)
