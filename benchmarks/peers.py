@@ -229,7 +229,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sequences = read_sequences(options.sequences)
         left_out = [f"{name} is left out: {what}." for name, what in missing.items()]
         left_out = [] if options.tracker else left_out
-        print(*left_out, sep="\n")
+        for sentence in left_out:
+            print(sentence)
         outcomes = compare(sequences, trackers, options.seeds)
         table = summary(outcomes, f"Presets and peers, {counted(options.seeds, 'seed')}")
         frames = sum(len(result.true_boxes) for result in outcomes[0].results)
