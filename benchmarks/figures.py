@@ -134,8 +134,6 @@ PICTURES = {
 def measure(part: str, footage: Path, seeds: int, pictures: Path) -> dict[str, Any] | None:
     """Run a part; returns its commands, commit and tables, None where its footage is absent.
 
-    Its picture goes into the folder `pictures`.
-
     Raises:
         FiguresError: A benchmark has failed.
     """

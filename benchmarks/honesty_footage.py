@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from tracking_runs import spans
 
 from pf_tracker_ros.evaluation import has_target
 from pf_tracker_ros.footage import Footage
@@ -44,15 +45,14 @@ class Clip:
 
     @classmethod
     def with_target(cls, footage: Footage, frames: int, at_least: int) -> Clip | None:
-        """The longest part of a sequence with the target in every frame.
+        """The longest part of a sequence with the target in every frame, of so many frames.
 
-        Args:
-            footage: A sequence with ground truth.
-            frames: Frames of the clip: of a longer part the first ones; a shorter one is played
-                back and forth.
-            at_least: Frames of a part that is long enough; otherwise None is returned.
+        Of a longer part it has the first ones; a shorter one is played back and forth, and one of
+        less than `at_least` frames is None.
         """
-        start, length = _longest_run(has_target(np.asarray(footage.ground_truth)))
+        parts = spans(has_target(np.asarray(footage.ground_truth)))
+        start, end = max(parts, key=lambda part: part[1] - part[0], default=(0, 0))
+        length = end - start
         if length < at_least:
             return None
         part = cls.of(footage, start + min(length, frames))
@@ -64,16 +64,6 @@ class Clip:
     def is_colored(self) -> bool:
         """Whether the first image has colors."""
         return float(np.ptp(self.images[0], axis=2).mean()) >= 2.0
-
-
-def _longest_run(holds: NDArray[np.bool_]) -> tuple[int, int]:
-    """Start and length of the first longest run of frames in which a condition, (F,), holds."""
-    changes = np.flatnonzero(np.diff(holds.astype(int), prepend=0, append=0))
-    starts, ends = changes[::2], changes[1::2]
-    if not len(starts):
-        return 0, 0
-    longest = int(np.argmax(ends - starts))
-    return int(starts[longest]), int(ends[longest] - starts[longest])
 
 
 def same_place(one: Clip, other: Clip) -> bool:
@@ -104,13 +94,7 @@ def relight(clip: Clip, light: GainOverTime) -> Iterator[Image]:
 
 
 def cut(clip: Clip, scene: Clip, after: int) -> Iterator[Image]:
-    """The frames of a clip, then those of another scene, resized to the same size.
-
-    Args:
-        clip: The first part.
-        scene: The second part, played back and forth if too short.
-        after: Frames of the scene.
-    """
+    """The frames of a clip, then so many of a scene, back and forth, resized to the same size."""
     yield from clip.images
     height, width = clip.images[0].shape[:2]
     for index in range(after):

@@ -207,12 +207,8 @@ def _changed(
 ) -> Clip:
     """The clip with changed images from `first` to before `end`.
 
-    Args:
-        clip: The footage.
-        first: First frame of the situation.
-        end: Frame after its last one.
-        change: Makes an image from the number of frames since `first`, the image and the true box.
-        gone_after: Frames after which the target is not to be seen; None where it always is.
+    The change gets the number of frames since `first`, the image and the true box. The target is
+    not to be seen after some frames, or always is (None).
     """
     images, boxes = list(clip.images), clip.boxes.copy()
     for index in range(first, end):

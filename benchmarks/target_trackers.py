@@ -29,12 +29,9 @@ class TargetTracker(Protocol):
 
     @abstractmethod
     def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
-        """The (K,) ids and (K, 4) boxes in the next frame.
+        """The (K,) ids and (K, 4) boxes in the next frame, so many seconds later.
 
-        Args:
-            image: (H, W, 3) BGR.
-            interval: Seconds since the last one.
-            seen: (M, 5) boxes and scores of a detector; None where it did not run.
+        (M, 5) boxes and scores of a detector are seen, or None where it did not run.
         """
 
 

@@ -86,9 +86,6 @@ class AnnotatedSequence:
 
         It finds half of the true boxes, and 6 of 10 of its boxes are of targets. All boxes are
         moved and resized at random, and shifted and widened alike.
-
-        Args:
-            seed: Of the random numbers.
         """
         draw = np.random.default_rng(seed)
         everywhere = np.concatenate(self.detections)
@@ -116,16 +113,7 @@ class AnnotatedSequence:
 
 
 def read_sequence(folder: Path, frames: Path) -> AnnotatedSequence:
-    """Read the files of the MOT challenge; their x and y count from 1.
-
-    Args:
-        folder: Folder of the files.
-        frames: Video or folder of images.
-
-    Raises:
-        OSError: A file is not there.
-        ValueError: One does not hold what it should.
-    """
+    """Read the files of the MOT challenge, whose x and y count from 1, beside a video or images."""
     info = configparser.ConfigParser()
     with (folder / "seqinfo.ini").open(encoding="utf-8") as file:
         info.read_file(file)
@@ -156,14 +144,7 @@ class Run(NamedTuple):
 
 
 def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: int) -> Run:
-    """Track all targets of a sequence, with a detector on every `every`-th frame.
-
-    Args:
-        tracker: A new tracker.
-        sequence: The frames and detections.
-        every: Interval of the detector in frames.
-        first: First frame of the detector.
-    """
+    """Track all targets, with a detector on every `every`-th frame from `first` on."""
     tracks, seconds = [], 0.0
     frames = open_footage(sequence.frames).frames()
     for number, frame in enumerate(itertools.islice(frames, len(sequence.truth))):

@@ -1,11 +1,12 @@
-"""Runs of the package's tracker of which every estimate is kept."""
+"""Runs of the package's tracker of which every estimate is kept, and spans of their frames."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import cv2
+import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros import Estimate, Tracker
@@ -38,3 +39,10 @@ def estimates_of(
         else:
             tracker.start(image, box)
     return estimates
+
+
+def spans(flags: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Begin and end (exclusive) of each run of true values."""
+    padded = np.concatenate([[False], np.asarray(flags, bool), [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

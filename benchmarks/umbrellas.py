@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scenes import UmbrellaScene
 from scenes.scene import FRAME_INTERVAL
 from tables import Table, publish
-from tracking_runs import estimates_of
+from tracking_runs import estimates_of, spans
 
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
 from pf_tracker_ros.progress import progress_bar
@@ -61,36 +61,25 @@ class Run:
 
 
 def outcome(boxes: Boxes, target: Boxes, other: Boxes) -> str:
-    """Outcome of a run after the umbrellas have passed each other.
+    """Outcome of a run after the umbrellas have passed each other, by (frames, 4) boxes.
 
     "switched": for at least half a second without a break the estimate overlapped the other
     umbrella's box and its center was nearer to the other's center than to the target's; a run that
     comes back later still counts as switched. "held": not switched, and in the last second the
     median center error is at most half a box. "lost": neither.
-
-    Args:
-        boxes: (frames, 4) estimates.
-        target: (frames, 4) the target's true boxes.
-        other: (frames, 4) the other umbrella's true boxes.
     """
     apart = center_errors(target, other) > target[:, 2]
     wrong = (center_errors(boxes, other) < center_errors(boxes, target)) & apart
     wrong &= overlap(boxes, other) > 0.0
     wrong[: int(np.argmin(center_errors(target, other)))] = False
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]]).astype(int)))
-    if int(np.max(ends[1::2] - ends[::2], initial=0)) >= SECOND // 2:
+    if any(end - begin >= SECOND // 2 for begin, end in spans(wrong)):
         return "switched"
     held = np.median(center_errors(boxes, target)[-SECOND:]) <= target[0, 2] / 2
     return "held" if held else "lost"
 
 
 def jitter(boxes: Boxes, target: Boxes) -> float:
-    """Root mean square of the change of the error vector from frame to frame, px.
-
-    Args:
-        boxes: (frames, 4) estimates.
-        target: (frames, 4) the target's true boxes.
-    """
+    """Root mean square of the change of the error vector from frame to frame, px."""
     offsets = (boxes[:, :2] + boxes[:, 2:] / 2) - (target[:, :2] + target[:, 2:] / 2)
     return float(np.sqrt(np.mean(np.sum(np.diff(offsets, axis=0) ** 2, axis=1))))
 

@@ -66,13 +66,7 @@ class Frames:
 def compared(
     estimates: Sequence[Estimate], true_boxes: NDArray[np.float64], interval: float
 ) -> Frames:
-    """Output for the frames with a true box.
-
-    Args:
-        estimates: An estimate for each frame.
-        true_boxes: (frames, 4), pixels.
-        interval: Seconds between frames.
-    """
+    """Output for the frames with a true box, of an estimate for each frame."""
     known = has_target(true_boxes)
     estimates = [one for one, is_known in zip(estimates, known, strict=True) if is_known]
     overlaps = overlap(np.array([one.box for one in estimates]), true_boxes[known])

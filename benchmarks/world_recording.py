@@ -67,16 +67,7 @@ def stamp_at(time: float) -> int:
 
 
 def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list[RoomFrame]:
-    """Write a bag.
-
-    Args:
-        room: The room.
-        path: Of the new bag.
-        count: Number of frames.
-        latency: Seconds by which the images and the depth arrive late.
-
-    Returns:
-        The frames.
+    """Write so many frames into a new bag, the images some seconds late; returns the frames.
 
     Raises:
         FootageError: The bag cannot be written.

@@ -96,13 +96,7 @@ def standing(x: float, y: float) -> Path:
 
 
 def driving(speed: float, swing: float, rate: float) -> Callable[[float], Base]:
-    """A robot that drives along x while it looks to both sides.
-
-    Args:
-        speed: Meters per second.
-        swing: Largest angle to each side, radians.
-        rate: Angular velocity between them, radians per second; 0 looks ahead.
-    """
+    """A robot that drives along x in m/s, and looks to both sides by an angle, with rad/s."""
 
     def base(time: float) -> Base:
         # A triangle from 0 to the left, to the right and back: constant rates between its corners.
@@ -194,12 +188,8 @@ def horizontal_rays(camera: CameraModel) -> Array:
 def cylinder(rays: Array, distance: float, bearing: float, height: float, turn: float) -> Array:
     """(H, W) depth of a person, infinite beside them.
 
-    Args:
-        rays: Of the camera.
-        distance: Horizontal distance of the middle, meters.
-        bearing: To the right, radians.
-        height: Meters.
-        turn: Angle between the body's wide side and the image plane, radians.
+    The middle is at a horizontal distance in meters and a bearing to the right. The turn is the
+    angle between the body's wide side and the image plane, radians.
     """
     # Axes of the ellipse: thickness along the line of sight, turned.
     cosine, sine = np.cos(bearing + turn), np.sin(bearing + turn)

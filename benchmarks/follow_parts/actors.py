@@ -60,14 +60,7 @@ class Walker:
         return Placed(self.sprites, x, y, self.heading, self.phase, self.is_walking)
 
     def advance(self, interval: float, layout: Layout, push: Array, speed: float) -> None:
-        """Walk along the way.
-
-        Args:
-            interval: Seconds.
-            layout: The room.
-            push: (2,) m/s, added by others.
-            speed: m/s along the way.
-        """
+        """Walk along the way for some seconds at a speed, pushed by others with (2,) m/s."""
         wanted = np.zeros(2)
         while self.way and np.hypot(*(self.way[0] - self.position)) < 0.15:
             self.way.pop(0)
@@ -175,13 +168,7 @@ class Cast:
         walkers[0].pause = 3.0
 
     def advance(self, time: float, interval: float, robot: Pose2D) -> None:
-        """Move everybody.
-
-        Args:
-            time: Seconds since the start.
-            interval: Seconds.
-            robot: Where it is.
-        """
+        """Move everybody; times are seconds since the start, and of the step."""
         self._move_followed(time, interval, robot)
         place = robot.position
         self._begin_crossing(time, place)

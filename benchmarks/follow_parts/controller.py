@@ -54,11 +54,8 @@ class FollowController:
     ) -> tuple[float, float]:
         """Speed in m/s and turn in rad/s.
 
-        Args:
-            time: Seconds.
-            base: The robot by its odometry.
-            is_free: Whether the way is free at an angle to the left, radians, for so many meters,
-                by a laser scanner.
+        A laser scanner says whether the way is free at an angle to the left, radians, for so many
+        meters. The base is the robot's by its odometry.
         """
         speed = 0.0
         if self._posed and time - self._posed.time <= _HOLD:

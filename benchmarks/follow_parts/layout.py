@@ -64,10 +64,8 @@ class Layout:
     def draw(cls, generator: np.random.Generator, kind: str) -> Layout:
         """A room of 8 to 16 m with two pillars, or a corridor.
 
-        Args:
-            generator: What is drawn from.
-            kind: `door` for a room that a wall with an opening divides, `corner` for a corridor
-                with a corner; else a room, which may have a short inner wall.
+        The kind is `door` for a room that a wall with an opening divides, `corner` for a corridor
+        with a corner; else a room, which may have a short inner wall.
         """
         if kind == "corner":
             outline = _corridor(generator)
@@ -115,11 +113,7 @@ class Layout:
         return bool(self.ranges(begin, direction[None])[0][0] >= 1.0)
 
     def ranges(self, origin: ArrayLike, directions: Array) -> tuple[Array, NDArray[np.int_]]:
-        """Where rays meet the first wall.
-
-        Args:
-            origin: (2,) of all rays.
-            directions: (N, 2), of any length.
+        """Where (N, 2) rays, of any length, meet the first wall.
 
         Returns:
             (N,) distances in lengths of the directions, infinite without a wall, and (N,) the
@@ -149,10 +143,7 @@ class Layout:
     def way(self, begin: ArrayLike, end: ArrayLike, avoid: Sequence[ArrayLike] = ()) -> list[Array]:
         """Corners of a short way that keeps clear of walls, without its begin; empty without a way.
 
-        Args:
-            begin: (2,).
-            end: (2,).
-            avoid: (2,) points to keep away from by a meter where that is possible.
+        It keeps away from the points to avoid, by a meter where that is possible.
         """
         end = np.asarray(end, float)
         cost = np.where(self._ways >= _CLEAR, 1.0, np.where(self._ways >= 0.25, 6.0, np.inf))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from tracking_runs import spans
 
 from follow_parts.loop import Moment, true_box
 from follow_parts.robot import Pose2D
@@ -110,13 +111,6 @@ def row_of(moment: Moment) -> Row:
         said_velocity=np.full(2, np.nan) if report.velocity is None else report.velocity,
         stands_for=truth.stands_for,
     )
-
-
-def spans(flags: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Begin and end (exclusive) of each run of true values."""
-    padded = np.concatenate([[False], np.asarray(flags, bool), [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def visibility(shares: Array) -> NDArray[np.bool_]:

@@ -131,11 +131,8 @@ class Sprites:
     def seen(self, angle: float, phase: float, *, is_walking: bool, is_far: bool) -> Sprite:
         """The sprite nearest to a view.
 
-        Args:
-            angle: Of the heading to the direction to the camera, radians; pi / 2 goes to the right.
-            phase: Of the gait, 0 to 1.
-            is_walking: Whether the person walks.
-            is_far: Whether half the resolution is enough.
+        The angle is that of the heading to the direction to the camera, radians; pi / 2 goes to the
+        right. The phase of the gait is 0 to 1; whoever is far has half the resolution.
         """
         view = round(angle / (2.0 * np.pi) * VIEWS) % VIEWS
         number = round(phase * PHASES) % PHASES if is_walking else 0

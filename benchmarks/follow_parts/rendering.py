@@ -133,13 +133,7 @@ class Renderer:
         self._owner = np.empty((rows, columns), np.int8)
 
     def render(self, camera: CameraState, people: Sequence[Placed], light: float) -> View:
-        """What the camera sees.
-
-        Args:
-            camera: Where it is.
-            people: Everybody.
-            light: Brightness, 1 for the mean.
-        """
+        """What the camera sees; the light is a brightness, 1 for the mean."""
         pose = camera_pose(camera)
         image = self._blank.copy()
         self._draw_floor(image, pose)
@@ -405,11 +399,8 @@ def _moved(x: float, y: float) -> Array:
 def _homography(pose: RigidPose, origin: Array, axes: Array, scale: float) -> Array:
     """(3, 3) homography of a plane's texture to the image.
 
-    Args:
-        pose: Of the camera.
-        origin: (3,) point of the texture's first pixel.
-        axes: (3, 2) directions of its columns and rows.
-        scale: Pixels in a meter.
+    Its first pixel is at the (3,) origin, its columns and rows go along the (3, 2) axes; the scale
+    is in pixels per meter.
     """
     matrix = np.array([[CAMERA.fx, 0.0, CAMERA.cx], [0.0, CAMERA.fy, CAMERA.cy], [0.0, 0.0, 1.0]])
     columns = np.column_stack([axes / scale, origin - pose.translation])

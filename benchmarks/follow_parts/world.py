@@ -97,13 +97,7 @@ class World:
 
     @classmethod
     def draw(cls, seed: int, scenario: Scenario, seconds: float) -> World:
-        """The world of a seed.
-
-        Args:
-            seed: The same one gives the same world.
-            scenario: What happens in it.
-            seconds: For which it is run; crossings are spread over them.
-        """
+        """The world of a seed; crossings are spread over the seconds."""
         # Independent generators: a change in one part leaves the others as they are.
         generators = np.random.default_rng(seed).spawn(8)
         layout = Layout.draw(generators[0], scenario.hides)
@@ -134,15 +128,7 @@ class World:
         )
 
     def advance(self, speed: float, turn: float) -> list[Motion]:
-        """Go on to the next frame.
-
-        Args:
-            speed: Wanted of the robot, m/s.
-            turn: Wanted, rad/s.
-
-        Returns:
-            The motion in between, that of the end included.
-        """
+        """Go on to the next frame, as is wanted in m/s and rad/s; returns the motion in between."""
         ranges = self._free_ahead()
         self.cast.advance(self.time, INTERVAL, self.robot.pose)
         measured = []

@@ -26,16 +26,7 @@ class Tree:
 def plant(
     generator: np.random.Generator, size: tuple[int, int], trees: tuple[Tree, ...]
 ) -> NDArray[np.float32]:
-    """Draw trees on a transparent foreground.
-
-    Args:
-        generator: Source of randomness.
-        size: (width, height) of the stage.
-        trees: What to draw, in this order.
-
-    Returns:
-        (height, width, 4) float32 as the pixels of a `Sprite`.
-    """
+    """Trees on a transparent foreground of (width, height): pixels as of a `Sprite`."""
     width, height = size
     drawing = Drawing(width, height, enlargement=2)
     for tree in trees:

@@ -26,14 +26,10 @@ below 0 the other, each on about half of the canopy."""
 
 
 def standing_boxes(feet: NDArray[np.float64], height: float) -> NDArray[np.float64]:
-    """Boxes of a person, from head to feet, all of one size.
+    """(frames, 4) boxes of a person from head to feet, all of one size.
 
-    Args:
-        feet: (frames, 2) x and y of the pixel between the feet, a pixel's index its center.
-        height: Of the person, pixels.
-
-    Returns:
-        (frames, 4) x, y, width, height, counted from the corner of the first pixel.
+    The (frames, 2) feet are pixels, whose index is their center; boxes count from the corner of
+    the first pixel.
     """
     width = _PERSON_WIDTH * height
     corners = feet + 0.5 - (width / 2, height - 1.0)

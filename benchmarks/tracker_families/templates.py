@@ -52,12 +52,7 @@ def _search(
 ) -> tuple[Array, float] | None:
     """The place near a box where a template correlates best, and how well; None where it is flat.
 
-    Args:
-        gray: The image.
-        box: (4,).
-        template: (H, W) or (H, W, channels).
-        reach: How far to search, in sides of the box.
-        channels: From brightness to what is compared.
+    It is searched for within so many sides of the box; channels are what is compared.
     """
     size = np.array(template.shape[1::-1])
     pixel = box[2:] / size

@@ -4,14 +4,13 @@ import frame_cost
 import multi_target_cost
 import numpy as np
 import pytest
-from particle_loop import ParticleLoop
 
 
 def test_the_loop_over_particles_finds_the_target():
     image = frame_cost.street(320, 240)
     box = (100, 80, 40, 40)
     corners = np.array([(100 + x, 80 + y) for x in range(-9, 10, 3) for y in range(-9, 10, 3)])
-    weights = ParticleLoop(image, box).weights(image, corners)
+    weights = frame_cost.ParticleLoop(image, box).weights(image, corners)
     assert weights.sum() == pytest.approx(1.0)
     assert tuple(corners[weights.argmax()]) == (100, 80)
 
