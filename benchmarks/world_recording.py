@@ -2,11 +2,11 @@ r"""Writes a bag of a rendered room with exact truth, to try positions in meters
 
     python benchmarks/world_recording.py room.mcap
     track room.mcap --bag-topic /camera/image_raw --world --output room --bag --report \
-        --parameter camera.height=1.2 --parameter camera.pitch=0.05
+        --parameter camera.height=0.8 --parameter camera.pitch=0.03
 
 | topic | content |
 |---|---|
-| /camera/image_raw, /camera/camera_info | images with distortion, and their calibration |
+| /camera/image_raw, /camera/camera_info | images, and their calibration |
 | /camera/depth/image | depth in millimeters, with holes and noise |
 | /camera/imu | accelerometer in the camera's optical frame, 50 Hz |
 | /odom | the robot's base, 50 Hz |
@@ -27,14 +27,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from world_room import (
-    CAMERA_HEIGHT,
-    CAMERA_PITCH,
-    PILLAR,
-    WALKERS,
-    Room,
-    RoomFrame,
-)
+from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
+from world_room import PILLAR, WALKERS, Room, RoomFrame
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.bag_writing import BagWriter
@@ -111,9 +105,9 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
             stamp = stamp_at(frame.time)
             header = writer.header(stamp, FRAME)
             messages += [
-                (stamp + late, CAMERA_INFO_TOPIC, camera_info_message(new, header, room.camera)),
+                (stamp + late, CAMERA_INFO_TOPIC, camera_info_message(new, header, CAMERA)),
                 (stamp + late, IMAGE_TOPIC, image_message(new, header, frame.image)),
-                (stamp + late, DEPTH_TOPIC, image_message(new, header, frame.millimeters)),
+                (stamp + late, DEPTH_TOPIC, image_message(new, header, frame.depth)),
             ]
             if frame.boxes[0]:
                 messages.append((stamp + late, TRUTH, box_message(new, header, frame.boxes[0])))
@@ -236,7 +230,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     if options.frames < 1 or not options.rate > 0.0:
         parser.error("--frames is at least 1, --rate above 0")
-    room = Room((*WALKERS, PILLAR), rate=options.rate)
+    room = Room(rate=options.rate, pillars=(PILLAR,))
     try:
         frames = write_room(room, options.bag, options.frames)
         targets = first_targets(frames[0], len(WALKERS))

@@ -69,7 +69,7 @@ class Layout:
         """
         if kind == "corner":
             outline = _corridor(generator)
-            return cls(outline, *_walls([outline]), ())
+            return cls(outline, *walls_of([outline]), ())
         while True:
             width, depth = generator.uniform(9.0, 15.5), generator.uniform(8.0, 11.0)
             if kind == "door":
@@ -85,10 +85,10 @@ class Layout:
                 x, end = width * generator.uniform(0.4, 0.6), generator.uniform(1.5, 0.35 * depth)
                 is_low = generator.random() < 0.5
                 loops.append(_box(x, -1.0, end) if is_low else _box(x, depth - end, depth + 2.0))
-            pillars = _pillars(generator, (part * width, depth), _walls(loops)[0])
+            pillars = _pillars(generator, (part * width, depth), walls_of(loops)[0])
             if len(pillars) == 2:
-                loops += [_circle(one) for one in pillars]
-                return cls(outline, *_walls(loops), tuple(pillars), opening)
+                loops += [circle(one) for one in pillars]
+                return cls(outline, *walls_of(loops), tuple(pillars), opening)
 
     def clearance(self, point: ArrayLike) -> float:
         """Distance of a (2,) point to the nearest wall; 0 outside of the room."""
@@ -235,10 +235,10 @@ def crossings(walls: Array, origin: Array, directions: Array) -> tuple[Array, Ar
 
 def _to_segment(point: ArrayLike, begin: Array, end: Array) -> float:
     """Distance of a point to a segment."""
-    return distance_to_walls(np.array([[begin, end]]), point)
+    return distance_towalls_of(np.array([[begin, end]]), point)
 
 
-def distance_to_walls(walls: Array, point: ArrayLike) -> float:
+def distance_towalls_of(walls: Array, point: ArrayLike) -> float:
     """Distance of a point to the nearest of (W, 2, 2) walls."""
     point = np.asarray(point, float)
     along = walls[:, 1] - walls[:, 0]
@@ -281,13 +281,14 @@ def _pillars(
         center = (generator.uniform(2.0, size[0] - 1.5), generator.uniform(2.0, size[1] - 1.5))
         pillar = Pillar(center, generator.uniform(0.3, 0.4))
         apart = [np.hypot(*np.subtract(center, one.center)) > 2.5 for one in pillars]
-        is_free = distance_to_walls(walls, center) > pillar.radius + 1.2
+        is_free = distance_towalls_of(walls, center) > pillar.radius + 1.2
         if len(pillars) < 2 and all(apart) and is_free:
             pillars.append(pillar)
     return pillars
 
 
-def _circle(pillar: Pillar) -> Array:
+def circle(pillar: Pillar) -> Array:
+    """(8, 2) corners of a pillar."""
     turns = np.linspace(0.0, 2.0 * np.pi, _PILLAR_SIDES, endpoint=False)
     return pillar.center + pillar.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
 
@@ -298,7 +299,7 @@ def _box(x: float, low: float, high: float, thickness: float = 0.2) -> Array:
     return np.array([[x - half, low], [x + half, low], [x + half, high], [x - half, high]])
 
 
-def _walls(loops: Sequence[Array]) -> tuple[Array, NDArray[np.int_]]:
+def walls_of(loops: Sequence[Array]) -> tuple[Array, NDArray[np.int_]]:
     """The walls between the corners of each loop, and their surfaces.
 
     Each wall of the outline has a surface, and each inner wall and each pillar.

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tables import Table
-from world_room import box_around, corrupted
 
 from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.world import CameraModel, Localizer
@@ -23,6 +22,11 @@ from world_parts.errors import auroc
 LOOSE = 0.15
 # Distance of a passing occluder, of that of the target; its width, of the target's; frames to pass.
 OCCLUDER_NEAR, OCCLUDER_WIDTH, OCCLUDER_FRAMES = 0.55, 0.3, 25
+
+
+# Standard deviation of the depth at 1 m, meters, and side of a hole, pixels. Source: Khoshelham and
+# Elberink 2012, "Accuracy and Resolution of Kinect Depth Data".
+_DEPTH_NOISE, _HOLE = 0.0015, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,3 +130,21 @@ def _occluded(frame: DepthFrame, index: int, distance: float) -> tuple[DepthFram
     image[:, left:right] = (30, 90, 160)
     hidden = float(frame.mask[:, left:right].sum() / frame.mask.sum())
     return DepthFrame(image, depth, frame.mask), hidden
+
+
+def corrupted(
+    depth: NDArray[np.float64], holes: float, generator: np.random.Generator
+) -> NDArray[np.float32]:
+    """A depth image with noise, and with a share of holes."""
+    noisy = depth + generator.normal(0.0, 1.0, depth.shape) * _DEPTH_NOISE * depth**2
+    rows, columns = (side // _HOLE + 1 for side in depth.shape)
+    coarse = (generator.random((rows, columns)) < holes).astype(np.uint8)
+    large = cv2.resize(coarse, (columns * _HOLE, rows * _HOLE), interpolation=cv2.INTER_NEAREST)
+    noisy[large[: depth.shape[0], : depth.shape[1]] > 0] = np.nan
+    return noisy.astype(np.float32)
+
+
+def box_around(mask: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+    """The smallest box around a mask with pixels."""
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return float(x), float(y), float(width), float(height)

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 import world
 import world_room
-from world_parts.depth_camera import depth_table
+from world_parts.depth_camera import corrupted, depth_table
 from world_parts.errors import Errors, auroc
 from world_parts.ground_from_people import aligned
 from world_parts.kitti import read_kitti
 from world_parts.pets import read_ground_tracks, read_tsai
 
-from pf_tracker_ros.world import CameraModel, GroundPlane
+from pf_tracker_ros.world import GroundPlane
 
 KITTI = (
     "# fx 700 fy 700 cx 600 cy 180 offset_x 0.06\n"
@@ -67,23 +67,25 @@ def test_detections_on_people(tmp_path):
     np.testing.assert_allclose(tracks.velocities[3], (7.0, 0.0))
 
 
-def test_a_rendered_person_is_where_it_was_put():
-    """4 m away: its near side is a thickness nearer, has its foot lower and its head higher."""
-    camera = CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480)
-    down = GroundPlane.from_angles(world_room.CAMERA_HEIGHT, world_room.CAMERA_PITCH).down
-    ahead = np.array([0.0, 0.0, 1.0]) - down[2] * down
-    ahead /= np.linalg.norm(ahead)
-    rays = world_room.horizontal_rays(camera)
-    depth = world_room.cylinder(rays, 4.0, 0.0, 1.75, 0.0)
-    mask = np.isfinite(depth)
-    x, y, width, height = world_room.box_around(mask)
-    places = [3.88 * ahead + (world_room.CAMERA_HEIGHT - up) * down for up in (0.0, 1.75)]
-    (middle, lower), (_, upper) = camera.project(places)
-    assert (y, y + height) == pytest.approx((upper, lower), abs=1.5)
-    assert x + width / 2 == pytest.approx(middle + 0.5, abs=1.0)
-    assert depth[mask].min() == pytest.approx(3.88, abs=0.15)
-    far = np.full(depth.shape, 8.0)
-    holed = world_room.corrupted(far, 0.3, np.random.default_rng(0))
+def test_a_room_shows_walkers_where_they_are_put():
+    """Ahead of the camera, 4 m away: 1.75 m are f * 1.75 / 4 pixels; then the first hides them."""
+    walkers = [world_room.Walker(world_room.standing(x, 0.0), (9, 9, 99), (9,) * 3) for x in (4, 3)]
+    one, other = (
+        next(world_room.Room(some, world_room.driving(0.0, 0.1, 0.0)).frames(1))
+        for some in (walkers[:1], walkers)
+    )
+    (x, _, width, height), (visible,) = one.boxes[0], one.visible
+    assert height == pytest.approx(460.0 * 1.75 / 4.0, rel=0.04)
+    assert x + width / 2 == pytest.approx(319.5, abs=4.0)
+    assert visible == 1.0
+    assert np.median(one.depth[110:130, 155:165]) == pytest.approx(4000, rel=0.02)
+    assert other.visible[0] < 0.2
+    assert other.visible[1] == 1.0
+
+
+def test_a_depth_image_is_spoiled():
+    far = np.full((480, 640), 8.0)
+    holed = corrupted(far, 0.3, np.random.default_rng(0))
     assert np.isnan(holed).mean() == pytest.approx(0.3, abs=0.03)
     known = np.isfinite(holed)
     assert np.std(holed[known] - far[known]) < 0.15
