@@ -235,10 +235,10 @@ def crossings(walls: Array, origin: Array, directions: Array) -> tuple[Array, Ar
 
 def _to_segment(point: ArrayLike, begin: Array, end: Array) -> float:
     """Distance of a point to a segment."""
-    return distance_towalls_of(np.array([[begin, end]]), point)
+    return distance_to_walls(np.array([[begin, end]]), point)
 
 
-def distance_towalls_of(walls: Array, point: ArrayLike) -> float:
+def distance_to_walls(walls: Array, point: ArrayLike) -> float:
     """Distance of a point to the nearest of (W, 2, 2) walls."""
     point = np.asarray(point, float)
     along = walls[:, 1] - walls[:, 0]
@@ -281,7 +281,7 @@ def _pillars(
         center = (generator.uniform(2.0, size[0] - 1.5), generator.uniform(2.0, size[1] - 1.5))
         pillar = Pillar(center, generator.uniform(0.3, 0.4))
         apart = [np.hypot(*np.subtract(center, one.center)) > 2.5 for one in pillars]
-        is_free = distance_towalls_of(walls, center) > pillar.radius + 1.2
+        is_free = distance_to_walls(walls, center) > pillar.radius + 1.2
         if len(pillars) < 2 and all(apart) and is_free:
             pillars.append(pillar)
     return pillars
