@@ -69,7 +69,7 @@ def add_folder(made: argparse.ArgumentParser) -> None:
 
 def add_preset(made: argparse.ArgumentParser) -> None:
     """Add `--preset`."""
-    made.add_argument("--preset", default="default", help=f"{', '.join(PRESETS)} [%(default)s]")
+    made.add_argument("--preset", default="default", choices=PRESETS, help="[%(default)s]")
 
 
 @contextmanager

@@ -25,12 +25,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import chi2
 from tables import Table
+from tracking_runs import estimates_of, timed_images
 
-from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import EvaluationError, has_target, overlap, read_sequences
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.progress import progress_bar
-from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.box_covariance import (
     COEFFICIENTS,
     SIZE_CORRELATION,
@@ -48,17 +47,12 @@ _SHRINKAGE = 1e-3
 
 
 class Errors(NamedTuple):
-    """Tracked frames of a sequence, all seeds.
+    """Tracked frames of a sequence, all seeds."""
 
-    Attributes:
-        features: (F, 4) from `box_features`.
-        errors: (F, 4) of the center, in box widths and heights, and of log width and log height.
-        edges: (F,) error of the lower edge, box heights.
-    """
-
-    features: NDArray[np.float64]
+    features: NDArray[np.float64]  # (F, 4) from `box_features`
+    # (F, 4) of the center, in box widths and heights, and of log width and log height
     errors: NDArray[np.float64]
-    edges: NDArray[np.float64]
+    edges: NDArray[np.float64]  # (F,) error of the lower edge, box heights
 
 
 def measure(footage: Footage, preset: str, seeds: int) -> Errors:
@@ -66,22 +60,15 @@ def measure(footage: Footage, preset: str, seeds: int) -> Errors:
     truth = np.asarray(footage.ground_truth, dtype=float)
     features, errors, edges = [], [], []
     for seed in range(seeds):
-        tracker, last = Tracker.from_preset(preset, seed), 0
-        for number, frame in enumerate(footage.frames()):
-            if number == 0:
-                tracker.start(frame.image, truth[0])
-            else:
-                estimate = tracker.update(frame.image, (frame.stamp - last) / NANOSECONDS)
-                box, true = np.array(estimate.box), truth[number]
-                is_on = has_target(true[None])[0] and (
-                    overlap(box[None], true[None])[0] >= ON_TARGET
-                )
-                if is_on and estimate.state == "tracking":
-                    features.append(box_features(box, estimate.confidence))
-                    offset = true[:2] + true[2:] / 2 - box[:2] - box[2:] / 2
-                    errors.append([*(offset / box[2:]), *np.log(true[2:] / box[2:])])
-                    edges.append((true[1] + true[3] - box[1] - box[3]) / box[3])
-            last = frame.stamp
+        estimates = estimates_of(preset, seed, timed_images(footage), truth[0])
+        for estimate, true in zip(estimates, truth[1:], strict=True):
+            box = np.array(estimate.box)
+            is_on = has_target(true[None])[0] and overlap(box[None], true[None])[0] >= ON_TARGET
+            if is_on and estimate.state == "tracking":
+                features.append(box_features(box, estimate.confidence))
+                offset = true[:2] + true[2:] / 2 - box[:2] - box[2:] / 2
+                errors.append([*(offset / box[2:]), *np.log(true[2:] / box[2:])])
+                edges.append((true[1] + true[3] - box[1] - box[3]) / box[3])
     return Errors(np.reshape(features, (-1, 4)), np.reshape(errors, (-1, 4)), np.array(edges))
 
 

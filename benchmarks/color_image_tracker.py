@@ -21,15 +21,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlainEstimate:
-    """A tracker's output for a frame.
+    """A tracker's output for a frame."""
 
-    Attributes:
-        box: (x, y, width, height) in pixels; the last one while lost.
-        state: "tracking", or "lost" without a box from the tracker.
-    """
-
-    box: Box
-    state: str
+    box: Box  # (x, y, width, height) in pixels; the last one while lost
+    state: str  # "tracking", or "lost" without a box from the tracker
 
 
 class ColorImageTracker(ABC):
@@ -46,11 +41,7 @@ class ColorImageTracker(ABC):
         self._seed = seed
 
     def start(self, image: NDArray[Any], box: ArrayLike) -> Box:
-        """Start on a target; returns its box.
-
-        Args:
-            image: (H, W, 3) uint8 BGR, (H, W) uint8 or (H, W) uint16.
-            box: (x, y, width, height) in pixels, its center in the image.
+        """Start on a target, its center in an image of 8 bit color or 8 or 16 bit gray.
 
         Raises:
             ValueError: The image or the box is not usable, or the tracker refuses them.

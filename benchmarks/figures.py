@@ -6,9 +6,9 @@
     python benchmarks/figures.py check                 # exit code 1 where they differ
 
 `FOLDER/sequences` has sequence folders, `FOLDER/mot` folders of the MOT challenge with their images
-in `img1`, `FOLDER/world` what world.py takes (`kitti`, `depth`, `calibration.xml`),
-`FOLDER/model` a network. What is absent is left out. `docs/figures.json` keeps what another run
-has measured of the parts that this one leaves out, each with its commit.
+in `img1`, `FOLDER/world` what world.py takes (`kitti`, `depth`, `calibration.xml`). What is absent
+is left out. `docs/figures.json` keeps what another run has measured of the parts that this one
+leaves out, each with its commit.
 
 A document names a table between two comments; the first has its part and the beginning of its
 title, and optionally columns and rows:
@@ -40,17 +40,10 @@ from tables import TABLES_FILE, Table
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = Path("docs") / "figures.json"
 DOCUMENTS = ("README.md", "docs/benchmarks.md", "docs/performance.md", "docs/world.md")
-PACKAGES = (
-    "numpy",
-    "scipy",
-    "opencv-contrib-python-headless",
-    "opencv-python-headless",
-    "dlib-bin",
-)
-PACKAGES += ("onnxruntime", "motmetrics", "trackeval", "trackers")
+PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "opencv-python-headless")
+PACKAGES += ("dlib-bin", "onnxruntime", "trackeval", "trackers")
 # Kinds of footage, by the beginnings of the sequences' names.
 KINDS = ("otb_|uav_|tld_car|vot_", "pets_|tud_|tld_ped", "tir_", "ir|vbird|vdrone")
-INTERVALS = (1, 5, 12)
 END = "<!-- end of figures -->"
 _BLOCK = re.compile(rf"<!-- figures (.+?) -->\n(.*?){END}", re.DOTALL)
 
@@ -63,19 +56,12 @@ class FiguresError(ValueError):
     """A table is named that has not been measured, or the footage is missing."""
 
 
-def _on_sequences(script: str, *options: str, seeds: int = 0) -> Part:
-    """A benchmark of the sequences.
-
-    Args:
-        script: File name of the benchmark.
-        options: Its further arguments.
-        seeds: Number of seeds where it does not suffice to take those of the command line; 0 for
-            a benchmark without seeds.
-    """
+def _on_sequences(script: str, *options: str, seeds: int) -> Part:
+    """A benchmark of the sequences, with at most so many seeds."""
 
     def commands(footage: Path, given: int) -> list[Command]:
         folder = footage / "sequences"
-        counted = ["--seeds", str(min(given, seeds))] if seeds else []
+        counted = ["--seeds", str(min(given, seeds))]
         return [[script, str(folder), *options, *counted]] if folder.is_dir() else []
 
     return commands
@@ -138,8 +124,6 @@ PICTURES = {
 def measure(part: str, footage: Path, seeds: int, pictures: Path) -> dict[str, Any] | None:
     """Run a part; returns its commands, commit and tables, None where its footage is absent.
 
-    Its picture goes into the folder `pictures`.
-
     Raises:
         FiguresError: A benchmark has failed.
     """
@@ -166,13 +150,8 @@ def measure(part: str, footage: Path, seeds: int, pictures: Path) -> dict[str, A
 
 def commit() -> str:
     """The commit of the working copy, with a plus sign where files differ from it."""
-    told = subprocess.run(
-        ["git", "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = ["git", "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     return told.stdout.strip() or "unknown"
 
 
@@ -194,11 +173,7 @@ def machine() -> dict[str, Any]:
 
 
 def table_of(known: Mapping[str, Any], name: str) -> list[str]:
-    """The Markdown of a table.
-
-    Args:
-        known: Part to what was measured.
-        name: As in a document's comment.
+    """The Markdown of a table named as in a document's comment, of what was measured by part.
 
     Raises:
         FiguresError: There is no such table, column or row.

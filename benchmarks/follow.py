@@ -25,19 +25,17 @@ import multiprocessing
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import ExitStack, closing
-from pathlib import Path
+from contextlib import closing
 
 import arguments as options_of
 import cv2
 import numpy as np
 from follow_parts.chain import LibraryChain
-from follow_parts.drawing import RunVideo, draw_map
 from follow_parts.loop import Chain, moments
-from follow_parts.metrics import Row, figures, row_of, write_trace
+from follow_parts.metrics import figures, row_of
 from follow_parts.scenarios import SCENARIOS, Scenario
 from follow_parts.world import World
-from tables import Table
+from tables import Table, publish
 
 from pf_tracker_ros.progress import progress_bar
 
@@ -61,24 +59,12 @@ _COLUMNS = {
 
 
 def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
-    """The figures of a run; writes what the options ask for."""
+    """The figures of a run."""
     cv2.setNumThreads(1)
     scenario = SCENARIOS[name]
-    rows: list[Row] = []
     world = World.draw(seed, scenario, options.seconds)
-    with ExitStack() as stack:
-        chain = stack.enter_context(closing(_chain(scenario, seed, world, has_nodes=options.nodes)))
-        video = None
-        if options.video:
-            video = stack.enter_context(RunVideo(_named(options.video, name, seed), world.layout))
-        for moment in moments(world, scenario, seed, options.seconds, chain):
-            rows.append(row_of(moment))
-            if video:
-                video.add(moment.truth.view.image, rows[-1], moment.truth.positions[1:])
-    if options.map:
-        draw_map(_named(options.map, name, seed), world.layout, rows)
-    if options.trace:
-        write_trace(_named(options.trace, name, seed), rows)
+    with closing(_chain(scenario, seed, world, has_nodes=options.nodes)) as chain:
+        rows = [row_of(one) for one in moments(world, scenario, seed, options.seconds, chain)]
     return figures(rows)
 
 
@@ -89,11 +75,6 @@ def _chain(scenario: Scenario, seed: int, world: World, *, has_nodes: bool) -> C
     from follow_parts.nodes import NodeChain
 
     return NodeChain(scenario, seed, has_imu=world.has_imu)
-
-
-def _named(path: Path, name: str, seed: int) -> Path:
-    """A file of one run: `{}` in the name becomes scenario and seed."""
-    return Path(str(path).replace("{}", f"{name}_{seed}"))
 
 
 def table(results: dict[str, dict[int, dict[str, float]]]) -> Table:
@@ -141,29 +122,19 @@ def arguments() -> argparse.ArgumentParser:
     made.add_argument(
         "--nodes", action="store_true", help="the nodes of ROS in place of the library"
     )
-    for name, what in (
-        ("--trace", "CSV of each frame"),
-        ("--video", "MP4 of the images and the map"),
-        ("--map", "PNG of the ways"),
-    ):
-        made.add_argument(
-            name, type=Path, metavar="FILE", help=f"{what}; {{}} is scenario and seed"
-        )
     options_of.add_folder(made)
     return made
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run, print, and write `follow.json` and `follow.md`."""
-    parser = arguments()
-    options = parser.parse_args(argv)
+    options = arguments().parse_args(argv)
     names = options.scenario or list(SCENARIOS)
     first, count = options.seeds
     runs = [(name, seed) for name in names for seed in range(first, first + count)]
-    for path in (options.trace, options.video, options.map):
-        if len(runs) > 1 and path and "{}" not in path.name:
-            parser.error(f"{path}: with several runs, the name needs {{}}")
     results: dict[str, dict[int, dict[str, float]]] = {name: {} for name in names}
+    path = options.output / "follow.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
     context = multiprocessing.get_context("spawn")
     with (
         progress_bar(len(runs), "runs") as on_progress,
@@ -174,18 +145,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             name, seed = waiting[done]
             results[name][seed] = done.result()
             on_progress(f"{name} {seed}", 1)
-            made = table(results)
-            _write(options.output, results, made)
-    made.show()
+            # A long measurement may be stopped.
+            path.write_text(json.dumps(results, indent=1), encoding="utf-8")
+    publish(options.output / "follow.md", [table(results)])
     return 0
-
-
-def _write(folder: Path, results: dict[str, dict[int, dict[str, float]]], made: Table) -> None:
-    """Write what there is: a long measurement may be stopped."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "follow.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
-    lines = [f"## {made.title}", "", *made.markdown(), ""]
-    (folder / "follow.md").write_text("\n".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -26,9 +26,8 @@ import cv2
 import numpy as np
 from arguments import at_least
 from numpy.typing import NDArray
-from particle_loop import ParticleLoop
 from rich.progress import track
-from tables import Table, save_tables
+from tables import Table, publish
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.tracking.presets import PRESETS
@@ -39,22 +38,19 @@ LOOP_PARTICLES = (60, 1000)
 # The first frames build tables and learn the target.
 _WARM_UP, _CALLS, _STEPS = 30, 6, 30
 
+# Of the loop: levels of colors, cells on a side and directions.
+_RANGES = [0, 256] * 3
+_CELLS, _DIRECTIONS = 4, 8
+
 
 @dataclass(frozen=True)
 class Setting:
-    """An image that stands still, with a target in the middle.
+    """An image that stands still, with a target in the middle."""
 
-    Attributes:
-        size: (width, height) of the image, pixels.
-        side: Of the target, pixels.
-        particles: Their number.
-        kind: Of the image: color, gray or 16 bit.
-    """
-
-    size: tuple[int, int] = (768, 576)
-    side: int = 40
-    particles: int = 200
-    kind: str = "color"
+    size: tuple[int, int] = (768, 576)  # (width, height) of the image, pixels
+    side: int = 40  # of the target, pixels
+    particles: int = 200  # their number
+    kind: str = "color"  # of the image: color, gray or 16 bit
 
     @property
     def image(self) -> NDArray[np.generic]:
@@ -144,6 +140,58 @@ def update_tables(turns: int) -> list[Table]:
     return tables
 
 
+class ParticleLoop:
+    """The measurement of Li et al. 2007 for one particle after the other.
+
+    Args:
+        image: (H, W, 3) uint8 BGR to take the template from.
+        box: (x, y, side, side) of the target in whole pixels.
+    """
+
+    def __init__(self, image: NDArray[np.uint8], box: tuple[int, int, int, int]) -> None:
+        x, y, side, _ = box
+        grid = (np.arange(side) + 0.5) / side - 0.5
+        gaussian = np.exp(-0.5 * np.square(grid / 0.5))
+        self._gaussian = (gaussian[:, None] * gaussian).astype(np.float32)
+        cell = np.arange(side) * _CELLS // side
+        self._first_bin = (cell[:, None] * _CELLS + cell) * _DIRECTIONS
+        self._side = side
+        patch = image[y : y + side, x : x + side]
+        self._histogram = self._color(patch)
+        self._vector = self._texture(cv2.cvtColor(patch, cv2.COLOR_BGR2GRAY))
+
+    def weights(self, image: NDArray[np.uint8], corners: NDArray[np.intp]) -> NDArray[np.float64]:
+        """(N,) normalized weights of boxes with these (N, 2) top-left corners."""
+        gray = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        log_likelihood = np.empty(len(corners))
+        side = self._side
+        for index, (x, y) in enumerate(corners):
+            patch = image[y : y + side, x : x + side]
+            distance = cv2.compareHist(
+                self._color(patch), self._histogram, cv2.HISTCMP_BHATTACHARYYA
+            )
+            offset = self._texture(gray[y : y + side, x : x + side]) - self._vector
+            log_likelihood[index] = -0.6 * 30.0 * distance**2 - 0.4 * 10.0 * (offset @ offset)
+        weights = np.exp(log_likelihood - log_likelihood.max())
+        return weights / weights.sum()
+
+    def _color(self, patch: NDArray[np.uint8]) -> NDArray[np.float32]:
+        histogram = cv2.calcHist([patch], [0, 1, 2], None, [16, 16, 16], _RANGES)
+        return histogram / patch[..., 0].size
+
+    def _texture(self, patch: NDArray[np.uint8]) -> NDArray[np.float64]:
+        right = cv2.Sobel(patch, cv2.CV_32F, 1, 0, ksize=1)
+        down = cv2.Sobel(patch, cv2.CV_32F, 0, 1, ksize=1)
+        magnitude, angle = cv2.cartToPolar(right, down)
+        direction = (angle * (_DIRECTIONS / (2 * np.pi))).astype(np.intp) % _DIRECTIONS
+        vector = np.bincount(
+            (self._first_bin + direction).ravel(),
+            (magnitude * self._gaussian).ravel(),
+            _CELLS**2 * _DIRECTIONS,
+        )
+        return vector / max(float(np.linalg.norm(vector)), 1e-9)
+
+
 def loop_tables(turns: int) -> list[Table]:
     """`li2007` and the same measurement, particle by particle."""
     rows = []
@@ -198,9 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     cv2.setNumThreads(1)
     tables = [table for part in given.only or PARTS for table in PARTS[part](given.turns)]
-    for table in tables:
-        table.show()
-    save_tables(given.output, tables)
+    publish(given.output, tables)
     return 0
 
 

@@ -8,8 +8,6 @@ Zhang Bo, who reports a mean RMSE of 9.08 for the Kalman-predicted filter. Every
 states and measurements.
 
     python benchmarks/growth_model.py --runs 500
-
-The exit code is 1 if the RMSE of the Kalman-proposal filter is not below 9.08.
 """
 
 from __future__ import annotations
@@ -41,7 +39,6 @@ THRESHOLD = 30
 STATE_VARIANCE = 10.0
 MEASUREMENT_VARIANCE = 1.0
 SHARE = 0.3
-PAPER_RMSE = 9.08
 
 Array = NDArray[np.float64]
 Filter = Callable[[Array, int], Array]
@@ -147,21 +144,6 @@ def _foreseen(belief: Gaussian, step: int) -> Gaussian:
     )
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """One filter on all runs.
-
-    Attributes:
-        name: Of the filter.
-        errors: (runs,) root mean square error over the steps of a run.
-        milliseconds: (runs,) CPU time of a step.
-    """
-
-    name: str
-    errors: Array
-    milliseconds: Array
-
-
 FILTERS: Mapping[str, Filter] = {
     "extended Kalman": extended_kalman,
     "bootstrap": bootstrap,
@@ -169,33 +151,26 @@ FILTERS: Mapping[str, Filter] = {
 }
 
 
-def run_all(runs: int, first_seed: int = 0) -> list[Outcome]:
-    """Run every filter on the same `runs` simulations."""
-    errors = {name: np.empty(runs) for name in FILTERS}
-    times = {name: np.empty(runs) for name in FILTERS}
+def table_of(runs: int) -> Table:
+    """All filters on the same simulations; the error of the mean is its standard error."""
+    errors, seconds = np.empty((len(FILTERS), runs)), np.zeros(len(FILTERS))
     with progress_bar(runs, "runs") as on_progress:
         for run in range(runs):
-            states, measurements = simulate(first_seed + run)
-            for name, estimate in FILTERS.items():
+            states, measurements = simulate(run)
+            for number, estimate in enumerate(FILTERS.values()):
                 before = time.process_time()
-                estimates = estimate(measurements, first_seed + run)
-                times[name][run] = 1000 * (time.process_time() - before) / STEPS
-                errors[name][run] = np.sqrt(np.mean((estimates - states) ** 2))
+                estimates = estimate(measurements, run)
+                seconds[number] += time.process_time() - before
+                errors[number, run] = np.sqrt(np.mean((estimates - states) ** 2))
             on_progress("", 1)
-    return [Outcome(name, errors[name], times[name]) for name in FILTERS]
-
-
-def table_of(outcomes: Sequence[Outcome]) -> Table:
-    """A row for each filter; the error of the mean is its standard error over the runs."""
-    runs = len(outcomes[0].errors)
     rows = [
         [
-            one.name,
-            f"{one.errors.mean():.2f}",
-            f"{one.errors.std(ddof=1) / np.sqrt(runs):.2f}",
-            f"{one.milliseconds.mean():.3f}",
+            name,
+            f"{of_one.mean():.2f}",
+            f"{of_one.std(ddof=1) / np.sqrt(runs):.2f}",
+            f"{1e3 * spent / runs / STEPS:.3f}",
         ]
-        for one in outcomes
+        for name, of_one, spent in zip(FILTERS, errors, seconds, strict=True)
     ]
     headings = ("filter", "RMSE", "± of the mean", "CPU ms a step")
     return Table(f"Growth model, {runs} runs of {STEPS} steps", headings, [rows])
@@ -207,9 +182,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--runs", type=options_of.at_least(2), default=500, help="seeded runs [500]"
     )
-    outcomes = run_all(parser.parse_args(arguments).runs)
-    table_of(outcomes).show()
-    return int(outcomes[-1].errors.mean() >= PAPER_RMSE)
+    table_of(parser.parse_args(arguments).runs).show()
+    return 0
 
 
 if __name__ == "__main__":

@@ -16,24 +16,18 @@ import numpy as np
 from honesty_footage import Clip, Image
 from numpy.typing import NDArray
 
-Situation = Callable[[Clip, int, int], Clip | None]
+Situation = Callable[[Clip, int, int], Clip]
 # Part of the box that is erased; size that it is reduced to for this, pixels.
 _ERASED, _ERASED_SIZE = 1.2, 40.0
-# Frames in which the view pans, a stranger comes or the target fades.
+# Frames in which the view pans or a stranger comes.
 _TRANSITION = 20
-# Mean pixel difference of successive images of a still camera, gray levels.
-_STILL_BELOW = 4.0
 _NOISE_SEED = 43
 
 
 def dark(level: float, deviation: float, seconds: float | None = None) -> Situation:
-    """A covered lens: Gaussian noise around a gray level.
+    """A covered lens: Gaussian noise around a gray level, instead of the frames of the situation.
 
-    Args:
-        level: Mean, gray levels.
-        deviation: Standard deviation, gray levels.
-        seconds: Duration, for which the footage stands still; None for the frames of the situation,
-            which are replaced.
+    With a duration, the footage stands still for so many seconds instead.
     """
 
     def situation(clip: Clip, first: int, end: int) -> Clip:
@@ -87,18 +81,6 @@ def inpainted(clip: Clip, first: int, end: int) -> Clip:
     return _changed(clip, first, end, lambda index, image, box: erased(image, box))
 
 
-def faded(clip: Clip, first: int, end: int) -> Clip | None:
-    """The target fades into the background of a still camera; None for a moving one."""
-    if clip.motion >= _STILL_BELOW:
-        return None
-
-    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
-        opacity = min((index + 1) / _TRANSITION, 1.0)
-        return cv2.addWeighted(erased(image, box), opacity, image, 1.0 - opacity, 0.0)
-
-    return _changed(clip, first, end, change, gone_after=_TRANSITION)
-
-
 def covered_by_stranger(clip: Clip, first: int, end: int) -> Clip:
     """A patch of the same image slides over the target and stays there; the target is gone."""
     patch = _stranger(clip.images[first], clip.boxes[first])
@@ -115,11 +97,7 @@ def covered_by_stranger(clip: Clip, first: int, end: int) -> Clip:
 def crossed_by_copy(clip: Clip, first: int, end: int, *, is_alike: bool = True) -> Clip:
     """A copy of the first look passes over the target, which stays visible but for the copy.
 
-    Args:
-        clip: The footage.
-        first: First frame of the situation.
-        end: Frame after its last one.
-        is_alike: Whether it is an exact copy; otherwise it is mirrored and 15 % darker.
+    A copy that is not alike is mirrored and 15 % darker.
     """
     patch = _crop(clip.images[0], clip.boxes[0])
     if not is_alike:
@@ -178,10 +156,8 @@ def shrunk(clip: Clip, first: int, end: int) -> Clip:
 SITUATIONS: Mapping[str, Situation] = MappingProxyType(
     {
         "black image": dark(0.0, 0.0),
-        "dark sensor noise": dark(12.0, 4.0),
         "view pans away": panned,
         "erased by inpainting": inpainted,
-        "fades into the background": faded,
         "a stranger covers it and stays": covered_by_stranger,
         "a copy of its first look passes": crossed_by_copy,
         "the same, mirrored and 15 % darker": partial(crossed_by_copy, is_alike=False),
@@ -191,10 +167,7 @@ SITUATIONS: Mapping[str, Situation] = MappingProxyType(
         "motion blur": motion_blurred,
         "turning": turned,
         "shrinking to 8 px": shrunk,
-        **{
-            f"covered for {seconds:g} s, level {level}": dark(level, 4.0, seconds)
-            for seconds, level in ((0.2, 12), (1, 12), (5, 5), (5, 12), (5, 60), (30, 12))
-        },
+        **{f"covered for {seconds:g} s": dark(12.0, 4.0, seconds) for seconds in (0.2, 1, 5, 30)},
     }
 )
 """Name of a situation to what makes it."""
@@ -234,12 +207,8 @@ def _changed(
 ) -> Clip:
     """The clip with changed images from `first` to before `end`.
 
-    Args:
-        clip: The footage.
-        first: First frame of the situation.
-        end: Frame after its last one.
-        change: Makes an image from the number of frames since `first`, the image and the true box.
-        gone_after: Frames after which the target is not to be seen; None where it always is.
+    The change gets the number of frames since `first`, the image and the true box. The target is
+    not to be seen after some frames, or always is (None).
     """
     images, boxes = list(clip.images), clip.boxes.copy()
     for index in range(first, end):

@@ -5,26 +5,24 @@ and without a flip of polarity, and recorded sequences. The paper's figures are 
 that overlap the true box by more than 60 % of its area, and the frame after which the overlap stays
 0. As the first favors boxes that are too large, the success AUC is reported as well.
 
-    python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3 --output benchmarks/results/infrared.md
+    python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3
+
+It writes infrared.md.
 """
 
 from __future__ import annotations
 
-import argparse
 import functools
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from itertools import product
 from typing import Any
 
 import arguments as options_of
 import numpy as np
 from numpy.typing import NDArray
-from scene_footage import SceneFootage
 from scenes import InfraredScene
-from scenes.infrared import FRAME_INTERVAL
-from tables import Table
+from tables import Table, publish
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
@@ -33,7 +31,6 @@ from pf_tracker_ros.evaluation import (
     has_target,
     read_sequences,
 )
-from pf_tracker_ros.footage import Footage
 
 COLOR_ALONE = {"cues": ("color_histogram",)}
 TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
@@ -44,20 +41,6 @@ TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 }
 NEEDED_SHARE = 0.6
 """Minimum share of the true box's area in a tracked frame."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One tracker on one sequence, means over the seeds."""
-
-    sequence: str
-    tracker: str
-    tracked: float
-    lost_runs: int
-    runs: int
-    frame_of_loss: float | None
-    success_auc: float
-    milliseconds: float
 
 
 def covered_shares(
@@ -81,72 +64,44 @@ def frame_of_loss(shares: NDArray[np.float64]) -> int | None:
     return int(lost[0]) + 1 if len(lost) else None
 
 
-def row(tracker: str, result: SequenceResult) -> Row:
-    """The figures of one tracker on one sequence."""
+def row(tracker: str, result: SequenceResult) -> list[str]:
+    """The figures of one tracker on one sequence, means over the seeds."""
     shares = covered_shares(result.boxes, result.true_boxes)
     known = shares[:, has_target(result.true_boxes)]
     losses = [loss for loss in map(frame_of_loss, shares) if loss is not None]
-    return Row(
-        sequence=result.name,
-        tracker=tracker,
-        tracked=float((known > NEEDED_SHARE).mean()),
-        lost_runs=len(losses),
-        runs=len(shares),
-        frame_of_loss=float(np.median(losses)) if losses else None,
-        success_auc=result.scores.success_auc,
-        milliseconds=result.scores.cpu_ms_median,
-    )
-
-
-def cells(line: Row) -> list[str]:
-    """A row as texts."""
     return [
-        line.sequence,
-        line.tracker,
-        f"{line.tracked:.0%}",
-        f"{line.lost_runs} of {line.runs}",
-        "-" if line.frame_of_loss is None else f"{line.frame_of_loss:.0f}",
-        f"{line.success_auc:.3f}",
-        f"{line.milliseconds:.2f}",
+        result.name,
+        tracker,
+        f"{(known > NEEDED_SHARE).mean():.0%}",
+        f"{len(losses)} of {len(shares)}",
+        f"{np.median(losses):.0f}" if losses else "-",
+        f"{result.scores.success_auc:.3f}",
     ]
 
 
-TITLES = ["sequence", "tracker", "overlap > 60 %", "lost", "frame of loss", "AUC", "CPU ms"]
+TITLES = ["sequence", "tracker", "overlap > 60 %", "lost", "frame of loss", "AUC"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment, print the table and write it."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n\n", maxsplit=1)[0])
+    parser = options_of.parser(__doc__)
     parser.add_argument("sequences", nargs="*", metavar="SEQUENCE_DIR", help="recorded sequences")
     options_of.add_seeds(parser, 3, "of the trackers")
-    parser.add_argument(
-        "--scenes", type=options_of.at_least(0), default=3, help="generated scenes [3]"
-    )
-    parser.add_argument("--output", type=Path, metavar="FILE.md", help="write the table")
+    at_least = options_of.at_least
+    parser.add_argument("--scenes", type=at_least(0), default=3, help="generated scenes [3]")
+    options_of.add_folder(parser)
     options = parser.parse_args(arguments)
-    footage: list[Footage] = []
-    for seed in range(options.scenes):
-        for name, settings in (
-            (f"generated {seed}", {"flip": 0}),
-            (f"generated {seed}, polarity flips", {}),
-        ):
-            footage.append(SceneFootage(name, InfraredScene(seed, settings), FRAME_INTERVAL))
-    footage += read_sequences(options.sequences) if options.sequences else []
-    rows = []
-    for one in footage:
-        for name, (preset, parameters) in TRACKERS.items():
-            make = functools.partial(Tracker.from_preset, preset, parameters=parameters)
-            rows.append(row(name, evaluate_sequence(one, make, range(options.seeds))))
-    table = Table("Infrared", TITLES, [[cells(one) for one in rows]], names=2)
-    table.show()
-    if options.output is not None:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        options.output.write_text("\n".join([*table.markdown(), ""]), encoding="utf-8")
+    with options_of.told_errors(parser):
+        recorded = read_sequences(options.sequences) if options.sequences else []
+        scenes = [InfraredScene(*one) for one in product(range(options.scenes), (False, True))]
+        rows = []
+        for one in (*scenes, *recorded):
+            for name, (preset, parameters) in TRACKERS.items():
+                make = functools.partial(Tracker.from_preset, preset, parameters=parameters)
+                rows.append(row(name, evaluate_sequence(one, make, range(options.seeds))))
+        publish(options.output / "infrared.md", [Table("Infrared", TITLES, [rows], names=2)])
     return 0
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main())
-    except ValueError as error:
-        sys.exit(f"infrared.py: error: {error}")
+    sys.exit(main())

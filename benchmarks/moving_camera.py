@@ -19,25 +19,14 @@ _STEPS, _RATES, _JITTER = (0.008, 0.02), (0.9, 1.8), 1.0
 
 @dataclass(frozen=True, eq=False)
 class MovingCamera:
-    """A camera that sees a part of another one's images.
+    """A camera that sees a part of another one's images."""
 
-    Attributes:
-        corners: (frames, 2) upper left corner of the part in each image, pixels.
-        size: (width, height) of the part, pixels.
-    """
-
-    corners: NDArray[np.float64]
-    size: tuple[int, int]
+    corners: NDArray[np.float64]  # (frames, 2) upper left corner of the part in each image, pixels
+    size: tuple[int, int]  # (width, height) of the part, pixels
 
     @classmethod
     def carried(cls, count: int, interval: float, size: tuple[int, int]) -> MovingCamera:
-        """A camera that pans left and right while carried.
-
-        Args:
-            count: Frames.
-            interval: Seconds from one to the next.
-            size: (width, height) of the other camera's images, pixels.
-        """
+        """A camera that pans left and right while carried, in images of (width, height) pixels."""
         whole, time = np.array(size, float), np.arange(count)[:, None] * interval
         room = whole * (1.0 - _SEEN)
         corners = room / 2 * (1.0 + np.array(_PAN) * np.sin(2 * np.pi * time / np.array(_PERIODS)))
@@ -52,15 +41,7 @@ class MovingCamera:
         return cv2.warpAffine(image, shift, self.size, borderMode=cv2.BORDER_REPLICATE)
 
     def place(self, number: int, rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], Any]:
-        """Boxes in the coordinates of the part in view.
-
-        Args:
-            number: Of the image.
-            rows: (M, 4 or more), x and y of boxes first, then their sides.
-
-        Returns:
-            (M, 4 or more) the same in its own pixels, and (M,) which have their center in view.
-        """
+        """(M, 4 or more) boxes in pixels of the part in view, and which have their center in it."""
         moved = rows.copy()
         moved[:, :2] -= self.corners[number]
         centers = moved[:, :2] + moved[:, 2:4] / 2

@@ -14,11 +14,9 @@ In a larger image the people have the size and place of 640x480. CSRT needs
 
 from __future__ import annotations
 
-import subprocess
-import sys
+import multiprocessing
 import time
 from collections.abc import Callable
-from pathlib import Path
 from statistics import fmean, median
 
 import arguments as options_of
@@ -159,13 +157,6 @@ def times_of(way: str, size: str) -> list[float]:
     return times[SETTLING:]
 
 
-def in_a_process(way: str, size: str) -> list[float]:
-    """The same, in a separate process."""
-    command = [sys.executable, str(Path(__file__)), "--way", way, "--size", size]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return [float(line) for line in done.stdout.split()]
-
-
 def main() -> None:
     """Run the command line."""
     parser = options_of.parser(__doc__)
@@ -173,22 +164,17 @@ def main() -> None:
     parser.add_argument(
         "--size", choices=SIZES, default=SIZES[0], help="of the images [%(default)s]"
     )
-    parser.add_argument("--way", choices=WAYS, help="print the times of one setting and exit")
     options = parser.parse_args()
-    if options.way:
-        print(*times_of(options.way, options.size), sep="\n")
-        return
     ways = [way for way in WAYS if way != "CSRT, one target" or hasattr(cv2, "TrackerCSRT")]
-    found: dict[str, list[list[float]]] = {way: [] for way in ways}
-    for _ in range(options.rounds):
-        for way in ways:
-            found[way].append(in_a_process(way, options.size))
+    jobs = [(way, options.size) for way in ways] * options.rounds
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
+        found = pool.starmap(times_of, jobs, chunksize=1)
     rows = []
-    for way, rounds in found.items():
-        medians = [median(times) for times in rounds]
-        mean = median(map(fmean, rounds))
+    for number, way in enumerate(ways):
+        rounds = found[number :: len(ways)]
+        medians, means = [median(times) for times in rounds], map(fmean, rounds)
         worst = median(float(np.percentile(times, 99)) for times in rounds)
-        figures = (median(medians), mean, min(medians), worst)
+        figures = (median(medians), median(means), min(medians), worst)
         rows.append([way, *(f"{value:.1f}" for value in figures)])
     headings = (f"{options.size}, one thread", "CPU ms a frame", "mean", "least median", "99 %")
     Table("Several targets", headings, [rows]).show()

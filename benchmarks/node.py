@@ -33,11 +33,12 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
-from tables import Table, save_tables
+from tables import Table, publish
 
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.ros_domains import unused_domain
+from pf_tracker_ros.stamps import stamp_of
 
 SIZES = {"640x480": (640, 480), "768x576": (768, 576), "1920x1080": (1920, 1080)}
 RELIABILITIES = ("reliable", "best_effort")
@@ -68,22 +69,16 @@ class BareSubscriber(Node):
 
 @dataclass
 class Figures:
-    """Figures of the frames of some turns, after the warm-up.
+    """Figures of the frames of some turns, after the warm-up."""
 
-    Attributes:
-        published: Number of frames.
-        ages: Seconds from publishing to the answer, one for each frame that was answered.
-        cpu: CPU seconds of the process.
-        processing: Seconds of the tracker's updates, by its status.
-        starts: Seconds from the start of the process to its first answer, one for each turn.
-        memory: Megabytes that the process held at the beginning and the end of the last turn.
-    """
-
-    published: int = 0
+    published: int = 0  # number of frames
+    # seconds from publishing to the answer, one for each frame that was answered
     ages: list[float] = field(default_factory=list)
-    cpu: float = 0.0
-    processing: float = 0.0
+    cpu: float = 0.0  # CPU seconds of the process
+    processing: float = 0.0  # seconds of the tracker's updates, by its status
+    # seconds from the start of the process to its first answer, one for each turn
     starts: list[float] = field(default_factory=list)
+    # megabytes that the process held at the beginning and the end of the last turn
     memory: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -131,11 +126,6 @@ class Camera(Node):
         self._on_answer(message.header)
         values = {item.key: item.value for item in message.status[0].values}
         self.processing[stamp_of(message.header)] = 1e-3 * float(values["processing_time_ms"])
-
-
-def stamp_of(header: Header) -> int:
-    """Nanoseconds."""
-    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
 def moving_square(width: int, height: int) -> list[Image]:
@@ -297,8 +287,7 @@ def main() -> int:
                     priority=arguments.realtime_priority,
                 )
             )
-            tables[-1].show()
-    save_tables(arguments.output, tables)
+    publish(arguments.output, tables)
     return 0
 
 

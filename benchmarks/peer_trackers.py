@@ -5,8 +5,8 @@ Each tracker runs as its library ships it, save where its docstring says so.
 
 from __future__ import annotations
 
-import importlib.util
 from abc import abstractmethod
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,9 +14,6 @@ import cv2
 import numpy as np
 from color_image_tracker import Array, Box, ColorImageTracker, Image
 from numpy.typing import ArrayLike, NDArray
-from tracker_families import machine_learning
-
-from pf_tracker_ros.evaluation import EvaluationError
 
 
 class PeerTracker(ColorImageTracker):
@@ -50,13 +47,9 @@ class OpenCvTracker(PeerTracker):
 
     @classmethod
     def missing(cls) -> str:
-        """What has to be installed for this tracker to run; empty if nothing."""
-        if hasattr(cv2, cls.factory):
-            return ""
-        return (
-            "pip install opencv-contrib-python-headless in place of opencv-python-headless, "
-            "or use `make bench`"
-        )
+        """See `PeerTracker.missing`."""
+        has_it = hasattr(cv2, cls.factory)
+        return "" if has_it else "OpenCV is without its contributed trackers; use `make bench`"
 
     @abstractmethod
     def _create(self) -> Any:
@@ -128,42 +121,10 @@ class NanoTrack(OpenCvTracker):
         super().__init__(seed)
         self._files = (backbone, head)
 
-    def check(self) -> None:
-        """Try the files, which otherwise show only while tracking that they do not fit.
-
-        Raises:
-            EvaluationError: They are no networks of NanoTrack, or in the wrong order.
-        """
-        image = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
-        files = " and ".join(f"'{file}'" for file in self._files)
-        allowed = "allowed: NanoTrack's backbone, then its head, in ONNX format"
-        for file in self._files:
-            if not file.is_file():
-                raise EvaluationError(f"no file '{file}'; {allowed}")
-        try:
-            self._learn(image, np.array([140.0, 100.0, 40.0, 40.0]))
-            self._tracker.update(image)
-        except (ValueError, cv2.error) as error:
-            raise EvaluationError(f"OpenCV cannot track with {files}; {allowed}") from error
-
     def _create(self) -> Any:
         parameters = cv2.TrackerNano_Params()
         parameters.backbone, parameters.neckhead = map(str, self._files)
         return cv2.TrackerNano_create(parameters)
-
-
-class MultipleInstanceLearning(PeerTracker):
-    """MIL, which has no scale; seeded, as what OpenCV draws from is not."""
-
-    name = "MIL"
-    is_random = True
-
-    def _learn(self, image: Image, box: Array) -> None:
-        self._tracker = machine_learning.MultipleInstanceLearning(self._seed)
-        self._tracker.start(image, box)
-
-    def _find(self, image: Image, box: Array) -> Box:
-        return self._tracker.update(image).box
 
 
 class DlibCorrelation(PeerTracker):
@@ -176,10 +137,8 @@ class DlibCorrelation(PeerTracker):
 
     @classmethod
     def missing(cls) -> str:
-        """What has to be installed for this tracker to run; empty if nothing."""
-        if importlib.util.find_spec("dlib") is not None:
-            return ""
-        return "pip install dlib-bin, or use `make bench`"
+        """See `PeerTracker.missing`."""
+        return "" if find_spec("dlib") else "pip install dlib-bin, or use `make bench`"
 
     def _learn(self, image: Image, box: Array) -> None:
         import dlib
@@ -266,7 +225,6 @@ class ColorParticleFilter(PeerTracker):
 PEERS: tuple[type[PeerTracker], ...] = (
     ChannelSpatialReliability,
     KernelizedCorrelation,
-    MultipleInstanceLearning,
     DlibCorrelation,
     ColorParticleFilter,
 )

@@ -7,25 +7,21 @@ them. Libraries that are not installed are omitted; `make bench` installs all of
     make bench SEQUENCES="SEQUENCE_DIR ..." BENCH_ARGS="--seeds 3 --nanotrack BACKBONE HEAD"
     python benchmarks/peers.py SEQUENCE_DIR... --output benchmarks/results --seeds 3
 
-It writes peers.csv, peers.md and peers.png.
+It writes peers.md and peers.png.
 """
 
 from __future__ import annotations
 
-import csv
 import functools
-import importlib.metadata
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import arguments as options_of
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 from peer_trackers import PEERS, ChannelSpatialReliability, NanoTrack
-from tables import Table, bold
+from tables import Table, bold, publish
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
@@ -48,7 +44,6 @@ YARDSTICK = ChannelSpatialReliability.name
 """The tracker whose time is the reference."""
 
 HEADINGS = ("tracker", "AUC", "± seeds", "precision 20 px", "CPU ms", f"CPU / {YARDSTICK}")
-_SCORES = ("frames", "seeds", "success_auc", "success_auc_std", "precision_20px")
 NOTE = (
     "AUC, precision and median CPU time of a frame are means over the sequences; ± is the standard "
     "deviation of a sequence's AUC over the seeds, mean over the sequences."
@@ -57,30 +52,19 @@ NOTE = (
 
 @dataclass(frozen=True)
 class Contender:
-    """A tracker to compare.
+    """A tracker to compare."""
 
-    Attributes:
-        name: Name in the tables.
-        make_tracker: Factory from a seed.
-        is_random: Whether the result depends on the seed; if not, one run suffices.
-    """
-
-    name: str
-    make_tracker: TrackerFactory
-    is_random: bool
+    name: str  # name in the tables
+    make_tracker: TrackerFactory  # factory from a seed
+    is_random: bool  # whether the result depends on the seed; if not, one run suffices
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Results of a contender on all sequences.
+    """Results of a contender on all sequences."""
 
-    Attributes:
-        name: Name of the tracker or setting.
-        results: A result for each sequence, at least one.
-    """
-
-    name: str
-    results: Sequence[SequenceResult]
+    name: str  # name of the tracker or setting
+    results: Sequence[SequenceResult]  # a result for each sequence, at least one
 
     @property
     def scores(self) -> Scores:
@@ -95,30 +79,14 @@ class Outcome:
         """
         return float(np.mean([result.success_auc_std for result in self.results]))
 
-    @property
-    def success_aucs(self) -> NDArray[np.float64]:
-        """(sequences,) success AUC, each the mean over the seeds."""
-        return np.array([result.scores.success_auc for result in self.results])
-
-    @property
-    def success_curve(self) -> NDArray[np.float64]:
-        """(21,) success curve, mean over the sequences."""
-        return np.mean([result.success_curve for result in self.results], axis=0)
-
 
 def contenders(
     nanotrack: tuple[Path, Path] | None,
 ) -> tuple[list[Contender], dict[str, str]]:
-    """All installed trackers.
+    """All installed trackers, and of each that is left out the name and what to do.
 
     Args:
         nanotrack: Model files of NanoTrack, backbone and head, if any.
-
-    Returns:
-        The peers and the presets; and of each peer that is left out the name and what to do.
-
-    Raises:
-        EvaluationError: NanoTrack cannot use its files.
     """
     found = [
         Contender(name, functools.partial(Tracker.from_preset, name), is_random=True)
@@ -133,7 +101,6 @@ def contenders(
     elif NanoTrack.name not in missing:
         backbone, head = nanotrack
         make_tracker = functools.partial(NanoTrack, backbone=backbone, head=head)
-        make_tracker(0).check()
         found.append(Contender(NanoTrack.name, make_tracker, is_random=False))
     return found, missing
 
@@ -202,7 +169,9 @@ def summary(outcomes: Sequence[Outcome], title: str) -> Table:
 
 def by_sequence(outcomes: Sequence[Outcome]) -> Table:
     """The success AUC of each tracker on each sequence, the best in bold."""
-    aucs = np.array([outcome.success_aucs for outcome in outcomes]).T
+    aucs = np.array(
+        [[result.scores.success_auc for result in outcome.results] for outcome in outcomes]
+    ).T
     names = [result.name for result in outcomes[0].results]
     rows = [
         [name, *(bold(f"{auc:.3f}", auc == row.max()) for auc in row)]
@@ -212,58 +181,9 @@ def by_sequence(outcomes: Sequence[Outcome]) -> Table:
     return Table("Success AUC on each sequence", headings, [rows])
 
 
-def versions() -> str:
-    """The versions of the libraries."""
-    numpy = f"NumPy {np.__version__}"
-    dlib = [
-        f"dlib {importlib.metadata.version(package)}"
-        for package in ("dlib", "dlib-bin")
-        if list(importlib.metadata.Distribution.discover(name=package))
-    ]
-    return ", ".join([f"OpenCV {cv2.__version__}", numpy, *dlib])
-
-
-def write_markdown(
-    path: Path, tables: Sequence[Table], outcomes: Sequence[Outcome], left_out: Sequence[str]
-) -> None:
-    """Write the tables and the libraries' versions."""
-    frames = sum(len(result.true_boxes) for result in outcomes[0].results)
-    footage = f"{counted(len(outcomes[0].results), 'sequence')}, {frames} frames"
-    lines = [f"{NOTE} {versions()}; {footage}.", "", *left_out]
-    for table in tables:
-        lines += ["", f"# {table.title}", "", *table.markdown()]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def write_csv(path: Path, outcomes: Sequence[Outcome]) -> None:
-    """Write a line for each contender and sequence; without CSRT the ratio to it is empty."""
-    known = {outcome.name: outcome for outcome in outcomes}
-    times = np.full(len(outcomes[0].results), np.nan)
-    if YARDSTICK in known:
-        times = np.array([one.scores.cpu_ms_median for one in known[YARDSTICK].results])
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(
-            ["tracker", "sequence", *_SCORES, "cpu_ms_median", f"cpu_ratio_to_{YARDSTICK}"]
-        )
-        for outcome in outcomes:
-            for result, time in zip(outcome.results, times, strict=True):
-                scores = result.scores
-                figures = (
-                    scores.success_auc,
-                    result.success_auc_std,
-                    scores.precision_20px,
-                    scores.cpu_ms_median,
-                    scores.cpu_ms_median / time,
-                )
-                counts = [scores.frames, len(result.seeds)]
-                texts = [figure(value, ".4f", unknown="") for value in figures]
-                writer.writerow([outcome.name, result.name, *counts, *texts])
-
-
-def figure(value: float, form: str, unknown: str = "-") -> str:
-    """A number as text; NaN as `unknown`."""
-    return unknown if np.isnan(value) else format(value, form)
+def figure(value: float, form: str) -> str:
+    """A number as text; NaN as a dash."""
+    return "-" if np.isnan(value) else format(value, form)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -288,23 +208,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found, missing = contenders(options.nanotrack)
         trackers = chosen(found, missing, options.tracker)
         sequences = read_sequences(options.sequences)
-        options.output.mkdir(parents=True, exist_ok=True)
         left_out = [f"{name} is left out: {what}." for name, what in missing.items()]
         left_out = [] if options.tracker else left_out
         for sentence in left_out:
             print(sentence)
         outcomes = compare(sequences, trackers, options.seeds)
-        seeds = counted(options.seeds, "seed")
-        table = summary(outcomes, f"Presets and peers, {seeds}")
-        table.show()
-        write_csv(options.output / "peers.csv", outcomes)
-        write_markdown(
-            options.output / "peers.md", [table, by_sequence(outcomes)], outcomes, left_out
-        )
-        curves = {outcome.name: outcome.success_curve for outcome in outcomes}
+        table = summary(outcomes, f"Presets and peers, {counted(options.seeds, 'seed')}")
+        frames = sum(len(result.true_boxes) for result in outcomes[0].results)
+        footage = f"{counted(len(sequences), 'sequence')}, {frames} frames."
+        note = " ".join([NOTE, footage, *left_out])
+        publish(options.output / "peers.md", [table, by_sequence(outcomes)], note)
+        curves = {
+            outcome.name: np.mean([result.success_curve for result in outcome.results], axis=0)
+            for outcome in outcomes
+        }
         peers = curves.keys() - PRESETS.keys()
         save_success_plot(options.output / "peers.png", curves, dashed=peers)
-    print(f"files in {options.output}")
     return 0
 
 

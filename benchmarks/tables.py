@@ -23,19 +23,12 @@ Rows = Sequence[Sequence[str]]
 
 @dataclass(frozen=True)
 class Table:
-    """A table of results.
+    """A table of results."""
 
-    Attributes:
-        title: Its title.
-        headings: A heading for each column.
-        groups: Groups of rows, separated in print.
-        names: Number of columns with names, from the left; the others have figures.
-    """
-
-    title: str
-    headings: Sequence[str]
-    groups: Sequence[Rows]
-    names: int = 1
+    title: str  # its title
+    headings: Sequence[str]  # a heading for each column
+    groups: Sequence[Rows]  # groups of rows, separated in print
+    names: int = 1  # number of columns with names, from the left; the others have figures
 
     def show(self) -> None:
         """Print on standard output."""
@@ -80,12 +73,16 @@ class Table:
         return ["| " + " | ".join(cell.replace("|", r"\|") for cell in row) + " |" for row in rows]
 
 
-def save_tables(path: Path | None, tables: Sequence[Table]) -> None:
-    """Write tables with their titles into a Markdown file; None for no file."""
+def publish(path: Path | None, tables: Sequence[Table], note: str = "") -> None:
+    """Print tables, and write them with a note before them into a Markdown file, if any."""
+    for one in tables:
+        one.show()
     if path is not None:
-        lines = [line for one in tables for line in (f"**{one.title}**", "", *one.markdown(), "")]
+        lines = [note, ""] if note else []
+        lines += [line for one in tables for line in (f"**{one.title}**", "", *one.markdown(), "")]
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("\n".join(lines), encoding="utf-8")
+        print(f"written: {path}")
 
 
 def bold(text: str, is_bold: bool = True) -> str:

@@ -15,34 +15,23 @@ from numpy.typing import NDArray
 from pf_tracker_ros import Detections, MultiTracker, Tracker
 from pf_tracker_ros.boxes import pairwise_iou
 
-Answer = tuple[NDArray[np.intp], NDArray[np.float64]]
+Image, Array = NDArray[np.uint8], NDArray[np.float64]
+Answer = tuple[NDArray[np.intp], Array]
 
 
 class TargetTracker(Protocol):
-    """A tracker of several targets, made for one sequence.
-
-    Attributes:
-        package: Required Python package, empty for none.
-    """
-
-    package: ClassVar[str] = ""
+    """A tracker of several targets, made for one sequence."""
 
     @classmethod
     def missing(cls) -> str:
         """How to install what is missing; empty if nothing."""
-        is_there = not cls.package or find_spec(cls.package) is not None
-        return "" if is_there else f"{cls.package} is not installed"
+        return ""
 
     @abstractmethod
-    def update(
-        self, image: NDArray[np.uint8], interval: float, seen: NDArray[np.float64] | None
-    ) -> Answer:
-        """The (K,) ids and (K, 4) boxes in the next frame.
+    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
+        """The (K,) ids and (K, 4) boxes in the next frame, so many seconds later.
 
-        Args:
-            image: (H, W, 3) BGR.
-            interval: Seconds since the last one.
-            seen: (M, 5) boxes and scores of a detector; None where it did not run.
+        (M, 5) boxes and scores of a detector are seen, or None where it did not run.
         """
 
 
@@ -58,9 +47,7 @@ class MultiTargets(TargetTracker):
     def __init__(self, interval: float, seed: int = 0, every: int = 1) -> None:
         self._tracker = MultiTracker.from_preset("default", seed)
 
-    def update(
-        self, image: NDArray[np.uint8], interval: float, seen: NDArray[np.float64] | None
-    ) -> Answer:
+    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
         """See `TargetTracker.update`."""
         detections = None if seen is None else Detections(seen[:, :4], seen[:, 4])
         tracks = self._tracker.update(image, interval, detections)
@@ -87,9 +74,7 @@ class SingleTargets(TargetTracker):
         self._trackers: dict[int, Tracker] = {}
         self._last = 0
 
-    def update(
-        self, image: NDArray[np.uint8], interval: float, seen: NDArray[np.float64] | None
-    ) -> Answer:
+    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
         """See `TargetTracker.update`."""
         for tracker in self._trackers.values():
             tracker.update(image, interval)
@@ -97,7 +82,7 @@ class SingleTargets(TargetTracker):
             self._assign(image, seen[:, :4])
         return _as_arrays([(name, one.estimate.box) for name, one in self._trackers.items()])
 
-    def _assign(self, image: NDArray[np.uint8], boxes: NDArray[np.float64]) -> None:
+    def _assign(self, image: Image, boxes: Array) -> None:
         assign = importlib.import_module("scipy.optimize").linear_sum_assignment
         names = list(self._trackers)
         places = np.array([self._trackers[name].estimate.box for name in names]).reshape(-1, 4)
@@ -116,7 +101,7 @@ class SingleTargets(TargetTracker):
                 kept[self._last] = tracker
         self._trackers = kept
 
-    def _start(self, tracker: Tracker, image: NDArray[np.uint8], box: NDArray[np.float64]) -> bool:
+    def _start(self, tracker: Tracker, image: Image, box: Array) -> bool:
         try:
             tracker.start(image, box)
         except ValueError:
@@ -126,25 +111,17 @@ class SingleTargets(TargetTracker):
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of a tracker by detections alone.
+    """Settings of a tracker by detections alone."""
 
-    Attributes:
-        max_misses: Maximum of consecutive missed detections before a track ends.
-        max_misses_reported: Maximum of consecutive missed detections of a reported track.
-        iou_threshold: Minimum overlap of a track with its detection, 0 to 1; DIoU from -1 on.
-        score_threshold: Minimum score of a detection that starts a track, 0 to 1.
-        options: Further arguments of the tracker.
-    """
-
-    max_misses: int
-    max_misses_reported: int
-    iou_threshold: float
-    score_threshold: float
-    options: Mapping[str, Any] = field(default_factory=dict)
+    max_misses: int  # maximum of consecutive missed detections before a track ends
+    max_misses_reported: int  # maximum of consecutive missed detections of a reported track
+    iou_threshold: float  # minimum overlap of a track with its detection, 0 to 1; DIoU from -1 on
+    score_threshold: float  # minimum score of a detection that starts a track, 0 to 1
+    options: Mapping[str, Any] = field(default_factory=dict)  # further arguments of the tracker
 
 
 class DetectionOnlyTracker(TargetTracker):
-    """A tracker that does not use the image.
+    """A tracker of the package `trackers`, which does not use the image.
 
     Its Kalman filter's prediction gives the boxes between detections. The settings are those of
     `SETTINGS` for the interval nearest to the detector's.
@@ -153,7 +130,6 @@ class DetectionOnlyTracker(TargetTracker):
         interval: Seconds between frames.
         seed: Not used.
         every: Interval of the detector in frames.
-        settings: Replaces those of `SETTINGS`.
     """
 
     SETTINGS: ClassVar[Mapping[int, Settings]]
@@ -163,47 +139,28 @@ class DetectionOnlyTracker(TargetTracker):
     sum of their HOTA: chosen on what they are judged by, which flatters them.
     """
 
-    def __init__(
-        self, interval: float, seed: int = 0, every: int = 1, settings: Settings | None = None
-    ) -> None:
-        nearest = min(self.SETTINGS, key=lambda one: abs(one - every))
-        self._settings = settings or self.SETTINGS[nearest]
-        self._every = every
-        self._tracker = self._make()
-
-    @abstractmethod
-    def _make(self) -> Any:
-        """The package's tracker with these settings."""
-
-    def _is_reported(self, idle: int) -> bool:
-        """Whether a track is reported this many frames after its last detection."""
-        return idle < (self._settings.max_misses_reported + 1) * self._every
-
-
-class _Roboflow(DetectionOnlyTracker):
-    """One of the package `trackers`."""
-
-    package = "trackers"
     kind: ClassVar[str]
-    scored: ClassVar[str]
-    """Name of the argument of the minimum score."""
+    """Name of the package's class, of its arguments of the minimum score, and of the overlap."""
+    scored: ClassVar[str] = "track_activation_threshold"
     overlapping: ClassVar[str] = "minimum_iou_threshold"
-    """Name of the argument of the minimum overlap."""
 
-    def _make(self) -> Any:
-        module = importlib.import_module(self.package)
+    def __init__(self, interval: float, seed: int = 0, every: int = 1) -> None:
+        nearest = min(self.SETTINGS, key=lambda one: abs(one - every))
+        settings, self._every = self.SETTINGS[nearest], every
+        self._idle = (settings.max_misses_reported + 1) * every
+        module = importlib.import_module("trackers")
         self._detections = importlib.import_module("supervision").Detections
         self._numbers: dict[Any, int] = {}
-        settings, options = self._settings, dict(self._settings.options)
+        options = dict(settings.options)
         if isinstance(estimator := options.get("state_estimator_class"), str):
-            estimators = importlib.import_module(f"{self.package}.utils.state_representations")
+            estimators = importlib.import_module("trackers.utils.state_representations")
             options["state_estimator_class"] = getattr(estimators, estimator)
         if "iou" in options:
             options["iou"] = getattr(module, options["iou"])()
-        return getattr(module, self.kind)(
+        self._tracker = getattr(module, self.kind)(
             # In frames at 30 Hz, as the package counts.
             frame_rate=30.0,
-            lost_track_buffer=settings.max_misses * self._every,
+            lost_track_buffer=settings.max_misses * every,
             minimum_consecutive_frames=1,
             **{self.overlapping: settings.iou_threshold, self.scored: settings.score_threshold},
             **options,
@@ -212,14 +169,12 @@ class _Roboflow(DetectionOnlyTracker):
     @classmethod
     def missing(cls) -> str:
         """See `TargetTracker.missing`."""
-        if what := super().missing():
-            return what
-        has_it = hasattr(importlib.import_module(cls.package), OcSort.kind)
-        return "" if has_it else f"{cls.package} is older than 2.6: pip install 'trackers>=2.6'"
+        if find_spec("trackers") is None:
+            return "trackers is not installed"
+        has_it = hasattr(importlib.import_module("trackers"), OcSort.kind)
+        return "" if has_it else "trackers is older than 2.6: pip install 'trackers>=2.6'"
 
-    def update(
-        self, image: NDArray[np.uint8], interval: float, seen: NDArray[np.float64] | None
-    ) -> Answer:
+    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
         """See `TargetTracker.update`."""
         if seen is None:
             self._predict(image)
@@ -233,15 +188,15 @@ class _Roboflow(DetectionOnlyTracker):
             # The package numbers a track at its second detection.
             (self._numbers.setdefault(track, len(self._numbers)), track.get_state_bbox())
             for track in self._tracker.tracks
-            if self._is_reported(track.time_since_update)
+            if track.time_since_update < self._idle
         ]
         return _as_arrays([(name, (*box[:2], *(box[2:] - box[:2]))) for name, box in tracks])
 
-    def _predict(self, image: NDArray[np.uint8]) -> None:
+    def _predict(self, image: Image) -> None:
         for track in self._tracker.tracks:
             track.predict()
 
-    def _correct(self, detections: Any, image: NDArray[np.uint8]) -> None:
+    def _correct(self, detections: Any, image: Image) -> None:
         self._tracker.update(detections)
 
 
@@ -249,11 +204,10 @@ _AREA = {"state_estimator_class": "XCYCSRStateEstimator"}
 _AREA_AND_DISTANCE = {**_AREA, "iou": "DIoU"}
 
 
-class Sort(_Roboflow):
+class Sort(DetectionOnlyTracker):
     """SORT."""
 
     kind = "SORTTracker"
-    scored = "track_activation_threshold"
     SETTINGS: ClassVar = {
         1: Settings(10, 1, 0.2, 0.95),
         5: Settings(6, 0, 0.01, 0.7, _AREA),
@@ -261,11 +215,10 @@ class Sort(_Roboflow):
     }
 
 
-class ByteTrack(_Roboflow):
+class ByteTrack(DetectionOnlyTracker):
     """ByteTrack."""
 
     kind = "ByteTrackTracker"
-    scored = "track_activation_threshold"
     SETTINGS: ClassVar = {
         1: Settings(10, 1, 0.2, 0.3, {**_AREA, "high_conf_det_threshold": 0.9}),
         5: Settings(3, 0, 0.01, 0.7, {**_AREA, "high_conf_det_threshold": 0.3}),
@@ -273,7 +226,7 @@ class ByteTrack(_Roboflow):
     }
 
 
-class OcSort(_Roboflow):
+class OcSort(DetectionOnlyTracker):
     """OC-SORT."""
 
     kind = "OCSORTTracker"
@@ -285,11 +238,10 @@ class OcSort(_Roboflow):
     }
 
 
-class BotSort(_Roboflow):
+class BotSort(DetectionOnlyTracker):
     """BoT-SORT with camera motion compensation, without appearance."""
 
     kind = "BoTSORTTracker"
-    scored = "track_activation_threshold"
     overlapping = "minimum_iou_threshold_first_assoc"
     SETTINGS: ClassVar = {
         1: Settings(10, 1, 0.2, 0.95, _AREA),
@@ -297,57 +249,13 @@ class BotSort(_Roboflow):
         12: Settings(1, 0, 0.2, 0.95, {"iou": "DIoU", "high_conf_det_threshold": 0.3}),
     }
 
-    def _predict(self, image: NDArray[np.uint8]) -> None:
+    def _predict(self, image: Image) -> None:
         super()._predict(image)
         compensation = self._tracker.cmc
         compensation.apply_batch(compensation.estimate(image), self._tracker.tracks)
 
-    def _correct(self, detections: Any, image: NDArray[np.uint8]) -> None:
+    def _correct(self, detections: Any, image: Image) -> None:
         self._tracker.update(detections, image)
-
-
-class Norfair(DetectionOnlyTracker):
-    """norfair, by the overlap of boxes."""
-
-    package = "norfair"
-    SETTINGS: ClassVar = {
-        1: Settings(6, 2, 0.05, 0.7, {"vel_variance": 10.0}),
-        5: Settings(2, 0, 0.01, 0.7),
-        12: Settings(0, 0, 0.01, 0.85, {"vel_variance": 0.1}),
-    }
-
-    def _make(self) -> Any:
-        self._norfair = importlib.import_module(self.package)
-        self._frame = 0
-        filters = self._norfair.OptimizedKalmanFilterFactory(**self._settings.options)
-        return self._norfair.Tracker(
-            distance_function="iou",
-            distance_threshold=1.0 - self._settings.iou_threshold,
-            initialization_delay=0,
-            hit_counter_max=(self._settings.max_misses + 1) * self._every,
-            filter_factory=filters,
-        )
-
-    def update(
-        self, image: NDArray[np.uint8], interval: float, seen: NDArray[np.float64] | None
-    ) -> Answer:
-        """See `TargetTracker.update`."""
-        self._frame += 1
-        if seen is None:
-            tracks = self._tracker.update()
-        else:
-            found = [
-                self._norfair.Detection(np.array([box[:2], box[:2] + box[2:4]]), data=self._frame)
-                for box in seen[seen[:, 4] >= self._settings.score_threshold]
-            ]
-            tracks = self._tracker.update(found, period=self._every)
-        return _as_arrays(
-            [
-                (one.id, (*one.estimate[0], *(one.estimate[1] - one.estimate[0])))
-                for one in tracks
-                if self._is_reported(self._frame - one.last_detection.data)
-            ]
-        )
 
 
 def _as_arrays(tracks: list[tuple[int, Any]]) -> Answer:
@@ -362,6 +270,5 @@ TRACKERS: Mapping[str, type[TargetTracker]] = {
     "ByteTrack": ByteTrack,
     "OC-SORT": OcSort,
     "BoT-SORT": BotSort,
-    "norfair": Norfair,
 }
 """Name to factory from seconds between frames, seed and the detector's interval."""

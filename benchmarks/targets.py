@@ -3,16 +3,12 @@
 The detector runs on every k-th frame; boxes are required in all. A sequence folder has `gt.txt` and
 `det.txt` of the MOT challenge, and `seqinfo.ini` (frameRate); its frames are a video or a folder of
 images elsewhere. Figures: HOTA, IDF1, MOTA and identity switches of `trackeval` over all frames,
-the share of boxes that overlap another one by more than .5, the share of these that are on no
-person of their own, and the CPU time on one thread, per frame and per additional target. Each
-interval is averaged over several first frames.
+the share of boxes that overlap another one by more than .5, and the CPU time of a frame on one
+thread. Each interval is averaged over several first frames.
 
     python benchmarks/targets.py --sequence MOT_DIR FRAMES --output benchmarks/results
 
-It writes targets.json, targets.md and targets.png. Outcomes of earlier runs in targets.json are
-kept, so that trackers can be run separately. Libraries that are not installed are omitted.
-`trackers` from 2.6 on and `norfair` require different versions of Rich: give each its own
-environment with `trackeval`.
+It writes targets.md and targets.png. Without the package `trackers`, its trackers are omitted.
 """
 
 from __future__ import annotations
@@ -22,20 +18,20 @@ import functools
 import importlib
 import importlib.util
 import itertools
-import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import arguments as options_of
 import cv2
 import numpy as np
+from matplotlib.figure import Figure
 from moving_camera import MovingCamera
 from numpy.typing import NDArray
-from tables import Table, bold
+from tables import Table, bold, publish
 from target_trackers import TRACKERS, TargetTracker
 
 from pf_tracker_ros.boxes import pairwise_iou
@@ -48,42 +44,26 @@ PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}
 # logarithmic sizes, shift in sides, and factor of its width and height.
 _RECALL, _PRECISION, _JITTER = 0.5, 0.6, 0.1
 _SHIFT, _WIDENED = np.array([0.05, 0.05]), np.array([1.15, 1.0])
-FIGURES = (
-    *("HOTA", "IDF1", "MOTA", "switches", "overlap %", "second %"),
-    *("CPU ms", "CPU ms / target"),
-)
+FIGURES = ("HOTA", "IDF1", "MOTA", "switches", "overlap %", "CPU ms")
 
 
 class FrameTracks(NamedTuple):
-    """Tracks of a frame, by a tracker or true ones.
+    """Tracks of a frame, by a tracker or true ones."""
 
-    Attributes:
-        ids: (K,) of the targets.
-        boxes: (K, 4) x, y, width, height in pixels.
-    """
-
-    ids: NDArray[np.intp]
-    boxes: NDArray[np.float64]
+    ids: NDArray[np.intp]  # (K,) of the targets
+    boxes: NDArray[np.float64]  # (K, 4) x, y, width, height in pixels
 
 
 @dataclass(frozen=True)
 class AnnotatedSequence:
-    """A sequence with the ground truth of all targets, and detections.
+    """A sequence with the ground truth of all targets, and detections."""
 
-    Attributes:
-        name: Name of its folder.
-        frames: Video or folder of its images.
-        interval: Seconds between frames.
-        truth: Ids and boxes of the scored targets in each frame.
-        detections: (M, 5) boxes and scores in each frame.
-        camera: Moving camera that sees a part of the images; None for whole images.
-    """
-
-    name: str
-    frames: Path
-    interval: float
-    truth: tuple[FrameTracks, ...]
-    detections: tuple[NDArray[np.float64], ...]
+    name: str  # name of its folder
+    frames: Path  # video or folder of its images
+    interval: float  # seconds between frames
+    truth: tuple[FrameTracks, ...]  # ids and boxes of the scored targets in each frame
+    detections: tuple[NDArray[np.float64], ...]  # (M, 5) boxes and scores in each frame
+    # moving camera that sees a part of the images; None for whole images
     camera: MovingCamera | None = None
 
     def carried(self) -> AnnotatedSequence:
@@ -106,9 +86,6 @@ class AnnotatedSequence:
 
         It finds half of the true boxes, and 6 of 10 of its boxes are of targets. All boxes are
         moved and resized at random, and shifted and widened alike.
-
-        Args:
-            seed: Of the random numbers.
         """
         draw = np.random.default_rng(seed)
         everywhere = np.concatenate(self.detections)
@@ -135,18 +112,8 @@ class AnnotatedSequence:
         return replace(self, name=name, detections=tuple(detections))
 
 
-def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) -> AnnotatedSequence:
-    """Read the files of the MOT challenge; their x and y count from 1.
-
-    Args:
-        folder: Folder of the files.
-        frames: Video or folder of images.
-        also_unscored: Whether to include true boxes that the challenge does not score.
-
-    Raises:
-        OSError: A file is not there.
-        ValueError: One does not hold what it should.
-    """
+def read_sequence(folder: Path, frames: Path) -> AnnotatedSequence:
+    """Read the files of the MOT challenge, whose x and y count from 1, beside a video or images."""
     info = configparser.ConfigParser()
     with (folder / "seqinfo.ini").open(encoding="utf-8") as file:
         info.read_file(file)
@@ -154,8 +121,8 @@ def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) ->
     found = np.loadtxt(folder / "det.txt", delimiter=",", ndmin=2)
     for rows in (truth, found):
         rows[:, 2:4] -= 1.0
-    if not also_unscored:
-        truth = truth[truth[:, 6] != 0]
+    # The challenge does not score all of them.
+    truth = truth[truth[:, 6] != 0]
     count = int(max(truth[:, 0].max(), found[:, 0].max()))
     return AnnotatedSequence(
         folder.name,
@@ -170,26 +137,14 @@ def read_sequence(folder: Path, frames: Path, *, also_unscored: bool = False) ->
 
 
 class Run(NamedTuple):
-    """A tracker's run on a sequence.
+    """A tracker's run on a sequence."""
 
-    Attributes:
-        tracks: Tracks of each frame.
-        seconds: Total CPU time.
-    """
-
-    tracks: list[FrameTracks]
-    seconds: float
+    tracks: list[FrameTracks]  # tracks of each frame
+    seconds: float  # total CPU time
 
 
 def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: int) -> Run:
-    """Track all targets of a sequence, with a detector on every `every`-th frame.
-
-    Args:
-        tracker: A new tracker.
-        sequence: The frames and detections.
-        every: Interval of the detector in frames.
-        first: First frame of the detector.
-    """
+    """Track all targets, with a detector on every `every`-th frame from `first` on."""
     tracks, seconds = [], 0.0
     frames = open_footage(sequence.frames).frames()
     for number, frame in enumerate(itertools.islice(frames, len(sequence.truth))):
@@ -216,20 +171,14 @@ def score(truth: Sequence[FrameTracks], done: Run) -> dict[str, float]:
     identity = metrics.Identity(silent).eval_sequence(data)
     clear = metrics.CLEAR(silent).eval_sequence(data)
     boxes = sum(len(one.ids) for one in done.tracks)
-    overlapping = [_are_overlapping(one) for one in done.tracks]
-    seconds = [
-        are & ~_are_right(*pair)
-        for are, pair in zip(overlapping, zip(truth, done.tracks, strict=True), strict=True)
-    ]
+    overlapping = sum(int(_are_overlapping(one).sum()) for one in done.tracks)
     return {
         "HOTA": 100.0 * float(np.mean(hota["HOTA"])),
         "IDF1": 100.0 * float(identity["IDF1"]),
         "MOTA": 100.0 * float(clear["MOTA"]),
         "switches": float(clear["IDSW"]),
-        "overlap %": 100.0 * float(sum(map(np.sum, overlapping))) / max(boxes, 1),
-        "second %": 100.0 * float(sum(map(np.sum, seconds))) / max(boxes, 1),
+        "overlap %": 100.0 * overlapping / max(boxes, 1),
         "CPU ms": 1e3 * done.seconds / len(done.tracks),
-        "CPU ms / target": 1e3 * done.seconds / max(boxes, 1),
     }
 
 
@@ -256,16 +205,6 @@ def _are_overlapping(tracks: FrameTracks) -> NDArray[np.bool_]:
     shared = pairwise_iou(tracks.boxes, tracks.boxes)
     np.fill_diagonal(shared, 0.0)
     are: NDArray[np.bool_] = shared.max(axis=1, initial=0.0) > 0.5
-    return are
-
-
-def _are_right(truth: FrameTracks, tracks: FrameTracks) -> NDArray[np.bool_]:
-    """(K,) which boxes are on a person of their own, by at least a half."""
-    assign = importlib.import_module("scipy.optimize").linear_sum_assignment
-    shared = pairwise_iou(tracks.boxes, truth.boxes)
-    rows, columns = assign(-np.where(shared >= 0.5, shared, 0.0))
-    are = np.zeros(len(tracks.ids), np.bool_)
-    are[rows] = shared[rows, columns] >= 0.5
     return are
 
 
@@ -307,85 +246,33 @@ def table(outcomes: Sequence[Outcome]) -> Table:
     groups: dict[tuple[str, int], list[list[str]]] = {}
     for one in outcomes:
         cells = [one.sequence, str(one.every), one.tracker]
-        # An earlier run may lack a figure.
-        cells += [f"{one.figures.get(name, np.nan):.1f}" for name in FIGURES]
-        groups.setdefault((one.sequence, one.every), []).append(
-            [bold(cell, one.tracker == OURS) for cell in cells]
-        )
+        cells += [f"{one.figures[name]:.1f}" for name in FIGURES]
+        row = [bold(cell, one.tracker == OURS) for cell in cells]
+        groups.setdefault((one.sequence, one.every), []).append(row)
     headings = ("sequence", "every", "tracker", *FIGURES)
-    return Table("MultiTargets targets", headings, list(groups.values()), names=3)
+    return Table("Several targets", headings, list(groups.values()), names=3)
 
 
 def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
     """Plot HOTA over the detector's interval: a panel per sequence, a line per tracker."""
-    # Not pyplot's: needs no window system and leaves no figures open.
-    from matplotlib.figure import Figure
-
     sequences = list(dict.fromkeys(one.sequence for one in outcomes))
     figure = Figure(figsize=(5.2 * len(sequences), 4.2), layout="constrained")
     panels = figure.subplots(1, len(sequences), sharey=True, squeeze=False)[0]
-    top = 5.0 * np.ceil(max(one.figures["HOTA"] for one in outcomes) / 5.0) + 2.0
     for axes, sequence in zip(panels, sequences, strict=True):
-        ends: list[tuple[float, str, str]] = []
-        for number, name in enumerate(TRACKERS):
-            points = sorted(
-                (one.every, one.figures["HOTA"])
-                for one in outcomes
-                if (one.sequence, one.tracker) == (sequence, name)
-            )
-            if not points:
-                continue
-            is_ours = name == OURS
-            color, marker = _COLORS[number % len(_COLORS)], _MARKERS[number % len(_MARKERS)]
-            line = "-" if is_ours else "--"
-            width = 2.8 if is_ours else 1.4
-            axes.plot(*zip(*points, strict=True), line, marker=marker, color=color, linewidth=width)
-            ends.append((points[-1][1], name, color))
-        height = -np.inf
-        for end, name, color in sorted(ends):
-            height = max(end, height + 0.045 * top)
-            weight = "bold" if name == OURS else "normal"
-            axes.annotate(
-                name,
-                (max(PHASES), end),
-                (max(PHASES) + 0.6, height),
-                color=color,
-                va="center",
-                weight=weight,
-                arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.6},
-            )
-        axes.set(title=sequence, xlabel="a detector sees every k-th frame", ylim=(0.0, top))
-        axes.set(xticks=list(PHASES), xlim=(0.5, 1.6 * max(PHASES)))
+        for name, marker in zip(TRACKERS, "os^vDP", strict=True):
+            of_one = [one for one in outcomes if (one.sequence, one.tracker) == (sequence, name)]
+            if of_one:
+                every, hota = zip(
+                    *((one.every, one.figures["HOTA"]) for one in of_one), strict=True
+                )
+                line, width = ("-", 2.8) if name == OURS else ("--", 1.4)
+                axes.plot(every, hota, line, marker=marker, linewidth=width, label=name)
+        axes.set(title=sequence, xlabel="a detector sees every k-th frame", xticks=list(PHASES))
+        axes.set_ylim(bottom=0.0)
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("HOTA, %")
+    panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.savefig(path, dpi=120)
-
-
-_COLORS = ("#0072b2", "#000000", "#d55e00", "#009e73", "#b8860b", "#6a3d9a", "#aa4499")
-_MARKERS = "os^vDPX"
-
-
-def read_outcomes(path: Path) -> list[Outcome]:
-    """Outcomes of earlier runs; empty without a file.
-
-    Raises:
-        ValueError: The file holds something else.
-    """
-    if not path.exists():
-        return []
-    try:
-        return [Outcome(**one) for one in json.loads(path.read_text(encoding="utf-8"))]
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path} holds no outcomes of this benchmark; remove it") from error
-
-
-def add(outcomes: Iterable[Outcome], new: Outcome) -> list[Outcome]:
-    """All outcomes in the order of the table; a new one replaces an older one of its kind."""
-    kinds = {(one.sequence, one.every, one.tracker): one for one in (*outcomes, new)}
-    order = list(TRACKERS)
-    return sorted(
-        kinds.values(), key=lambda one: (one.sequence, one.every, order.index(one.tracker))
-    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -431,22 +318,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sequences = [sequence.carried() for sequence in sequences]
         if options.poor_detector:
             sequences = [sequence.degraded(options.seed) for sequence in sequences]
-        options.output.mkdir(parents=True, exist_ok=True)
-        outcomes = read_outcomes(options.output / "targets.json")
+        outcomes = []
         for outcome in compare(sequences, trackers):
             print(_line(outcome), flush=True)
-            outcomes = add(outcomes, outcome)
-            (options.output / "targets.json").write_text(
-                json.dumps([asdict(one) for one in outcomes], indent=1) + "\n", encoding="utf-8"
-            )
-        figures = table(outcomes)
-        figures.show()
-        lines = figures.markdown()
-        (options.output / "targets.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+            outcomes.append(outcome)
+        publish(options.output / "targets.md", [table(outcomes)])
         plot(options.output / "targets.png", outcomes)
     except (FootageError, OSError, ValueError, configparser.Error) as error:
         parser.error(" ".join(str(error).split()))
-    print(f"files in {options.output}")
     return 0
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import arguments as options_of
 import cv2
-from tables import Table, save_tables
+from tables import Table, publish
 from world_parts.cost import cost_table
 from world_parts.depth_camera import depth_table
 from world_parts.ground_from_people import plane_table
@@ -72,9 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with progress_bar(None, "boxes") as on_progress:
             tables = list(measured(options, on_progress))
-        for table in tables:
-            table.show()
-        save_tables(options.output, tables)
+        publish(options.output, tables)
     except (OSError, ValueError) as error:
         parser.error(" ".join(str(error).split()))
     return 0

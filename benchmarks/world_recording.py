@@ -2,11 +2,11 @@ r"""Writes a bag of a rendered room with exact truth, to try positions in meters
 
     python benchmarks/world_recording.py room.mcap
     track room.mcap --bag-topic /camera/image_raw --world --output room --bag --report \
-        --parameter camera.height=1.2 --parameter camera.pitch=0.05
+        --parameter camera.height=0.8 --parameter camera.pitch=0.03
 
 | topic | content |
 |---|---|
-| /camera/image_raw, /camera/camera_info | images with distortion, and their calibration |
+| /camera/image_raw, /camera/camera_info | images, and their calibration |
 | /camera/depth/image | depth in millimeters, with holes and noise |
 | /camera/imu | accelerometer in the camera's optical frame, 50 Hz |
 | /odom | the robot's base, 50 Hz |
@@ -20,25 +20,25 @@ room.target.yaml beside it has the boxes of the people in the first frame.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from world_room import (
-    CAMERA_HEIGHT,
-    CAMERA_PITCH,
-    PILLAR,
-    WALKERS,
-    Base,
-    Room,
-    RoomFrame,
-)
+from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
+from world_room import PILLAR, WALKERS, Room, RoomFrame
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.footage.bag_writing import BagWriter
-from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
+from pf_tracker_ros.messages import (
+    IMAGE_TYPE,
+    POLYGON_TYPE,
+    MessageFactory,
+    box_message,
+    image_message,
+)
 from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, file_text
 from pf_tracker_ros.stamps import NANOSECONDS
@@ -61,16 +61,7 @@ def stamp_at(time: float) -> int:
 
 
 def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list[RoomFrame]:
-    """Write a bag.
-
-    Args:
-        room: The room.
-        path: Of the new bag.
-        count: Number of frames.
-        latency: Seconds by which the images and the depth arrive late.
-
-    Returns:
-        The frames.
+    """Write so many frames into a new bag, the images some seconds late; returns the frames.
 
     Raises:
         FootageError: The bag cannot be written.
@@ -101,7 +92,11 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
             time = index / _SENSOR_RATE
             stamp = stamp_at(time)
             base = room.base(time)
-            messages.append((stamp, ODOMETRY_TOPIC, _odometry(writer, stamp, base)))
+            pose, header = (
+                pose_message(new, base.x, base.y, base.yaw),
+                writer.header(stamp, FIXED_FRAME),
+            )
+            messages.append((stamp, ODOMETRY_TOPIC, odometry_message(new, header, pose)))
             moved = (base.x, base.y, 0.0), (0.0, 0.0, np.sin(base.yaw / 2), np.cos(base.yaw / 2))
             transform = _transform(writer, stamp, (FIXED_FRAME, _BASE_FRAME), moved)
             messages.append((stamp, TRANSFORM_TOPIC, transform))
@@ -110,14 +105,14 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
             stamp = stamp_at(frame.time)
             header = writer.header(stamp, FRAME)
             messages += [
-                (stamp + late, CAMERA_INFO_TOPIC, _camera_info(writer, header, room.camera)),
+                (stamp + late, CAMERA_INFO_TOPIC, camera_info_message(new, header, CAMERA)),
                 (stamp + late, IMAGE_TOPIC, image_message(new, header, frame.image)),
-                (stamp + late, DEPTH_TOPIC, image_message(new, header, frame.millimeters)),
+                (stamp + late, DEPTH_TOPIC, image_message(new, header, frame.depth)),
             ]
             if frame.boxes[0]:
                 messages.append((stamp + late, TRUTH, box_message(new, header, frame.boxes[0])))
             for number, (x, y) in enumerate(frame.positions, start=1):
-                pose = _pose(writer, float(x), float(y), 0.0)
+                pose = pose_message(new, float(x), float(y))
                 message = new(_POSE, header=writer.header(stamp, FIXED_FRAME), pose=pose)
                 messages.append((stamp, f"/truth/walker_{number}", message))
         for log_time, topic, message in sorted(messages, key=lambda one: one[0]):
@@ -135,13 +130,13 @@ def first_targets(frame: RoomFrame, count: int) -> list[Target]:
     ]
 
 
-def _pose(writer: BagWriter, x: float, y: float, yaw: float) -> Any:
-    return writer.new(
+def pose_message(new: MessageFactory, x: float, y: float, yaw: float = 0.0) -> Any:
+    """A pose on the ground as geometry_msgs/Pose."""
+    turn = {"z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+    return new(
         "geometry_msgs/msg/Pose",
-        position=writer.new("geometry_msgs/msg/Point", x=x, y=y),
-        orientation=writer.new(
-            "geometry_msgs/msg/Quaternion", z=float(np.sin(yaw / 2)), w=float(np.cos(yaw / 2))
-        ),
+        position=new("geometry_msgs/msg/Point", x=x, y=y),
+        orientation=new("geometry_msgs/msg/Quaternion", **turn),
     )
 
 
@@ -179,15 +174,16 @@ def _transform(
     return new(_TRANSFORMS, transforms=[transform])
 
 
-def _odometry(writer: BagWriter, stamp: int, base: Base) -> Any:
-    pose = _pose(writer, base.x, base.y, base.yaw)
-    return writer.new(
-        "nav_msgs/msg/Odometry",
-        header=writer.header(stamp, FIXED_FRAME),
-        child_frame_id="base_link",
-        pose=writer.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
-        twist=writer.new("geometry_msgs/msg/TwistWithCovariance", covariance=np.zeros(36)),
-    )
+def odometry_message(new: MessageFactory, header: Any, pose: Any) -> Any:
+    """A pose of the robot's base as nav_msgs/Odometry, without covariances."""
+    kinds = {"pose": {"pose": pose}, "twist": {}}
+    parts = {
+        name: new(
+            f"geometry_msgs/msg/{name.title()}WithCovariance", covariance=np.zeros(36), **given
+        )
+        for name, given in kinds.items()
+    }
+    return new("nav_msgs/msg/Odometry", header=header, child_frame_id=_BASE_FRAME, **parts)
 
 
 def _imu(writer: BagWriter, stamp: int, generator: np.random.Generator) -> Any:
@@ -205,9 +201,10 @@ def _imu(writer: BagWriter, stamp: int, generator: np.random.Generator) -> Any:
     )
 
 
-def _camera_info(writer: BagWriter, header: Any, camera: CameraModel) -> Any:
+def camera_info_message(new: MessageFactory, header: Any, camera: CameraModel) -> Any:
+    """A calibration as sensor_msgs/CameraInfo."""
     k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
-    return writer.new(
+    return new(
         "sensor_msgs/msg/CameraInfo",
         header=header,
         height=camera.height,
@@ -233,7 +230,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     if options.frames < 1 or not options.rate > 0.0:
         parser.error("--frames is at least 1, --rate above 0")
-    room = Room((*WALKERS, PILLAR), rate=options.rate)
+    room = Room(rate=options.rate, pillars=(PILLAR,))
     try:
         frames = write_room(room, options.bag, options.frames)
         targets = first_targets(frames[0], len(WALKERS))

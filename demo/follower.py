@@ -14,7 +14,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -32,15 +31,15 @@ from pf_tracker_ros.overlay import STATE_COLORS, draw_box
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
-from follow_parts.chain import LibraryChain, camera_info, stamp_at
-from follow_parts.drawing import PERSON_COLOR, POSE_COLOR, ROBOT_COLOR, RoomMap
+from follow_parts.chain import LibraryChain, stamp_at
 from follow_parts.layout import Layout
 from follow_parts.loop import Moment, moments
 from follow_parts.metrics import Row, row_of
 from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
-from follow_parts.robot import Pose2D
 from follow_parts.scenarios import SCENARIOS
 from follow_parts.world import RATE, World
+from room_map import PERSON_COLOR, POSE_COLOR, ROBOT_COLOR, RoomMap
+from world_recording import camera_info_message, odometry_message, pose_message
 
 NAME = "follower"
 BAG = f"{NAME}.mcap"
@@ -142,7 +141,7 @@ def locate(folder: Path, rows: Sequence[Row]) -> FollowerResult:
     again = ["python", "benchmarks/follow.py", "--scenario", _SCENARIO, "--seeds", str(_SEED), "1"]
     commands = {
         "report, boxes.csv and topics.mcap": ["track", *arguments],
-        "the run again, measured": [*again, "--seconds", f"{_SECONDS:g}", "--video", "run.mp4"],
+        "the run again, measured": [*again, "--seconds", f"{_SECONDS:g}"],
     }
     return FollowerResult(NAME, BAG, found[1], commands, errors_in_words(rows))
 
@@ -176,49 +175,17 @@ def _write(bag: BagWriter, moment: Moment) -> None:
     truth, new = moment.truth, bag.new
     stamp = stamp_at(truth.time)
     header, fixed = bag.header(stamp, _FRAME), bag.header(stamp, _FIXED_FRAME)
-    info = camera_info()
-    values = {name: np.array(getattr(info, name), float) for name in "dkp"}
+    pose, person = truth.odometry, truth.in_odometry(truth.positions[0]).tolist()
+    base = pose_message(new, float(pose.x), float(pose.y), float(pose.yaw))
     messages = {
-        _ODOMETRY: new(
-            "nav_msgs/msg/Odometry",
-            header=fixed,
-            child_frame_id="base_link",
-            pose=_pose(bag, truth.odometry, "geometry_msgs/msg/PoseWithCovariance"),
-            twist=new("geometry_msgs/msg/TwistWithCovariance", covariance=np.zeros(36)),
-        ),
-        _INFO: new(
-            "sensor_msgs/msg/CameraInfo",
-            header=header,
-            height=info.height,
-            width=info.width,
-            distortion_model=info.distortion_model,
-            r=np.eye(3).ravel(),
-            **values,
-        ),
+        _ODOMETRY: odometry_message(new, fixed, base),
+        _INFO: camera_info_message(new, header, CAMERA),
         _DEPTH: image_message(new, header, truth.view.depth),
         _IMAGES: image_message(new, header, truth.view.image),
-        _TRUTH: new(
-            "geometry_msgs/msg/PoseStamped",
-            header=fixed,
-            pose=_pose(bag, Pose2D(*truth.in_odometry(truth.positions[0]).tolist(), 0.0)),
-        ),
+        _TRUTH: new("geometry_msgs/msg/PoseStamped", header=fixed, pose=pose_message(new, *person)),
     }
     for topic, message in messages.items():
         bag.write_message(topic, stamp, message)
-
-
-def _pose(bag: BagWriter, pose: Pose2D, kind: str = "") -> Any:
-    """A geometry_msgs/Pose, or one with a covariance of zeros."""
-    made = bag.new(
-        "geometry_msgs/msg/Pose",
-        position=bag.new("geometry_msgs/msg/Point", x=float(pose.x), y=float(pose.y)),
-        orientation=bag.new(
-            "geometry_msgs/msg/Quaternion",
-            z=math.sin(pose.yaw / 2.0),
-            w=math.cos(pose.yaw / 2.0),
-        ),
-    )
-    return bag.new(kind, pose=made, covariance=np.zeros(36)) if kind else made
 
 
 def _annotated(image: Picture, row: Row) -> Picture:
@@ -250,8 +217,8 @@ class _Panel:
 
     def draw(self, rows: Sequence[Row], others: NDArray[np.float64]) -> Picture:
         """The panel at the last of all rows so far, (480, 500, 3) BGR."""
-        self._map.line([(one.robot_x, one.robot_y) for one in rows[-2:]], ROBOT_COLOR)
-        self._map.line([(one.x, one.y) for one in rows[-2:]], PERSON_COLOR)
+        self._map.line([one.robot.position for one in rows[-2:]], ROBOT_COLOR)
+        self._map.line([one.person for one in rows[-2:]], PERSON_COLOR)
         scene = self._map.copy()
         scene.people(rows[-1], others)
         # Twice as large, then reduced: Pillow's lines have no smooth edges.

@@ -19,12 +19,12 @@ from pf_tracker_ros.frames import Frame
 sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 from scenes.camera import HandheldCamera
-from scenes.sprites import Color, Drawing, Sprite
+from scenes.sprites import Color, Drawing
 from scenes.stage import Actor, Stage
 from scenes.street import Street
 from scenes.textures import fractal_noise, smooth_path
 from scenes.trees import Tree, plant
-from scenes.walkers import GAIT_VIEWS, Person
+from scenes.walkers import GAIT_VIEWS, Person, gait_views
 
 WIDTH, HEIGHT = 800, 450
 RATE, FRAMES = 20.0, 240
@@ -146,18 +146,9 @@ def _actor(generator: np.random.Generator, walk: Walk) -> Actor:
     columns = _MARGIN + walk.start + walk.speed * times
     columns += 3.0 * smooth_path(generator, FRAMES, period=40.0)[:, 0]
     rows = np.full(FRAMES, walk.lane)
-    # Two steps take a walker the length of the gait's cycle.
-    cycles = facing * columns / (0.8 * height)
-    views = np.floor(cycles * GAIT_VIEWS).astype(np.int64) % GAIT_VIEWS
-    sprites = tuple(_shaded(sprite, factors) for sprite in plain)
+    sprites = tuple(sprite.textured(factors) for sprite in plain)
+    views = gait_views(columns, facing, height)
     return Actor(sprites, views, np.stack([columns, rows], axis=1))
-
-
-def _shaded(sprite: Sprite, factors: NDArray[np.float32]) -> Sprite:
-    """The same sprite, brighter or darker by (height, width) factors."""
-    pixels = sprite.pixels.copy()
-    pixels[..., :3] = np.minimum(pixels[..., :3] * factors[..., None], 255.0 * pixels[..., 3:])
-    return Sprite(pixels, sprite.anchor)
 
 
 def _van(left: float, ground: float) -> NDArray[np.float32]:

@@ -47,7 +47,6 @@ SLOW = (
     "recordings/test_ray.py",
     "recordings/test_several_archives.py",
     "recordings/test_stores.py",
-    "scenes",
     "test_tunables.py",
     "tracking/test_gray_recovery.py",
     "tools/test_make_vision_msgs.py",

@@ -36,29 +36,17 @@ _LEFT_BEHIND, _PATIENCE = 4.5, 3.0
 
 @dataclass(eq=False)
 class Walker:
-    """Somebody who walks.
+    """Somebody who walks."""
 
-    Attributes:
-        sprites: What they look like.
-        position: (2,) meters.
-        pace: Usual speed, m/s.
-        heading: Radians.
-        velocity: (2,) m/s.
-        phase: Of the gait.
-        way: Corners of the way ahead.
-        pause: Seconds to stand.
-        stands_for: Seconds since the last step.
-    """
-
-    sprites: Sprites
-    position: Array
-    pace: float
-    heading: float
-    velocity: Array = field(default_factory=lambda: np.zeros(2))
-    phase: float = 0.0
-    way: list[Array] = field(default_factory=list)
-    pause: float = 0.0
-    stands_for: float = 0.0
+    sprites: Sprites  # what they look like
+    position: Array  # (2,) meters
+    pace: float  # usual speed, m/s
+    heading: float  # radians
+    velocity: Array = field(default_factory=lambda: np.zeros(2))  # (2,) m/s
+    phase: float = 0.0  # of the gait
+    way: list[Array] = field(default_factory=list)  # corners of the way ahead
+    pause: float = 0.0  # seconds to stand
+    stands_for: float = 0.0  # seconds since the last step
 
     @property
     def is_walking(self) -> bool:
@@ -72,14 +60,7 @@ class Walker:
         return Placed(self.sprites, x, y, self.heading, self.phase, self.is_walking)
 
     def advance(self, interval: float, layout: Layout, push: Array, speed: float) -> None:
-        """Walk along the way.
-
-        Args:
-            interval: Seconds.
-            layout: The room.
-            push: (2,) m/s, added by others.
-            speed: m/s along the way.
-        """
+        """Walk along the way for some seconds at a speed, pushed by others with (2,) m/s."""
         wanted = np.zeros(2)
         while self.way and np.hypot(*(self.way[0] - self.position)) < 0.15:
             self.way.pop(0)
@@ -126,19 +107,12 @@ def _components(velocity: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Somebody walks between robot and person.
+    """Somebody walks between robot and person."""
 
-    Attributes:
-        time: Seconds.
-        before: Distance in front of the person, meters; 0 for halfway.
-        lingers: Seconds for which they stand there.
-        pace: m/s.
-    """
-
-    time: float
-    before: float
-    lingers: float
-    pace: float
+    time: float  # seconds
+    before: float  # distance in front of the person, meters; 0 for halfway
+    lingers: float  # seconds for which they stand there
+    pace: float  # m/s
 
 
 def drawn_crossings(generator: np.random.Generator, seconds: float) -> list[Crossing]:
@@ -156,21 +130,13 @@ def drawn_crossings(generator: np.random.Generator, seconds: float) -> list[Cros
 
 @dataclass(eq=False)
 class Passage:
-    """A crossing that takes place.
+    """A crossing that takes place."""
 
-    Attributes:
-        walker: Number of the person.
-        crossing: What was drawn.
-        side: 1 if they come from the left of the direction to the person, else -1.
-        stage: `approach`, `cross`, `linger` or `leave`.
-        since: Time since when the stage lasts, seconds.
-    """
-
-    walker: int
-    crossing: Crossing
-    side: float
-    stage: str
-    since: float
+    walker: int  # number of the person
+    crossing: Crossing  # what was drawn
+    side: float  # 1 if they come from the left of the direction to the person, else -1
+    stage: str  # `approach`, `cross`, `linger` or `leave`
+    since: float  # time since when the stage lasts, seconds
 
 
 class Cast:
@@ -201,21 +167,8 @@ class Cast:
         self._alone_for = 0.0
         walkers[0].pause = 3.0
 
-    @property
-    def doing(self) -> str:
-        """What those who cross or hide do; empty for nothing."""
-        if self._hiding and self._hiding.is_hiding:
-            return "hide"
-        return f"{self._passage.walker} {self._passage.stage}" if self._passage else ""
-
     def advance(self, time: float, interval: float, robot: Pose2D) -> None:
-        """Move everybody.
-
-        Args:
-            time: Seconds since the start.
-            interval: Seconds.
-            robot: Where it is.
-        """
+        """Move everybody; times are seconds since the start, and of the step."""
         self._move_followed(time, interval, robot)
         place = robot.position
         self._begin_crossing(time, place)
@@ -245,7 +198,7 @@ class Cast:
             person.way = self._next_way(person, place)
             person.pause = self._generator.choice([0.0, 1.0], p=[0.4, 0.6])
             person.pause *= self._generator.uniform(2.0, 6.0)
-        pace = person.pace * (_HURRY if self.doing == "hide" else 1.0)
+        pace = person.pace * (_HURRY if self._hiding and self._hiding.is_hiding else 1.0)
         person.advance(interval, self._layout, _away(person.position, place, 0.9), pace)
 
     def _is_followed(self, robot: Pose2D) -> bool:

@@ -48,33 +48,19 @@ _BUILDERS = {topic.name: topic.build for topic in POSITION_TOPICS}
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """What tracker and localizer publish of an image.
+    """What tracker and localizer publish of an image."""
 
-    Attributes:
-        state: Of the selected target, `idle` without.
-        selected: Id of the selected target, 0 without.
-        confidence: Of the selected target; NaN without.
-        box: Of the selected target; None without, or while it is lost.
-        targets: Id of each target that is not lost, to its box.
-        silence: Why there is no pose; empty if there is.
-        position: (2,) of the pose in the frame of the odometry; None without.
-        covariance: (2, 2) of the position; None without.
-        velocity: (2,) of the odometry topic; None without.
-        measured: (2,) unfiltered position in the frame of the odometry; None without.
-        bearing: Angle to the left of the camera's axis, radians; None without.
-    """
-
-    state: str
-    selected: int
-    confidence: float
-    box: Box | None
-    targets: dict[int, Box]
-    silence: str
+    state: str  # of the selected target, `idle` without
+    confidence: float  # of the selected target; NaN without
+    box: Box | None  # of the selected target; None without, or while it is lost
+    targets: dict[int, Box]  # id of each target that is not lost, to its box
+    # (2,) of the pose in the frame of the odometry; None without
     position: NDArray[np.float64] | None = None
-    covariance: NDArray[np.float64] | None = None
-    velocity: NDArray[np.float64] | None = None
+    covariance: NDArray[np.float64] | None = None  # (2, 2) of the position; None without
+    velocity: NDArray[np.float64] | None = None  # (2,) of the odometry topic; None without
+    # (2,) unfiltered position in the frame of the odometry; None without
     measured: NDArray[np.float64] | None = None
-    bearing: float | None = None
+    bearing: float | None = None  # angle to the left of the camera's axis, radians; None without
 
 
 def stamp_at(time: float) -> int:
@@ -258,11 +244,9 @@ def _report(result: FrameResult, located: LocatedFrame) -> Report:
         values["bearing"] = math.atan2(-bearing.vector.x, bearing.vector.z)
     return Report(
         state=result.state,
-        selected=result.selected,
         confidence=float(estimate.confidence) if estimate else math.nan,
         box=boxes.get(result.selected),
         targets=boxes,
-        silence=located.silence,
         **values,
     )
 

@@ -23,18 +23,13 @@ _DETOURS, _FREE = (0.0, 0.15, -0.15, 0.3, -0.3, 0.45, -0.45), 1.2
 
 @dataclass(frozen=True)
 class Perceived:
-    """What the tracker and the localizer publish of an image.
+    """What the tracker and the localizer publish of an image."""
 
-    Attributes:
-        time: Of the image, seconds.
-        position: Of the pose in the odometry's frame, meters; None while there is none.
-        velocity: Of it, m/s.
-        heading: Of the bearing in the odometry's frame, radians; None while there is none.
-    """
-
-    time: float
+    time: float  # of the image, seconds
+    # of the pose in the odometry's frame, meters; None while there is none
     position: tuple[float, float] | None
-    velocity: tuple[float, float]
+    velocity: tuple[float, float]  # of it, m/s
+    # of the bearing in the odometry's frame, radians; None while there is none
     heading: float | None
 
 
@@ -59,11 +54,8 @@ class FollowController:
     ) -> tuple[float, float]:
         """Speed in m/s and turn in rad/s.
 
-        Args:
-            time: Seconds.
-            base: The robot by its odometry.
-            is_free: Whether the way is free at an angle to the left, radians, for so many meters,
-                by a laser scanner.
+        A laser scanner says whether the way is free at an angle to the left, radians, for so many
+        meters. The base is the robot's by its odometry.
         """
         speed = 0.0
         if self._posed and time - self._posed.time <= _HOLD:

@@ -25,12 +25,7 @@ def clipped(box: Box) -> Box | None:
 
 
 def detect(people: Sequence[Seen], generator: np.random.Generator) -> Detections:
-    """What the detector finds in an image.
-
-    Args:
-        people: Everybody.
-        generator: Errors are drawn from it.
-    """
+    """What the detector finds in an image with people."""
     boxes = [
         box
         for one in people

@@ -25,33 +25,23 @@ _PILLAR_SIDES = 8
 
 @dataclass(frozen=True)
 class Pillar:
-    """A pillar from floor to ceiling.
+    """A pillar from floor to ceiling."""
 
-    Attributes:
-        center: (x, y), meters.
-        radius: Meters.
-    """
-
-    center: tuple[float, float]
-    radius: float
+    center: tuple[float, float]  # (x, y), meters
+    radius: float  # meters
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Walls of a room, all from floor to ceiling.
+    """Walls of a room, all from floor to ceiling."""
 
-    Attributes:
-        outline: (N, 2) corners of the room, counterclockwise.
-        walls: (W, 2, 2) begin and end of each wall, those of pillars and inner walls among them.
-        surfaces: (W,) number of the surface of each wall; walls of one surface look alike.
-        pillars: The pillars.
-        opening: Center of the opening in the inner wall; None without.
-    """
-
-    outline: Array
+    outline: Array  # (N, 2) corners of the room, counterclockwise
+    # (W, 2, 2) begin and end of each wall, those of pillars and inner walls among them
     walls: Array
+    # (W,) number of the surface of each wall; walls of one surface look alike
     surfaces: NDArray[np.int_]
-    pillars: tuple[Pillar, ...]
+    pillars: tuple[Pillar, ...]  # the pillars
+    # center of the opening in the inner wall; None without
     opening: tuple[float, float] | None = None
     _clearance: NDArray[np.float32] = field(init=False, repr=False)
     _ways: NDArray[np.float32] = field(init=False, repr=False)
@@ -74,14 +64,12 @@ class Layout:
     def draw(cls, generator: np.random.Generator, kind: str) -> Layout:
         """A room of 8 to 16 m with two pillars, or a corridor.
 
-        Args:
-            generator: What is drawn from.
-            kind: `door` for a room that a wall with an opening divides, `corner` for a corridor
-                with a corner; else a room, which may have a short inner wall.
+        The kind is `door` for a room that a wall with an opening divides, `corner` for a corridor
+        with a corner; else a room, which may have a short inner wall.
         """
         if kind == "corner":
             outline = _corridor(generator)
-            return cls(outline, *_walls([outline]), ())
+            return cls(outline, *walls_of([outline]), ())
         while True:
             width, depth = generator.uniform(9.0, 15.5), generator.uniform(8.0, 11.0)
             if kind == "door":
@@ -97,10 +85,10 @@ class Layout:
                 x, end = width * generator.uniform(0.4, 0.6), generator.uniform(1.5, 0.35 * depth)
                 is_low = generator.random() < 0.5
                 loops.append(_box(x, -1.0, end) if is_low else _box(x, depth - end, depth + 2.0))
-            pillars = _pillars(generator, (part * width, depth), _walls(loops)[0])
+            pillars = _pillars(generator, (part * width, depth), walls_of(loops)[0])
             if len(pillars) == 2:
-                loops += [_circle(one) for one in pillars]
-                return cls(outline, *_walls(loops), tuple(pillars), opening)
+                loops += [circle(one) for one in pillars]
+                return cls(outline, *walls_of(loops), tuple(pillars), opening)
 
     def clearance(self, point: ArrayLike) -> float:
         """Distance of a (2,) point to the nearest wall; 0 outside of the room."""
@@ -125,11 +113,7 @@ class Layout:
         return bool(self.ranges(begin, direction[None])[0][0] >= 1.0)
 
     def ranges(self, origin: ArrayLike, directions: Array) -> tuple[Array, NDArray[np.int_]]:
-        """Where rays meet the first wall.
-
-        Args:
-            origin: (2,) of all rays.
-            directions: (N, 2), of any length.
+        """Where (N, 2) rays, of any length, meet the first wall.
 
         Returns:
             (N,) distances in lengths of the directions, infinite without a wall, and (N,) the
@@ -159,10 +143,7 @@ class Layout:
     def way(self, begin: ArrayLike, end: ArrayLike, avoid: Sequence[ArrayLike] = ()) -> list[Array]:
         """Corners of a short way that keeps clear of walls, without its begin; empty without a way.
 
-        Args:
-            begin: (2,).
-            end: (2,).
-            avoid: (2,) points to keep away from by a meter where that is possible.
+        It keeps away from the points to avoid, by a meter where that is possible.
         """
         end = np.asarray(end, float)
         cost = np.where(self._ways >= _CLEAR, 1.0, np.where(self._ways >= 0.25, 6.0, np.inf))
@@ -306,7 +287,8 @@ def _pillars(
     return pillars
 
 
-def _circle(pillar: Pillar) -> Array:
+def circle(pillar: Pillar) -> Array:
+    """(8, 2) corners of a pillar."""
     turns = np.linspace(0.0, 2.0 * np.pi, _PILLAR_SIDES, endpoint=False)
     return pillar.center + pillar.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
 
@@ -317,7 +299,7 @@ def _box(x: float, low: float, high: float, thickness: float = 0.2) -> Array:
     return np.array([[x - half, low], [x + half, low], [x + half, high], [x - half, high]])
 
 
-def _walls(loops: Sequence[Array]) -> tuple[Array, NDArray[np.int_]]:
+def walls_of(loops: Sequence[Array]) -> tuple[Array, NDArray[np.int_]]:
     """The walls between the corners of each loop, and their surfaces.
 
     Each wall of the outline has a surface, and each inner wall and each pillar.

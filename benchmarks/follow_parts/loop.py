@@ -53,15 +53,10 @@ class Chain(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What was true at a frame, and what was said.
+    """What was true at a frame, and what was said."""
 
-    Attributes:
-        truth: Where everybody is.
-        report: What was published.
-    """
-
-    truth: Truth
-    report: Report
+    truth: Truth  # where everybody is
+    report: Report  # what was published
 
 
 @dataclass(eq=False)
@@ -115,15 +110,7 @@ def true_box(seen: Seen) -> Box | None:
 def moments(
     world: World, scenario: Scenario, seed: int, seconds: float, chain: Chain
 ) -> Iterator[Moment]:
-    """Run a scenario in a world, frame by frame.
-
-    Args:
-        world: At its start.
-        scenario: What happens.
-        seed: Of the detector.
-        seconds: Duration.
-        chain: Tracker and localizer.
-    """
+    """Run a scenario in a world, frame by frame; the seed is that of the detector."""
     controller, user = FollowController(), _User(scenario, chain)
     generator = np.random.default_rng([seed, _DETECTOR])
     late: deque[tuple[float, float, Box | None, Detections]] = deque()

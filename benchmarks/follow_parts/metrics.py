@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from tracking_runs import spans
 
 from follow_parts.loop import Moment, true_box
+from follow_parts.robot import Pose2D
 from follow_parts.world import INTERVAL
 from pf_tracker_ros.boxes import Box, iou
 
@@ -33,69 +33,28 @@ _NEAR, _FAR = 1.5, 3.0
 _STANDS_AFTER = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Row:
-    """A frame of a run. Meters, seconds, pixels; nan and empty texts where there is nothing.
+    """A frame of a run. Meters, seconds, pixels; nan where there is nothing."""
 
-    Attributes:
-        time: Since the start.
-        distance: From the robot to the person.
-        visible: Share of the person that is seen, 0 to 1.
-        state: Of the selected target.
-        selected: Its id, 0 without.
-        confidence: Of it.
-        box: Of it.
-        true_box: Of the person, inside the image, as if nothing were in front.
-        own: IoU of the two.
-        other: Largest IoU of the box with somebody else who is seen.
-        x: Of the person in the room.
-        y: Of the person in the room.
-        robot_x: Of the robot.
-        robot_y: Of the robot.
-        robot_yaw: Of the robot, radians.
-        said_x: Of the pose, in the room.
-        said_y: Of the pose, in the room.
-        said_distance: From the robot to the pose.
-        measured_distance: From the robot to the unfiltered position.
-        nees: Of the pose over its two degrees of freedom.
-        velocity_x: Of the person, m/s, in the room.
-        velocity_y: Of the person, m/s, in the room.
-        said_speed_x: Of the odometry topic, m/s, in the frame of the odometry.
-        said_speed_y: Of the odometry topic, m/s, in the frame of the odometry.
-        stands_for: How long the person has been standing.
-        bearing: That was published, radians to the left.
-        silence: Why there is no pose.
-        doing: What happens in the world.
-    """
-
-    time: float
-    distance: float
-    visible: float
-    state: str
-    selected: int
-    confidence: float
-    box: Box | None
-    true_box: Box | None
-    own: float
-    other: float
-    x: float
-    y: float
-    robot_x: float
-    robot_y: float
-    robot_yaw: float
-    said_x: float
-    said_y: float
-    said_distance: float
-    measured_distance: float
-    nees: float
-    velocity_x: float
-    velocity_y: float
-    said_speed_x: float
-    said_speed_y: float
-    stands_for: float
-    bearing: float
-    silence: str
-    doing: str
+    time: float  # since the start
+    distance: float  # from the robot to the person
+    visible: float  # share of the person that is seen, 0 to 1
+    state: str  # of the selected target
+    confidence: float  # of it
+    box: Box | None  # of it
+    true_box: Box | None  # of the person, inside the image, as if nothing were in front
+    own: float  # IoU of the two
+    other: float  # largest IoU of the box with somebody else who is seen
+    person: Array  # (2,) in the room
+    robot: Pose2D  # in the room
+    said: Array  # (2,) of the pose, in the room
+    said_distance: float  # from the robot to the pose
+    measured_distance: float  # from the robot to the unfiltered position
+    nees: float  # of the pose over its two degrees of freedom
+    velocity: Array  # (2,) of the person, m/s, in the room
+    said_velocity: Array  # (2,) of the odometry topic, m/s, in the frame of the odometry
+    stands_for: float  # how long the person has been standing
 
     @property
     def is_right(self) -> bool:
@@ -110,7 +69,7 @@ class Row:
     @property
     def error(self) -> float:
         """Of the pose, meters; nan without."""
-        return math.hypot(self.said_x - self.x, self.said_y - self.y)
+        return math.hypot(*(self.said - self.person))
 
 
 def row_of(moment: Moment) -> Row:
@@ -126,7 +85,6 @@ def row_of(moment: Moment) -> Row:
         said = truth.in_room(report.position)
         error = report.position - truth.in_odometry(person)
         nees = float(error @ np.linalg.solve(report.covariance, error)) / 2.0
-    speed = np.full(2, np.nan) if report.velocity is None else report.velocity
     own_box, own, other = true_box(people[0]), 0.0, 0.0
     if report.box:
         box = np.array(report.box)
@@ -138,55 +96,21 @@ def row_of(moment: Moment) -> Row:
         distance=float(np.hypot(*(person - robot))),
         visible=people[0].shown,
         state=report.state,
-        selected=report.selected,
         confidence=report.confidence,
         box=report.box,
         true_box=own_box,
         own=own,
         other=other,
-        x=float(person[0]),
-        y=float(person[1]),
-        robot_x=truth.robot.x,
-        robot_y=truth.robot.y,
-        robot_yaw=truth.robot.yaw,
-        said_x=float(said[0]),
-        said_y=float(said[1]),
+        person=person,
+        robot=truth.robot,
+        said=said,
         said_distance=float(np.hypot(*(said - robot))),
         measured_distance=float(np.hypot(*(measured - robot))),
         nees=nees,
-        velocity_x=float(truth.velocity[0]),
-        velocity_y=float(truth.velocity[1]),
-        said_speed_x=float(speed[0]),
-        said_speed_y=float(speed[1]),
+        velocity=truth.velocity,
+        said_velocity=np.full(2, np.nan) if report.velocity is None else report.velocity,
         stands_for=truth.stands_for,
-        bearing=math.nan if report.bearing is None else report.bearing,
-        silence=report.silence,
-        doing=truth.doing,
     )
-
-
-def write_trace(path: Path, rows: Iterable[Row]) -> None:
-    """Write rows as CSV; a box is x, y, width and height with spaces between."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([field.name for field in fields(Row)])
-        for row in rows:
-            writer.writerow([_cell(value) for value in asdict(row).values()])
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, tuple):
-        return " ".join(f"{one:.1f}" for one in value)
-    if isinstance(value, float):
-        return "" if math.isnan(value) else f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
-    return "" if value is None else value
-
-
-def spans(flags: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Begin and end (exclusive) of each run of true values."""
-    padded = np.concatenate([[False], np.asarray(flags, bool), [False]])
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def visibility(shares: Array) -> NDArray[np.bool_]:
@@ -199,12 +123,7 @@ def visibility(shares: Array) -> NDArray[np.bool_]:
 
 
 def figures(rows: Sequence[Row], interval: float = INTERVAL) -> dict[str, float]:
-    """The figures of a run by name; nan where there is nothing to count.
-
-    Args:
-        rows: All frames.
-        interval: Seconds between them.
-    """
+    """The figures of a run by name, from all frames; nan where there is nothing to count."""
     kept = [row for row in rows if row.time >= _FROM - 1e-6]
     errors = np.array([row.error for row in kept])
     posed = np.isfinite(errors)
@@ -270,7 +189,7 @@ def _returns(
 
 def _standing(rows: Sequence[Row], posed: NDArray[np.bool_], interval: float) -> dict[str, float]:
     """Speed and acceleration of the pose while the person stands."""
-    speeds = np.array([[row.said_speed_x, row.said_speed_y] for row in rows]).reshape(-1, 2)
+    speeds = np.array([row.said_velocity for row in rows]).reshape(-1, 2)
     stands = np.array([row.stands_for > _STANDS_AFTER for row in rows], bool) & posed
     changes = np.diff(speeds, axis=0)[stands[1:] & stands[:-1]] / interval
     return {
@@ -281,8 +200,8 @@ def _standing(rows: Sequence[Row], posed: NDArray[np.bool_], interval: float) ->
 
 def _lag(rows: Sequence[Row], posed: NDArray[np.bool_]) -> float:
     """Seconds by which the pose is late, by its error along the velocity."""
-    velocity = np.array([[row.velocity_x, row.velocity_y] for row in rows]).reshape(-1, 2)[posed]
-    error = np.array([[row.said_x - row.x, row.said_y - row.y] for row in rows]).reshape(-1, 2)
+    velocity = np.array([row.velocity for row in rows]).reshape(-1, 2)[posed]
+    error = np.array([row.said - row.person for row in rows]).reshape(-1, 2)
     moved = float((velocity**2).sum())
     return -float((error[posed] * velocity).sum()) / moved if moved > 0.0 else math.nan
 

@@ -138,7 +138,6 @@ class NodeChain:
         for _ in self._topics:
             self._executor.spin_once(timeout_sec=0.0)
         frame, _ = read_status(self._last["pf_tracker/status"])
-        own = {one.key: one.value for one in self._last["localizer/status"].status[0].values}
         has = self._has(stamp)
         values = (
             odometry_values(self._last["localizer/odometry"]) if has("localizer/odometry") else {}
@@ -146,7 +145,7 @@ class NodeChain:
         if has("localizer/bearing"):
             direction = self._last["localizer/bearing"].vector
             values["bearing"] = math.atan2(-direction.x, direction.z)
-        return _report(frame, own.get("reason", ""), values)
+        return _report(frame, values)
 
     def close(self) -> None:
         """End the nodes."""
@@ -191,15 +190,13 @@ def _camera_info(header: Header) -> CameraInfo:
     return CameraInfo(header=header, r=[1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0], **fields)
 
 
-def _report(frame: TrackerFrame, silence: str, values: dict[str, Any]) -> Report:
+def _report(frame: TrackerFrame, values: dict[str, Any]) -> Report:
     boxes = {one.id: one.box for one in frame.targets if one.state != "lost" and one.box}
     selected = next((one for one in frame.targets if one.id == frame.selected), None)
     return Report(
         state=frame.state,
-        selected=frame.selected,
         confidence=selected.confidence if selected else math.nan,
         box=boxes.get(frame.selected),
         targets=boxes,
-        silence=silence,
         **values,
     )

@@ -6,7 +6,6 @@ with premultiplied colors and the coverage of each pixel.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,8 +16,6 @@ from scenes.textures import fractal_noise
 
 Array = NDArray[np.float64]
 Color = tuple[float, float, float]
-# Maps a point of the body, in heights to its left, forward and up, to a pixel.
-_Place = Callable[[float, float, float], tuple[float, float]]
 
 VIEWS, PHASES = 12, 10
 # Pixels in a meter of a sprite, and size of its canvas in heights.
@@ -27,51 +24,31 @@ _ABOVE, _ASIDE = 1.06, 0.4
 # Fractional bits of coordinates in OpenCV's drawing.
 _SHIFT = 4
 
-_SHIRTS: tuple[Color, ...] = (
-    (40, 40, 190),
-    (170, 80, 30),
-    (60, 130, 50),
-    (40, 40, 45),
-    (215, 215, 215),
-    (50, 180, 220),
-    (130, 60, 120),
-    (150, 150, 60),
-    (90, 110, 140),
-    (110, 110, 115),
-)
-_TROUSERS: tuple[Color, ...] = (
-    (110, 70, 45),
-    (40, 38, 36),
-    (80, 85, 90),
-    (70, 100, 130),
-    (150, 160, 165),
-    (60, 45, 70),
-)
-_HAIRS: tuple[Color, ...] = ((25, 30, 35), (35, 60, 95), (80, 140, 180), (160, 165, 170))
-_SKINS: tuple[Color, ...] = ((150, 180, 225), (110, 150, 200), (70, 100, 150), (50, 70, 100))
+
+def _colors(digits: str) -> tuple[Color, ...]:
+    """Colors of two hexadecimal digits each for blue, green and red."""
+    blues, greens, reds = (tuple(bytes.fromhex(digits))[first::3] for first in range(3))
+    return tuple(zip(blues, greens, reds, strict=True))
+
+
+_SHIRTS = _colors("2828be aa501e 3c8232 28282d d7d7d7 32b4dc 823c78 96963c 5a6e8c 6e6e73")
+_TROUSERS = _colors("6e462d 282624 50555a 466482 96a0a5 3c2d46")
+_HAIRS = _colors("191e23 233c5f 508cb4 a0a5aa")
+_SKINS = _colors("96b4e1 6e96c8 466496 324664")
+_SHOES = _colors("1e1e1e c8c8c8 283c64")
 
 
 @dataclass(frozen=True)
 class Clothes:
-    """What somebody wears.
+    """What somebody wears."""
 
-    Attributes:
-        shirt: Color, BGR.
-        second: Second color of the shirt's pattern.
-        pattern: `plain`, `stripes`, `columns`, `halves` or `print`.
-        trousers: Color.
-        shoes: Color.
-        sleeves: Share of the arm that the sleeve covers.
-        has_backpack: Whether there is a backpack in the second color.
-    """
-
-    shirt: Color
-    second: Color
-    pattern: str
-    trousers: Color
-    shoes: Color
-    sleeves: float
-    has_backpack: bool
+    shirt: Color  # color, BGR
+    second: Color  # second color of the shirt's pattern
+    pattern: str  # `plain`, `stripes`, `columns`, `halves` or `print`
+    trousers: Color  # color
+    shoes: Color  # color
+    sleeves: float  # share of the arm that the sleeve covers
+    has_backpack: bool  # whether there is a backpack in the second color
 
     @classmethod
     def draw(cls, generator: np.random.Generator) -> Clothes:
@@ -82,7 +59,7 @@ class Clothes:
             second,
             str(generator.choice(["plain", "stripes", "columns", "halves", "print"])),
             _varied(generator, _TROUSERS),
-            _varied(generator, ((30, 30, 30), (200, 200, 200), (40, 60, 100))),
+            _varied(generator, _SHOES),
             float(generator.choice([0.35, 1.0])),
             bool(generator.random() < 0.25),
         )
@@ -98,29 +75,17 @@ def _varied(generator: np.random.Generator, colors: tuple[Color, ...]) -> Color:
 
 @dataclass(frozen=True)
 class Body:
-    """A person's build and gait.
+    """A person's build and gait."""
 
-    Attributes:
-        height: Meters.
-        girth: Width relative to the mean.
-        hair: Color, BGR.
-        skin: Color.
-        has_long_hair: Whether the hair covers the neck.
-        leg_swing: Largest angle of a leg, radians.
-        arm_swing: Largest angle of an arm, radians.
-        bob: Vertical motion while walking, in heights.
-        stride: Meters in which the gait repeats.
-    """
-
-    height: float
-    girth: float
-    hair: Color
-    skin: Color
-    has_long_hair: bool
-    leg_swing: float
-    arm_swing: float
-    bob: float
-    stride: float
+    height: float  # meters
+    girth: float  # width relative to the mean
+    hair: Color  # color, BGR
+    skin: Color  # color
+    has_long_hair: bool  # whether the hair covers the neck
+    leg_swing: float  # largest angle of a leg, radians
+    arm_swing: float  # largest angle of an arm, radians
+    bob: float  # vertical motion while walking, in heights
+    stride: float  # meters in which the gait repeats
 
     @classmethod
     def draw(cls, generator: np.random.Generator) -> Body:
@@ -140,32 +105,21 @@ class Body:
 
 
 class Sprite(NamedTuple):
-    """A person from one side.
+    """A person from one side."""
 
-    Attributes:
-        pixels: (H, W, 4) uint8, BGR times coverage, and coverage.
-        foot: (x, y) of the point on the floor below the body, pixels of the sprite.
-        box: x, y, width, height of what is covered.
-    """
-
-    pixels: NDArray[np.uint8]
+    pixels: NDArray[np.uint8]  # (H, W, 4) uint8, BGR times coverage, and coverage
+    # (x, y) of the point on the floor below the body, pixels of the sprite
     foot: tuple[float, float]
-    box: tuple[float, float, float, float]
+    box: tuple[float, float, float, float]  # x, y, width, height of what is covered
 
 
 @dataclass(eq=False)
 class Sprites:
-    """The sprites of one person, drawn when they are first needed.
+    """The sprites of one person, drawn when they are first needed."""
 
-    Args:
-        body: Build and gait.
-        clothes: Clothes.
-        seed: Of the texture of the clothes.
-    """
-
-    body: Body
-    clothes: Clothes
-    seed: int
+    body: Body  # build and gait
+    clothes: Clothes  # clothes
+    seed: int  # of the texture of the clothes
     _known: dict[tuple[int, int, bool, bool], Sprite] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -177,11 +131,8 @@ class Sprites:
     def seen(self, angle: float, phase: float, *, is_walking: bool, is_far: bool) -> Sprite:
         """The sprite nearest to a view.
 
-        Args:
-            angle: Of the heading to the direction to the camera, radians; pi / 2 goes to the right.
-            phase: Of the gait, 0 to 1.
-            is_walking: Whether the person walks.
-            is_far: Whether half the resolution is enough.
+        The angle is that of the heading to the direction to the camera, radians; pi / 2 goes to the
+        right. The phase of the gait is 0 to 1; whoever is far has half the resolution.
         """
         view = round(angle / (2.0 * np.pi) * VIEWS) % VIEWS
         number = round(phase * PHASES) % PHASES if is_walking else 0

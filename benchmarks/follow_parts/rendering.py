@@ -49,59 +49,36 @@ _NOISE_FIELDS = 5
 
 @dataclass(frozen=True)
 class Placed:
-    """Somebody at a moment.
+    """Somebody at a moment."""
 
-    Attributes:
-        sprites: What they look like.
-        x: Meters.
-        y: Meters.
-        heading: Radians.
-        phase: Of the gait, 0 to 1.
-        is_walking: Whether they walk.
-    """
-
-    sprites: Sprites
-    x: float
-    y: float
-    heading: float
-    phase: float
-    is_walking: bool
+    sprites: Sprites  # what they look like
+    x: float  # meters
+    y: float  # meters
+    heading: float  # radians
+    phase: float  # of the gait, 0 to 1
+    is_walking: bool  # whether they walk
 
 
 @dataclass(frozen=True)
 class CameraState:
-    """Where the camera is.
+    """Where the camera is."""
 
-    Attributes:
-        x: Meters.
-        y: Meters.
-        yaw: Of the robot, radians.
-        pitch: Radians, positive looks down.
-        roll: Radians, positive lowers the right side.
-        yaw_rate: Radians per second.
-    """
-
-    x: float
-    y: float
-    yaw: float
-    pitch: float
-    roll: float
-    yaw_rate: float = 0.0
+    x: float  # meters
+    y: float  # meters
+    yaw: float  # of the robot, radians
+    pitch: float  # radians, positive looks down
+    roll: float  # radians, positive lowers the right side
+    yaw_rate: float = 0.0  # radians per second
 
 
 class Seen(NamedTuple):
-    """How a person is seen.
+    """How a person is seen."""
 
-    Attributes:
-        box: x, y, width, height as if nothing were in front, also outside of the image; None behind
-            the camera.
-        visible: Share of the person inside the image that nothing hides.
-        in_view: Share of the box inside the image.
-    """
-
+    # x, y, width, height as if nothing were in front, also outside of the image; None behind the
+    # camera
     box: tuple[float, float, float, float] | None
-    visible: float
-    in_view: float
+    visible: float  # share of the person inside the image that nothing hides
+    in_view: float  # share of the box inside the image
 
     @property
     def shown(self) -> float:
@@ -111,17 +88,11 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a camera sees.
+    """What a camera sees."""
 
-    Attributes:
-        image: (480, 640, 3) uint8 BGR.
-        depth: (240, 320) uint16 in millimeters, 0 in holes.
-        people: Everybody, in the given order.
-    """
-
-    image: NDArray[np.uint8]
-    depth: NDArray[np.uint16]
-    people: tuple[Seen, ...]
+    image: NDArray[np.uint8]  # (480, 640, 3) uint8 BGR
+    depth: NDArray[np.uint16]  # (240, 320) uint16 in millimeters, 0 in holes
+    people: tuple[Seen, ...]  # everybody, in the given order
 
 
 class Renderer:
@@ -162,13 +133,7 @@ class Renderer:
         self._owner = np.empty((rows, columns), np.int8)
 
     def render(self, camera: CameraState, people: Sequence[Placed], light: float) -> View:
-        """What the camera sees.
-
-        Args:
-            camera: Where it is.
-            people: Everybody.
-            light: Brightness, 1 for the mean.
-        """
+        """What the camera sees; the light is a brightness, 1 for the mean."""
         pose = camera_pose(camera)
         image = self._blank.copy()
         self._draw_floor(image, pose)
@@ -434,11 +399,8 @@ def _moved(x: float, y: float) -> Array:
 def _homography(pose: RigidPose, origin: Array, axes: Array, scale: float) -> Array:
     """(3, 3) homography of a plane's texture to the image.
 
-    Args:
-        pose: Of the camera.
-        origin: (3,) point of the texture's first pixel.
-        axes: (3, 2) directions of its columns and rows.
-        scale: Pixels in a meter.
+    Its first pixel is at the (3,) origin, its columns and rows go along the (3, 2) axes; the scale
+    is in pixels per meter.
     """
     matrix = np.array([[CAMERA.fx, 0.0, CAMERA.cx], [0.0, CAMERA.fy, CAMERA.cy], [0.0, 0.0, 1.0]])
     columns = np.column_stack([axes / scale, origin - pose.translation])

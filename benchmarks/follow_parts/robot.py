@@ -90,13 +90,9 @@ class Robot:
     def drive(
         self, interval: float, speed: float, turn: float, ranges: tuple[float, float]
     ) -> None:
-        """Drive for a short time.
+        """Drive for a short time, as is wanted in m/s and rad/s.
 
-        Args:
-            interval: Seconds.
-            speed: Wanted, m/s.
-            turn: Wanted, rad/s.
-            ranges: Free distances ahead and behind, meters.
+        The ranges are free distances ahead and behind, meters.
         """
         ahead, behind = (max(one - _KEPT, 0.0) for one in ranges)
         speed = float(np.clip(speed, -min(0.4, 1.5 * behind), min(MAX_SPEED, 1.5 * ahead)))

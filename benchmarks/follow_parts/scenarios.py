@@ -7,28 +7,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Scenario:
-    """A kind of run.
+    """A kind of run."""
 
-    Attributes:
-        name: Of the row.
-        has_depth: Whether there are depth images.
-        has_detector: Whether a detector runs.
-        max_targets: Of the tracker; above 1, the detector starts all targets, and the right one is
-            selected when it is first reported.
-        crosses: Whether others walk between robot and person.
-        is_alike: Whether all wear the same.
-        is_by_hand: Whether the target is drawn by hand; else the detector starts it.
-        hides: Behind what the person hides: a `door`, `corner` or `pillar`; empty for never.
-    """
-
-    name: str
-    has_depth: bool = True
-    has_detector: bool = False
+    name: str  # of the row
+    has_depth: bool = True  # whether there are depth images
+    has_detector: bool = False  # whether a detector runs
+    # of the tracker; above 1, the detector starts all targets, and the right one is selected when
+    # it is first reported
     max_targets: int = 1
-    crosses: bool = True
-    is_alike: bool = False
-    hides: str = ""
-    is_by_hand: bool = True
+    crosses: bool = True  # whether others walk between robot and person
+    is_alike: bool = False  # whether all wear the same
+    hides: str = ""  # behind what the person hides: a `door`, `corner` or `pillar`; empty for never
+    is_by_hand: bool = True  # whether the target is drawn by hand; else the detector starts it
 
 
 SCENARIOS = {

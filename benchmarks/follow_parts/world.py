@@ -30,27 +30,15 @@ _HALF_WIDTH, _PERSON = 0.3, 0.25
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """Where everybody is at a frame.
+    """Where everybody is at a frame."""
 
-    Attributes:
-        time: Seconds.
-        view: What the camera sees, and how everybody is seen.
-        positions: (N, 2) of everybody in the room, meters; the first is followed.
-        robot: The robot in the room.
-        odometry: The robot by its odometry.
-        velocity: (2,) of the followed person, m/s.
-        stands_for: Seconds for which the followed person stands.
-        doing: What those who cross or hide do; empty for nothing.
-    """
-
-    time: float
-    view: View
-    positions: Array
-    robot: Pose2D
-    odometry: Pose2D
-    velocity: Array
-    stands_for: float
-    doing: str
+    time: float  # seconds
+    view: View  # what the camera sees, and how everybody is seen
+    positions: Array  # (N, 2) of everybody in the room, meters; the first is followed
+    robot: Pose2D  # the robot in the room
+    odometry: Pose2D  # the robot by its odometry
+    velocity: Array  # (2,) of the followed person, m/s
+    stands_for: float  # seconds for which the followed person stands
 
     def in_odometry(self, position: Array) -> Array:
         """A (2,) place in the room as it is in the frame of the odometry now."""
@@ -62,17 +50,11 @@ class Truth:
 
 
 class Motion(NamedTuple):
-    """What the robot's sensors say of its motion.
+    """What the robot's sensors say of its motion."""
 
-    Attributes:
-        time: Seconds.
-        odometry: Pose by its wheels.
-        acceleration: (3,) of an accelerometer in camera coordinates, m/s^2, upward at rest.
-    """
-
-    time: float
-    odometry: Pose2D
-    acceleration: Array
+    time: float  # seconds
+    odometry: Pose2D  # pose by its wheels
+    acceleration: Array  # (3,) of an accelerometer in camera coordinates, m/s^2, upward at rest
 
 
 class World:
@@ -115,13 +97,7 @@ class World:
 
     @classmethod
     def draw(cls, seed: int, scenario: Scenario, seconds: float) -> World:
-        """The world of a seed.
-
-        Args:
-            seed: The same one gives the same world.
-            scenario: What happens in it.
-            seconds: For which it is run; crossings are spread over them.
-        """
+        """The world of a seed; crossings are spread over the seconds."""
         # Independent generators: a change in one part leaves the others as they are.
         generators = np.random.default_rng(seed).spawn(8)
         layout = Layout.draw(generators[0], scenario.hides)
@@ -149,19 +125,10 @@ class World:
             robot.odometry,
             self.cast.walkers[0].velocity.copy(),
             self.cast.walkers[0].stands_for,
-            self.cast.doing,
         )
 
     def advance(self, speed: float, turn: float) -> list[Motion]:
-        """Go on to the next frame.
-
-        Args:
-            speed: Wanted of the robot, m/s.
-            turn: Wanted, rad/s.
-
-        Returns:
-            The motion in between, that of the end included.
-        """
+        """Go on to the next frame, as is wanted in m/s and rad/s; returns the motion in between."""
         ranges = self._free_ahead()
         self.cast.advance(self.time, INTERVAL, self.robot.pose)
         measured = []

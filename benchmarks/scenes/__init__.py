@@ -5,15 +5,8 @@ A scene is a `Stage` (a backdrop, actors that move over it, a foreground that hi
 `UmbrellaScene`, `InfraredScene` or `ClutteredStreet` puts them together and knows the ground truth.
 """
 
-from scenes.clutter import ClutteredStreet, ClutterSettings
-from scenes.infrared import InfraredScene, InfraredSettings
-from scenes.umbrellas import UmbrellaScene, UmbrellaSettings
+from scenes.clutter import ClutteredStreet
+from scenes.infrared import InfraredScene
+from scenes.umbrellas import UmbrellaScene
 
-__all__ = [
-    "ClutterSettings",
-    "ClutteredStreet",
-    "InfraredScene",
-    "InfraredSettings",
-    "UmbrellaScene",
-    "UmbrellaSettings",
-]
+__all__ = ["ClutteredStreet", "InfraredScene", "UmbrellaScene"]

@@ -9,30 +9,23 @@ the noise. The camera stands still. Images are 640 x 480 at 25 frames per second
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.parameters import build, declared
 from scenes.camera import HandheldCamera
-from scenes.sprites import Color, Sprite
+from scenes.scene import Scene
+from scenes.sprites import Color
 from scenes.stage import Actor, Stage
 from scenes.street import Street
 from scenes.textures import fractal_noise, smooth_path
-from scenes.walkers import GAIT_VIEWS, Person, standing_boxes
+from scenes.walkers import GAIT_VIEWS, Person, gait_views, standing_boxes
 
 WIDTH, HEIGHT = 640, 480
-FRAME_INTERVAL = 0.04
-"""Seconds between frames."""
-MOST_PATCHES = 200
-"""Number of patches at level 1."""
-MOST_DISTRACTORS = 4
-"""Number of people dressed like the target at level 1."""
+MOST_PATCHES, MOST_DISTRACTORS = 200, 4
+"""Numbers of patches, and of people dressed like the target, at level 1."""
 
 _SIZE = (WIDTH, HEIGHT)
 _HOUSE_LINE = 290
@@ -47,18 +40,7 @@ _FAINTEST, _ADDED = 0.1, 0.9
 _GRAYS: tuple[Color, ...] = ((150, 152, 155), (110, 112, 115), (185, 188, 190), (75, 78, 80))
 
 
-@dataclass(frozen=True)
-class ClutterSettings:
-    """What can be changed about the cluttered street."""
-
-    clutter: float = declared(0.5, "Complexity of the background.", minimum=0.0, maximum=1.0)
-    frames: int = declared(120, "Number of frames.", minimum=10, maximum=150)
-    lighting: float = declared(0.01, "Drift of the brightness, std.", minimum=0.0, maximum=0.2)
-    noise: float = declared(3.0, "Noise, std in gray levels.", minimum=0.0, maximum=30.0)
-
-
-@dataclass(frozen=True)
-class _Patch:
+class _Patch(NamedTuple):
     """A spot in one of the target's colors; place and size in pixels."""
 
     x: int
@@ -69,7 +51,7 @@ class _Patch:
     is_round: bool
 
 
-class ClutteredStreet:
+class ClutteredStreet(Scene):
     """A rendered sequence of a pedestrian before a street of given clutter, with exact truth.
 
     Every seed gives other ways, colors and houses; the same seed gives the same bits. Of one seed,
@@ -77,67 +59,28 @@ class ClutteredStreet:
 
     Args:
         seed: Seed of everything random, at least 0.
-        settings: Names of `ClutterSettings` and values over the defaults.
-
-    Raises:
-        ValueError: The seed is negative, or a setting does not exist or is out of its range.
+        clutter: Complexity of the background, 0 to 1.
+        frames: Number of frames.
     """
 
-    def __init__(self, seed: int = 0, settings: Mapping[str, Any] | None = None):
-        if seed < 0:
-            raise ValueError(f"the seed is {seed}; allowed: 0 or more")
-        self.settings = build(ClutterSettings, settings or {})
-        self.seed = seed
-        level, frames = self.settings.clutter, self.settings.frames
-        # Each part has randomness of its own: a setting of one part leaves the others as they are.
-        clothes, street, patches, way, crowd, camera = np.random.default_rng(seed).spawn(6)
-        coat, trousers = _clothes(clothes)
-        self.patches = round(level * MOST_PATCHES)
-        """Number of patches in the target's colors."""
-        backdrop = _street(street, level)
-        self.plain_backdrop = backdrop.copy()
-        """(480, 640, 3) uint8: the street without the patches."""
-        contrast = _FAINTEST + _ADDED * level
-        for patch in _patches(patches, (coat, trousers))[: self.patches]:
-            _cover(backdrop, patch, contrast)
-        self.target = _walker(way, _target_way(way, frames), 1, (coat, trousers))
-        others = _distractors(crowd, frames, (coat, trousers))
-        self.distractors = others[: round(level * MOST_DISTRACTORS)]
-        """The people dressed like the target, as actors of the stage."""
+    def __init__(self, seed: int = 0, clutter: float = 0.5, frames: int = 120) -> None:
+        # Each part has randomness of its own: the level of one leaves the others as they are.
+        clothes, street, patches, way, crowd, sensor = np.random.default_rng(seed).spawn(6)
+        colors = _clothes(clothes)
+        backdrop = _street(street, clutter)
+        for patch in _patches(patches, colors)[: round(clutter * MOST_PATCHES)]:
+            _cover(backdrop, patch, _FAINTEST + _ADDED * clutter)
+        target = _walker(way, _target_way(way, frames), 1, colors)
+        others = _distractors(crowd, frames, colors)[: round(clutter * MOST_DISTRACTORS)]
         # Farther people have their feet higher in the image.
-        people = sorted([*self.distractors, self.target], key=lambda one: one.positions[0, 1])
+        people = sorted([*others, target], key=lambda one: one.positions[0, 1])
         clear = np.zeros((HEIGHT, WIDTH, 4), np.float32)
-        self.stage = Stage(backdrop, tuple(people), clear)
-        self.camera = HandheldCamera(
-            camera,
-            size=_SIZE,
-            margin=1,
-            frames=frames,
-            shake=0.0,
-            lighting=self.settings.lighting,
-            noise=self.settings.noise,
+        camera = HandheldCamera(
+            sensor, size=_SIZE, margin=1, frames=frames, shake=0.0, lighting=0.01, noise=3.0
         )
-
-    def __len__(self) -> int:
-        return self.settings.frames
-
-    @cached_property
-    def target_boxes(self) -> NDArray[np.float64]:
-        """(frames, 4): x, y, width, height of the target, from head to feet, of one size."""
-        return standing_boxes(self.target.positions - self.camera.offsets, _PERSON_HEIGHT)
-
-    @cached_property
-    def visibility(self) -> NDArray[np.float64]:
-        """(frames,): share of the target that nobody hides, 0 to 1."""
-        return self.stage.visible_shares(self.target)
-
-    def render(self, index: int) -> NDArray[np.uint8]:
-        """Frame `index`, counted from 0: (480, 640, 3) uint8, blue, green, red."""
-        return self.camera.shoot(self.stage.paint(index), index)
-
-    def frames(self) -> Iterator[NDArray[np.uint8]]:
-        """All frames; each call starts from the first."""
-        return (self.render(index) for index in range(len(self)))
+        boxes = standing_boxes(target.positions - camera.offsets, _PERSON_HEIGHT)
+        name = f"street {seed}, clutter {clutter:.2f}"
+        super().__init__(name, Stage(backdrop, tuple(people), clear), camera, boxes)
 
 
 def _street(generator: np.random.Generator, level: float) -> NDArray[np.uint8]:
@@ -231,16 +174,5 @@ def _walker(
     height, width = plain[0].pixels.shape[:2]
     pattern = fractal_noise(generator, (height, width), 14.0)
     factors = 1.0 + 0.9 * (pattern - pattern.mean())
-    sprites = tuple(_patterned(sprite, factors) for sprite in plain)
-    # Two steps take a walker the length of the gait's cycle.
-    cycles = direction * feet[:, 0] / (0.8 * _PERSON_HEIGHT)
-    views = np.floor(cycles * GAIT_VIEWS).astype(np.int64) % GAIT_VIEWS
-    return Actor(sprites, views, feet)
-
-
-def _patterned(sprite: Sprite, factors: NDArray[np.float32]) -> Sprite:
-    """The same sprite, brighter or darker by (height, width) factors."""
-    pixels = sprite.pixels.copy()
-    brighter = pixels[..., :3] * factors[..., None]
-    pixels[..., :3] = np.minimum(brighter, 255.0 * pixels[..., 3:])
-    return Sprite(pixels, sprite.anchor)
+    sprites = tuple(sprite.textured(factors) for sprite in plain)
+    return Actor(sprites, gait_views(feet[:, 0], direction, _PERSON_HEIGHT), feet)

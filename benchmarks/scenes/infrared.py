@@ -7,46 +7,30 @@ bit gray, at 25 frames per second.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.parameters import build, declared
 from scenes.camera import HandheldCamera
+from scenes.scene import Scene
 from scenes.sprites import Sprite
 from scenes.stage import Actor, Stage
 from scenes.textures import fractal_noise, smooth_path
 from scenes.walkers import GAIT_VIEWS, Person, standing_boxes
 
 WIDTH, HEIGHT = 640, 480
-FRAME_INTERVAL = 0.04
-"""Seconds between frames."""
+FRAMES, FLIP = 100, 60
+"""Number of frames, as in the paper's sequence, and the one from which on warm is dark."""
 
 _MARGIN = 16
 _STAGE_SIZE = (WIDTH + 2 * _MARGIN, HEIGHT + 2 * _MARGIN)
-_GROUND_LEVEL = 95.0
+# Gray levels: of the ground, and of bodies above it.
+_GROUND_LEVEL, _CONTRAST = 95.0, 40.0
 _PERSON_HEIGHT = 96.0
-_HALO_WIDTH = 9.0
+_HALO_WIDTH, _HALO_STRENGTH = 9.0, 0.5
 
 
-@dataclass(frozen=True)
-class InfraredSettings:
-    """What can be changed about the infrared scene."""
-
-    frames: int = declared(100, "As in the paper's sequence.", minimum=10, maximum=200)
-    contrast: float = declared(40.0, "Of bodies, gray levels.", minimum=0.0, maximum=120.0)
-    halo: float = declared(0.5, "Strength of the ring around bodies.", minimum=0.0, maximum=2.0)
-    flip: int = declared(60, "First frame in which warm is dark; 0 never.", minimum=0, maximum=200)
-    noise: float = declared(6.0, "Noise, std in gray levels.", minimum=0.0, maximum=30.0)
-    shake: float = declared(1.0, "Sway of the camera, std in px.", minimum=0.0, maximum=5.0)
-
-
-class InfraredScene:
+class InfraredScene(Scene):
     """A rendered infrared sequence of a pedestrian with exact ground truth.
 
     Every seed gives other ground, paths, people, shake and noise; the same seed gives the same
@@ -54,56 +38,37 @@ class InfraredScene:
 
     Args:
         seed: Seed of everything random, at least 0.
-        settings: Names of `InfraredSettings` and values over the defaults.
-
-    Raises:
-        ValueError: The seed is negative, or a setting does not exist or is out of its range.
+        flips: Whether the polarity flips in frame `FLIP`.
     """
 
-    def __init__(self, seed: int = 0, settings: Mapping[str, Any] | None = None):
-        if seed < 0:
-            raise ValueError(f"the seed is {seed}; allowed: 0 or more")
-        self.settings = build(InfraredSettings, settings or {})
-        self.seed = seed
-        # Each part has randomness of its own: a setting of one part leaves the others as they are.
-        ground, people, camera = np.random.default_rng(seed).spawn(3)
-        level = _GROUND_LEVEL + self.settings.contrast
-        *others, self.target = _people(people, self.settings.frames, level)
+    def __init__(self, seed: int = 0, flips: bool = True) -> None:
+        ground, people, sensor = np.random.default_rng(seed).spawn(3)
+        self._flips = flips
+        *others, target = _people(people, FRAMES, _GROUND_LEVEL + _CONTRAST)
         clear = np.zeros((_STAGE_SIZE[1], _STAGE_SIZE[0], 4), np.float32)
-        self.stage = Stage(_backdrop(ground), (*others, self.target), clear)
-        self.camera = HandheldCamera(
-            camera,
+        camera = HandheldCamera(
+            sensor,
             size=(WIDTH, HEIGHT),
             margin=_MARGIN,
-            frames=self.settings.frames,
-            shake=self.settings.shake,
+            frames=FRAMES,
+            shake=1.0,
             lighting=0.01,
-            noise=self.settings.noise,
+            noise=6.0,
         )
-
-    def __len__(self) -> int:
-        return self.settings.frames
-
-    @cached_property
-    def target_boxes(self) -> NDArray[np.float64]:
-        """(frames, 4): x, y, width, height of the target, from head to feet, of one size."""
-        return standing_boxes(self.target.positions - self.camera.offsets, _PERSON_HEIGHT)
+        boxes = standing_boxes(target.positions - camera.offsets, _PERSON_HEIGHT)
+        name = f"generated {seed}, polarity flips" if flips else f"generated {seed}"
+        super().__init__(name, Stage(_backdrop(ground), (*others, target), clear), camera, boxes)
 
     def render(self, index: int) -> NDArray[np.uint8]:
         """Frame `index`, counted from 0: (480, 640) uint8."""
         world = self.stage.paint(index)
         warmth = cv2.subtract(world[..., 0], self.stage.backdrop[..., 0], dtype=cv2.CV_32F)
-        halo = cv2.GaussianBlur(warmth, (0, 0), _HALO_WIDTH) * self.settings.halo
+        halo = cv2.GaussianBlur(warmth, (0, 0), _HALO_WIDTH) * _HALO_STRENGTH
         # On a body itself the sensor has settled: the ring is around it.
         halo[np.abs(warmth) > 1.0] = 0.0
         seen = np.clip(world - halo[..., None], 0.0, 255.0)
         image = self.camera.shoot(seen.astype(np.uint8), index)[..., 0]
-        flipped = 0 < self.settings.flip <= index
-        return np.ascontiguousarray(255 - image if flipped else image)
-
-    def frames(self) -> Iterator[NDArray[np.uint8]]:
-        """All frames; each call starts from the first."""
-        return (self.render(index) for index in range(len(self)))
+        return np.ascontiguousarray(255 - image if self._flips and index >= FLIP else image)
 
 
 def _backdrop(generator: np.random.Generator) -> NDArray[np.uint8]:

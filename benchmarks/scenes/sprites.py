@@ -21,22 +21,20 @@ Points = list[tuple[float, float]] | NDArray[np.floating]
 
 @dataclass(frozen=True)
 class Sprite:
-    """A picture with transparency and the point by which it is held.
+    """A picture with transparency and the point by which it is held."""
 
-    Attributes:
-        pixels: (H, W, 4) float32: blue, green and red from 0 to 255, multiplied by the coverage,
-            then the coverage from 0 to 1. Its outermost pixels are empty.
-        anchor: (x, y) of the holding point in pixels of the sprite; the center of the top-left
-            pixel is (0, 0).
-    """
-
+    # (H, W, 4) float32: blue, green and red from 0 to 255, multiplied by the coverage, then the
+    # coverage from 0 to 1. Its outermost pixels are empty.
     pixels: NDArray[np.float32]
+    # (x, y) of the holding point in pixels of the sprite; the center of the top-left pixel is (0,
+    # 0)
     anchor: tuple[float, float]
 
-    def painted(self, color: Color) -> Sprite:
-        """The same shape in one flat color."""
+    def textured(self, factors: NDArray[np.float32]) -> Sprite:
+        """The same sprite, brighter or darker by (H, W) factors."""
         pixels = self.pixels.copy()
-        pixels[..., :3] = pixels[..., 3:] * np.asarray(color, np.float32)
+        brighter = pixels[..., :3] * factors[..., None]
+        pixels[..., :3] = np.minimum(brighter, 255.0 * pixels[..., 3:])
         return Sprite(pixels, self.anchor)
 
     def held_at_centroid(self) -> Sprite:
@@ -64,17 +62,11 @@ class Sprite:
 
 @dataclass(frozen=True)
 class Placement:
-    """A sprite's pixels on the grid of a canvas.
+    """A sprite's pixels on the grid of a canvas."""
 
-    Attributes:
-        pixels: (H, W, 4) float32 as in `Sprite`.
-        column: Canvas column of the first pixel; may lie outside the canvas.
-        row: Canvas row of the first pixel; may lie outside the canvas.
-    """
-
-    pixels: NDArray[np.float32]
-    column: int
-    row: int
+    pixels: NDArray[np.float32]  # (H, W, 4) float32 as in `Sprite`
+    column: int  # canvas column of the first pixel; may lie outside the canvas
+    row: int  # canvas row of the first pixel; may lie outside the canvas
 
     def relative_to(self, column: int, row: int) -> Placement:
         """The same pixels on a canvas that begins at this column and row."""
@@ -89,14 +81,6 @@ class Placement:
         pixels = self.pixels[source]
         canvas[target] *= 1.0 - pixels[..., 3:]
         canvas[target] += pixels[..., :3]
-
-    def add_coverage(self, canvas: NDArray[np.float32]) -> None:
-        """Lay the coverage over a (H, W) float32 map of coverage, in place."""
-        region = self._region(canvas.shape)
-        if region is None:
-            return
-        target, source = region
-        canvas[target] += (1.0 - canvas[target]) * self.pixels[source][..., 3]
 
     def _region(
         self, shape: tuple[int, ...]

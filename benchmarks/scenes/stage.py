@@ -12,22 +12,12 @@ from scenes.sprites import Placement, Sprite
 
 @dataclass(frozen=True, eq=False)
 class Actor:
-    """Something that moves: where it is and what it looks like in every frame.
+    """Something that moves: where it is and what it looks like in every frame."""
 
-    Attributes:
-        sprites: The views of it.
-        views: (frames,) which of the sprites is seen.
-        positions: (frames, 2) where the sprite's anchor is, in pixel indices of the stage.
-    """
-
-    sprites: tuple[Sprite, ...]
-    views: NDArray[np.int64]
+    sprites: tuple[Sprite, ...]  # the views of it
+    views: NDArray[np.int64]  # (frames,) which of the sprites is seen
+    # (frames, 2) where the sprite's anchor is, in pixel indices of the stage
     positions: NDArray[np.float64]
-
-    def painted(self, color: tuple[float, float, float]) -> Actor:
-        """The same actor in one flat color."""
-        sprites = tuple(sprite.painted(color) for sprite in self.sprites)
-        return Actor(sprites, self.views, self.positions)
 
     def placed(self, index: int) -> Placement:
         """The actor in frame `index`."""
@@ -84,25 +74,6 @@ class Stage:
         world = self._world.copy()
         world[self._top : self._bottom] = _to_levels(band)
         return world
-
-    def visible_shares(self, actor: Actor) -> NDArray[np.float64]:
-        """How much of an actor of this stage is seen, by area, in every frame.
-
-        Returns:
-            (frames,) from 0 (hidden) to 1 (nothing in front of it).
-        """
-        nearer = self.actors[self.actors.index(actor) + 1 :]
-        shares = np.empty(len(actor.positions))
-        for index in range(len(shares)):
-            placement = actor.placed(index)
-            coverage = placement.pixels[..., 3]
-            hidden = np.zeros_like(coverage)
-            fronts = [other.placed(index) for other in nearer]
-            for front in [*fronts, Placement(self.foreground, 0, 0)]:
-                front.relative_to(placement.column, placement.row).add_coverage(hidden)
-            seen = coverage * (1.0 - hidden)
-            shares[index] = seen.sum(dtype=np.float64) / coverage.sum(dtype=np.float64)
-        return shares
 
 
 def _to_levels(image: NDArray[np.float32]) -> NDArray[np.uint8]:

@@ -25,20 +25,13 @@ _WALLS: tuple[Color, ...] = (
 
 @dataclass(frozen=True)
 class Street:
-    """Where things are in a street, in rows of the image, and what colors stand out.
+    """Where things are in a street, in rows of the image, and what colors stand out."""
 
-    Attributes:
-        size: (width, height) in pixels.
-        storey: Row where the shops end and the upper storeys begin, going up.
-        house_line: Row where houses meet the pavement.
-        curb: Row where the pavement meets the road.
-        accents: Colors of signs, awnings, goods, flowers and bicycles, drawn with equal chance.
-    """
-
-    size: tuple[int, int]
-    storey: int
-    house_line: int
-    curb: int
+    size: tuple[int, int]  # (width, height) in pixels
+    storey: int  # row where the shops end and the upper storeys begin, going up
+    house_line: int  # row where houses meet the pavement
+    curb: int  # row where the pavement meets the road
+    # colors of signs, awnings, goods, flowers and bicycles, drawn with equal chance
     accents: tuple[Color, ...]
 
     def draw(self, generator: np.random.Generator) -> Image:

@@ -42,16 +42,9 @@ def fractal_noise(
 def smooth_path(
     generator: np.random.Generator, frames: int, period: float, columns: int = 1
 ) -> NDArray[np.float64]:
-    """Random curves over time without jumps, of unit standard deviation and zero mean.
+    """(frames, columns) random curves without jumps, of unit standard deviation and zero mean.
 
-    Args:
-        generator: Source of randomness.
-        frames: Length in frames, at least 1.
-        period: Shortest time in frames over which a curve turns round, roughly.
-        columns: Number of independent curves.
-
-    Returns:
-        (frames, columns).
+    The period is the shortest time in frames over which a curve turns round, roughly.
     """
     sigma = period / 4.0
     reach = int(np.ceil(4.0 * sigma))

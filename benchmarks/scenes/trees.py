@@ -13,38 +13,20 @@ from scenes.textures import fractal_noise
 
 @dataclass(frozen=True)
 class Tree:
-    """One tree, in pixels of the stage.
+    """One tree, in pixels of the stage."""
 
-    Attributes:
-        x: Where the trunk stands.
-        ground: Row of its foot.
-        height: From the foot to the middle of the crown.
-        trunk: Width of the trunk half-way up.
-        crown: Half the width of the crown.
-        hanging: Row down to which its lowest twigs hang.
-    """
-
-    x: float
-    ground: float
-    height: float
-    trunk: float
-    crown: float
-    hanging: float
+    x: float  # where the trunk stands
+    ground: float  # row of its foot
+    height: float  # from the foot to the middle of the crown
+    trunk: float  # width of the trunk half-way up
+    crown: float  # half the width of the crown
+    hanging: float  # row down to which its lowest twigs hang
 
 
 def plant(
     generator: np.random.Generator, size: tuple[int, int], trees: tuple[Tree, ...]
 ) -> NDArray[np.float32]:
-    """Draw trees on a transparent foreground.
-
-    Args:
-        generator: Source of randomness.
-        size: (width, height) of the stage.
-        trees: What to draw, in this order.
-
-    Returns:
-        (height, width, 4) float32 as the pixels of a `Sprite`.
-    """
+    """Trees on a transparent foreground of (width, height): pixels as of a `Sprite`."""
     width, height = size
     drawing = Drawing(width, height, enlargement=2)
     for tree in trees:

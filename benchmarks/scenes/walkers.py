@@ -26,18 +26,19 @@ below 0 the other, each on about half of the canopy."""
 
 
 def standing_boxes(feet: NDArray[np.float64], height: float) -> NDArray[np.float64]:
-    """Boxes of a person, from head to feet, all of one size.
+    """(frames, 4) boxes of a person from head to feet, all of one size.
 
-    Args:
-        feet: (frames, 2) x and y of the pixel between the feet, a pixel's index its center.
-        height: Of the person, pixels.
-
-    Returns:
-        (frames, 4) x, y, width, height, counted from the corner of the first pixel.
+    The (frames, 2) feet are pixels, whose index is their center; boxes count from the corner of
+    the first pixel.
     """
     width = _PERSON_WIDTH * height
     corners = feet + 0.5 - (width / 2, height - 1.0)
     return np.hstack([corners, np.broadcast_to((width, height), corners.shape)])
+
+
+def gait_views(columns: NDArray[np.float64], facing: int, height: float) -> NDArray[np.int64]:
+    """(frames,) views of a walker by the columns of the feet: two steps take them one cycle."""
+    return np.floor(facing * columns / (0.8 * height) * GAIT_VIEWS).astype(np.int64) % GAIT_VIEWS
 
 
 def panels(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -66,20 +67,13 @@ PATTERNS: tuple[Pattern, ...] = (panels, rings, stripes, checks)
 
 @dataclass(frozen=True)
 class Canopy:
-    """An umbrella's canopy: a shallow bowl with a scalloped rim, tilted towards the camera.
+    """An umbrella's canopy: a shallow bowl with a scalloped rim, tilted towards the camera."""
 
-    Attributes:
-        pattern: Where it has which of the two colors.
-        colors: The two colors of the cloth.
-        radius: Radius of the rim in pixels.
-        bulge: Height of the bowl over its radius.
-        elevation: Angle between the umbrella's shaft and the image plane in degrees, 0 to 90.
-    """
-
-    pattern: Pattern
-    colors: tuple[Color, Color]
-    radius: float = 22.0
-    bulge: float = 0.5
+    pattern: Pattern  # where it has which of the two colors
+    colors: tuple[Color, Color]  # the two colors of the cloth
+    radius: float = 22.0  # radius of the rim in pixels
+    bulge: float = 0.5  # height of the bowl over its radius
+    # angle between the umbrella's shaft and the image plane in degrees, 0 to 90
     elevation: float = 60.0
 
     def sprite(self, roll: float) -> Sprite:
@@ -127,19 +121,12 @@ class Canopy:
 
 @dataclass(frozen=True)
 class Person:
-    """A person in a coat, seen from the side.
+    """A person in a coat, seen from the side."""
 
-    Attributes:
-        height: Height in pixels.
-        coat: Color of coat and arm.
-        trousers: Color of the legs.
-        facing: 1 when looking to the right, -1 to the left.
-    """
-
-    height: float
-    coat: Color
-    trousers: Color
-    facing: int
+    height: float  # height in pixels
+    coat: Color  # color of coat and arm
+    trousers: Color  # color of the legs
+    facing: int  # 1 when looking to the right, -1 to the left
 
     def sprite(self, view: int | None) -> Sprite:
         """The person at one view of the gait, or standing for None; held at the feet."""

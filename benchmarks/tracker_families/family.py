@@ -54,13 +54,9 @@ def to_gray(image: Image) -> Image:
 
 
 def resample(image: NDArray[Any], box: Array, size: tuple[int, int]) -> NDArray[Any]:
-    """What a box shows, as an image of another size.
+    """What a box shows, as an image of (width, height) pixels.
 
-    Args:
-        image: (H, W) or (H, W, channels).
-        box: (x, y, width, height), the corner of the first pixel being (0, 0); may jut out of the
-            image, whose border then goes on.
-        size: (width, height) of the result in pixels.
+    The corner of the first pixel is (0, 0). Where the box juts out, the image's border goes on.
     """
     scale = box[2:] / np.asarray(size, float)
     # A pixel's index is its center, half a pixel from its corner.
@@ -83,10 +79,8 @@ def working_size(box: Array, side: float) -> tuple[int, int]:
 def nearest_match(window: NDArray[Any], template: NDArray[Any], calm: float) -> tuple[Array, float]:
     """Where a template matches best in a window, among equals the nearest to its middle.
 
-    Args:
-        window: (H, W) or (H, W, channels); channels are matched one by one and count alike.
-        template: Of the same kind, not larger.
-        calm: By how much the correlation must be better at the window's border than in its middle.
+    Channels are matched one by one and count alike. The correlation must be better by `calm` at the
+    window's border than in its middle.
 
     Returns:
         (x, y) of the template's corner in fractions of a pixel, and the normalized correlation

@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tables import Table
-from world_room import box_around, corrupted
 
 from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.world import CameraModel, Localizer
@@ -25,19 +24,18 @@ LOOSE = 0.15
 OCCLUDER_NEAR, OCCLUDER_WIDTH, OCCLUDER_FRAMES = 0.55, 0.3, 25
 
 
+# Standard deviation of the depth at 1 m, meters, and side of a hole, pixels. Source: Khoshelham and
+# Elberink 2012, "Accuracy and Resolution of Kinect Depth Data".
+_DEPTH_NOISE, _HOLE = 0.0015, 8
+
+
 @dataclass(frozen=True, eq=False)
 class DepthFrame:
-    """A frame of a depth camera with the pixels of one target.
+    """A frame of a depth camera with the pixels of one target."""
 
-    Attributes:
-        image: (H, W, 3) uint8 BGR.
-        depth: (H, W) uint16, millimeters.
-        mask: (H, W) whether a pixel is the target's.
-    """
-
-    image: NDArray[np.uint8]
-    depth: NDArray[np.uint16]
-    mask: NDArray[np.bool_]
+    image: NDArray[np.uint8]  # (H, W, 3) uint8 BGR
+    depth: NDArray[np.uint16]  # (H, W) uint16, millimeters
+    mask: NDArray[np.bool_]  # (H, W) whether a pixel is the target's
 
 
 def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
@@ -54,19 +52,12 @@ def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
 
 @dataclass(frozen=True)
 class Case:
-    """What is done to the frames.
+    """What is done to the frames."""
 
-    Attributes:
-        name: Of the row.
-        holes: Share of the depth without a value.
-        is_occluded: Whether something passes in front of the target.
-        is_predicted: Whether the localizer is told the range of the last frame.
-    """
-
-    name: str
-    holes: float = 0.0
-    is_occluded: bool = False
-    is_predicted: bool = False
+    name: str  # of the row
+    holes: float = 0.0  # share of the depth without a value
+    is_occluded: bool = False  # whether something passes in front of the target
+    is_predicted: bool = False  # whether the localizer is told the range of the last frame
 
 
 CASES = (
@@ -139,3 +130,21 @@ def _occluded(frame: DepthFrame, index: int, distance: float) -> tuple[DepthFram
     image[:, left:right] = (30, 90, 160)
     hidden = float(frame.mask[:, left:right].sum() / frame.mask.sum())
     return DepthFrame(image, depth, frame.mask), hidden
+
+
+def corrupted(
+    depth: NDArray[np.float64], holes: float, generator: np.random.Generator
+) -> NDArray[np.float32]:
+    """A depth image with noise, and with a share of holes."""
+    noisy = depth + generator.normal(0.0, 1.0, depth.shape) * _DEPTH_NOISE * depth**2
+    rows, columns = (side // _HOLE + 1 for side in depth.shape)
+    coarse = (generator.random((rows, columns)) < holes).astype(np.uint8)
+    large = cv2.resize(coarse, (columns * _HOLE, rows * _HOLE), interpolation=cv2.INTER_NEAREST)
+    noisy[large[: depth.shape[0], : depth.shape[1]] > 0] = np.nan
+    return noisy.astype(np.float32)
+
+
+def box_around(mask: NDArray[np.bool_]) -> tuple[float, float, float, float]:
+    """The smallest box around a mask with pixels."""
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return float(x), float(y), float(width), float(height)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, rankdata
+from scipy.stats import chi2
 
+from pf_tracker_ros.tuning.confidence import LabeledConfidences, roc_area
 from pf_tracker_ros.world import Place
 
 Array = NDArray[np.float64]
@@ -16,17 +17,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of N estimates with D dimensions.
+    """Errors of N estimates with D dimensions."""
 
-    Attributes:
-        sizes: (N,) errors, meters or relative.
-        nees: (N,) squared errors in standard deviations.
-        dimensions: D.
-    """
-
-    sizes: Array
-    nees: Array
-    dimensions: int
+    sizes: Array  # (N,) errors, meters or relative
+    nees: Array  # (N,) squared errors in standard deviations
+    dimensions: int  # d
 
     @classmethod
     def of(cls, errors: Array, covariances: Array, scale: Array | float = 1.0) -> Errors:
@@ -74,8 +69,5 @@ def position_errors(
 
 def auroc(values: Array, positive: NDArray[np.bool_]) -> str:
     """Area under the receiver operating characteristic, as a text."""
-    count, others = int(positive.sum()), int((~positive).sum())
-    if not (count and others):
-        return "-"
-    ranks = float(rankdata(values)[positive].sum())
-    return f"{(ranks - count * (count + 1) / 2.0) / (count * others):.3f}"
+    area = roc_area([LabeledConfidences("", values[None], positive[None])])
+    return "-" if np.isnan(area) else f"{area:.3f}"

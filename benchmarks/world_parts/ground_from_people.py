@@ -50,21 +50,10 @@ def plane_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgre
         )
     exact = [f"{one:.2f}" for one in (true.height or 0.0, *np.degrees([true.pitch, true.roll]))]
     rows.append(["calibration", "", "", "", "", *exact])
-    return Table(
-        f"The ground from people of a known height (median of {RUNS} draws)",
-        (
-            "boxes",
-            "people's height",
-            "median error after alignment, m",
-            "before, m",
-            "bias of the range, %",
-            "camera's height, m",
-            "pitch, degrees",
-            "roll",
-        ),
-        [rows],
-        names=2,
-    )
+    title = f"The ground from people of a known height (median of {RUNS} draws)"
+    headings = ("boxes", "people's height", "median error after alignment, m", "before, m")
+    headings += ("bias of the range, %", "camera's height, m", "pitch, degrees", "roll")
+    return Table(title, headings, [rows], names=2)
 
 
 def on_ground(plane: GroundPlane, points: Array) -> Array:

@@ -23,43 +23,26 @@ from world_parts.errors import Array, position_errors
 
 @dataclass(frozen=True, eq=False)
 class LabeledBoxes:
-    """Boxes with their targets' positions before one camera.
+    """Boxes with their targets' positions before one camera."""
 
-    Attributes:
-        name: Of the sequence.
-        camera: Of all boxes.
-        boxes: (N, 4), pixels.
-        positions: (N, 3) lower centers in camera coordinates, meters.
-        is_whole: (N,) whether all of the target is visible and inside the image.
-        at_border: (N,) whether the box reaches the border of the image.
-    """
-
-    name: str
-    camera: CameraModel
-    boxes: Array
-    positions: Array
-    is_whole: NDArray[np.bool_]
-    at_border: NDArray[np.bool_]
+    name: str  # of the sequence
+    camera: CameraModel  # of all boxes
+    boxes: Array  # (N, 4), pixels
+    positions: Array  # (N, 3) lower centers in camera coordinates, meters
+    is_whole: NDArray[np.bool_]  # (N,) whether all of the target is visible and inside the image
+    at_border: NDArray[np.bool_]  # (N,) whether the box reaches the border of the image
 
 
 def read_kitti(path: Path) -> LabeledBoxes:
-    """The labels of one sequence. The image ends where the farthest box does.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no such table.
-    """
+    """The labels of one sequence. The image ends where the farthest box does."""
     first, *lines = path.read_text(encoding="utf-8").splitlines()
     words = first.lstrip("# ").split()
     numbers = dict(zip(words[::2], map(float, words[1::2]), strict=True))
     rows = list(csv.DictReader(lines))
-    try:
-        boxes = _columns(rows, "x", "y", "width", "height")
-        positions = _columns(rows, "X", "Y", "Z")
-        hidden = _columns(rows, "truncated", "occluded")
-        fx, fy, cx, cy, offset = (numbers[name] for name in ("fx", "fy", "cx", "cy", "offset_x"))
-    except KeyError as error:
-        raise ValueError(f"{path} has no column or number {error}") from error
+    boxes = _columns(rows, "x", "y", "width", "height")
+    positions = _columns(rows, "X", "Y", "Z")
+    hidden = _columns(rows, "truncated", "occluded")
+    fx, fy, cx, cy, offset = (numbers[name] for name in ("fx", "fy", "cx", "cy", "offset_x"))
     positions[:, 0] += offset
     ends = boxes[:, :2] + boxes[:, 2:]
     # Boxes end at the last pixel of the image, counted from 0.
@@ -72,7 +55,7 @@ def read_kitti(path: Path) -> LabeledBoxes:
 
 def kitti_table(sequences: Sequence[LabeledBoxes], on_progress: OnProgress) -> Table:
     """Range and position before a moving car, with the defaults of `Localizer`."""
-    kinds: dict[str, Sequence[str]] = {
+    kinds = {
         "ground and height": ("ground", "height"),
         "ground": ("ground",),
         "height": ("height",),
@@ -90,29 +73,14 @@ def kitti_table(sequences: Sequence[LabeledBoxes], on_progress: OnProgress) -> T
         fused = fused or places
         groups.append(_kitti_row(f"{name}, whole", places, positions, whole))
     rows = [_kitti_row("at the border", fused, positions, border)]
-    start = 0
-    for sequence in sequences:
-        of_sequence = np.zeros(len(whole), dtype=bool)
-        of_sequence[start : start + len(sequence.boxes)] = sequence.is_whole
-        start += len(sequence.boxes)
+    numbers = np.repeat(np.arange(len(sequences)), [len(one.boxes) for one in sequences])
+    for number, sequence in enumerate(sequences):
+        of_sequence = whole & (numbers == number)
         rows.append(_kitti_row(f"whole in {sequence.name}", fused, positions, of_sequence))
-    return Table(
-        "KITTI, people and cyclists before a moving car",
-        (
-            "boxes",
-            "located",
-            "range median %",
-            "90 %",
-            "NEES",
-            "inside",
-            "position median %",
-            "90 %",
-            "NEES",
-            "inside",
-            "no place",
-        ),
-        [groups, rows],
-    )
+    figures = ("median %", "90 %", "NEES", "inside")
+    headings = ("boxes", "located", f"range {figures[0]}", *figures[1:])
+    headings += (f"position {figures[0]}", *figures[1:], "no place")
+    return Table("KITTI, people and cyclists before a moving car", headings, [groups, rows])
 
 
 def _kitti_row(

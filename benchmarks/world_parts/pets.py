@@ -23,21 +23,17 @@ from pf_tracker_ros.world import CameraModel, GroundPlane, Localizer, PositionFi
 from world_parts.errors import Array, Errors
 
 RATE = 7.0
+_TSAI = {"width", "height", "dpx", "dpy", "focal", "kappa1", "sx", "cx", "cy"}
+_TSAI |= {"rx", "ry", "rz", "tx", "ty", "tz"}
 
 
 @dataclass(frozen=True, eq=False)
 class FixedCamera:
-    """A camera at rest.
+    """A camera at rest."""
 
-    Attributes:
-        model: Its calibration.
-        rotation: (3, 3) from its optical frame to the world's.
-        translation: (3,) its position in the world, meters.
-    """
-
-    model: CameraModel
-    rotation: Array
-    translation: Array
+    model: CameraModel  # its calibration
+    rotation: Array  # (3, 3) from its optical frame to the world's
+    translation: Array  # (3,) its position in the world, meters
 
 
 def read_tsai(path: Path) -> FixedCamera:
@@ -45,28 +41,19 @@ def read_tsai(path: Path) -> FixedCamera:
 
     Tsai's model has the undistorted coordinates as a function of the distorted ones; plumb_bob has
     the opposite, and is fitted to it over the image.
-
-    Raises:
-        OSError: The file cannot be read.
-        ValueError: It is no such file.
     """
-    try:
-        root = ElementTree.parse(path).getroot()
-        found = {name: root.find(f".//{name}") for name in ("Geometry", "Intrinsic", "Extrinsic")}
-        values = {
-            f"{name}.{key}": float(value)
-            for name, element in found.items()
-            if element is not None
-            for key, value in element.attrib.items()
-        }
-        width, height = (int(values[f"Geometry.{key}"]) for key in ("width", "height"))
-        pixel = np.array([values["Geometry.dpx"], values["Geometry.dpy"]])
-        focal, kappa, scale = (values[f"Intrinsic.{key}"] for key in ("focal", "kappa1", "sx"))
-        center = np.array([values["Intrinsic.cx"], values["Intrinsic.cy"]])
-        angles = [values[f"Extrinsic.{key}"] for key in ("rx", "ry", "rz")]
-        shift = np.array([values[f"Extrinsic.{key}"] for key in ("tx", "ty", "tz")]) / 1000.0
-    except (ElementTree.ParseError, KeyError, ValueError) as error:
-        raise ValueError(f"{path} is no Tsai calibration in XML: {error}") from error
+    root = ElementTree.parse(path).getroot()
+    values = {
+        f"{element.tag}.{key}": float(element.attrib[key])
+        for element in root.iter()
+        for key in element.attrib.keys() & _TSAI
+    }
+    width, height = (int(values[f"Geometry.{key}"]) for key in ("width", "height"))
+    pixel = np.array([values["Geometry.dpx"], values["Geometry.dpy"]])
+    focal, kappa, scale = (values[f"Intrinsic.{key}"] for key in ("focal", "kappa1", "sx"))
+    center = np.array([values["Intrinsic.cx"], values["Intrinsic.cy"]])
+    angles = [values[f"Extrinsic.{key}"] for key in ("rx", "ry", "rz")]
+    shift = np.array([values[f"Extrinsic.{key}"] for key in ("tx", "ty", "tz")]) / 1000.0
     columns, rows = np.meshgrid(np.linspace(0, width - 1, 40), np.linspace(0, height - 1, 30))
     offsets = np.column_stack([columns.ravel(), rows.ravel()]) - center
     distorted = offsets * pixel / (scale, 1.0)
@@ -75,15 +62,8 @@ def read_tsai(path: Path) -> FixedCamera:
     powers = radius[:, None] ** [2, 4, 6]
     weights = radius[:, None]
     k1, k2, k3 = np.linalg.lstsq(powers * weights, (1.0 / factors - 1.0) * radius, rcond=None)[0]
-    model = CameraModel(
-        focal * scale / pixel[0],
-        focal / pixel[1],
-        center[0],
-        center[1],
-        width,
-        height,
-        (k1, k2, 0.0, 0.0, k3),
-    )
+    lengths = focal * scale / pixel[0], focal / pixel[1]
+    model = CameraModel(*lengths, *center, width, height, (k1, k2, 0.0, 0.0, k3))
     about_x, about_y, about_z = (
         cv2.Rodrigues(angle * axis)[0] for angle, axis in zip(angles, np.eye(3), strict=True)
     )
@@ -93,33 +73,17 @@ def read_tsai(path: Path) -> FixedCamera:
 
 @dataclass(frozen=True, eq=False)
 class GroundTracks:
-    """Boxes of a detector with the positions and identities of the people in them.
+    """Boxes of a detector with the positions and identities of the people in them."""
 
-    Attributes:
-        frames: (N,) from 1.
-        ids: (N,) of the people.
-        boxes: (N, 4) of the detector, pixels counted from 0.
-        positions: (N, 2) on the ground, meters.
-        velocities: (N, 2) by central differences over six frames, m/s; NaN where unknown.
-    """
-
-    frames: NDArray[np.int64]
-    ids: NDArray[np.int64]
-    boxes: Array
-    positions: Array
-    velocities: Array
+    frames: NDArray[np.int64]  # (N,) from 1
+    ids: NDArray[np.int64]  # (N,) of the people
+    boxes: Array  # (N, 4) of the detector, pixels counted from 0
+    positions: Array  # (N, 2) on the ground, meters
+    velocities: Array  # (N, 2) by central differences over six frames, m/s; NaN where unknown
 
 
 def read_ground_tracks(folder: Path, rate: float) -> GroundTracks:
-    """Detections that overlap a person by more than half.
-
-    Args:
-        folder: With `gt.txt` and `det.txt`.
-        rate: Frames per second.
-
-    Raises:
-        OSError: A file cannot be read.
-    """
+    """Detections that overlap a person by more than half; the rate is in frames per second."""
     truth = np.loadtxt(folder / "gt.txt", delimiter=",")
     detections = np.loadtxt(folder / "det.txt", delimiter=",")
     velocities = np.full((len(truth), 2), np.nan)

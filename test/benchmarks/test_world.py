@@ -3,19 +3,15 @@
 import cv2
 import numpy as np
 import pytest
+import world
+import world_room
+from world_parts.depth_camera import corrupted, depth_table
+from world_parts.errors import Errors, auroc
+from world_parts.ground_from_people import aligned
+from world_parts.kitti import read_kitti
+from world_parts.pets import read_ground_tracks, read_tsai
 
-from pf_tracker_ros.world import CameraModel, GroundPlane
-
-
-@pytest.fixture
-def world(benchmark):
-    return benchmark("world")
-
-
-@pytest.fixture
-def part(benchmark):
-    return lambda name: benchmark(f"world_parts.{name}")
-
+from pf_tracker_ros.world import GroundPlane
 
 KITTI = (
     "# fx 700 fy 700 cx 600 cy 180 offset_x 0.06\n"
@@ -26,9 +22,9 @@ KITTI = (
 )
 
 
-def test_kitti_labels(part, tmp_path):
+def test_kitti_labels(tmp_path):
     (tmp_path / "0001.csv").write_text(KITTI)
-    labels = part("kitti").read_kitti(tmp_path / "0001.csv")
+    labels = read_kitti(tmp_path / "0001.csv")
     assert labels.is_whole.tolist() == [True, False, False]
     assert labels.at_border.tolist() == [False, False, True]
     # Moved from the left reference to this camera.
@@ -43,10 +39,10 @@ TSAI = (
 )
 
 
-def test_a_tsai_calibration_that_looks_down(part, tmp_path):
+def test_a_tsai_calibration_that_looks_down(tmp_path):
     path = tmp_path / "view.xml"
     path.write_text(TSAI.format(kappa=0.005))
-    camera = part("pets").read_tsai(path)
+    camera = read_tsai(path)
     # Half a turn about x: the optical axis points down from 7 m.
     np.testing.assert_allclose(camera.translation, (0.0, 0.0, 7.0), atol=1e-9)
     plane = GroundPlane.from_pose(camera.rotation, camera.translation)
@@ -58,12 +54,12 @@ def test_a_tsai_calibration_that_looks_down(part, tmp_path):
     np.testing.assert_allclose(ray[:2] / ray[2], (x * factor / 5.0, y * factor / 5.0), atol=1e-6)
 
 
-def test_detections_on_people(part, tmp_path):
+def test_detections_on_people(tmp_path):
     truth = "".join(f"{frame},1,{100 + frame},50,20,60,1,{frame},0,0\n" for frame in range(1, 9))
     found = "".join(f"{frame},-1,{101 + frame},50,20,60,0.9\n" for frame in range(1, 9))
     (tmp_path / "gt.txt").write_text(truth)
     (tmp_path / "det.txt").write_text(found + "1,-1,500,50,20,60,0.9\n")
-    tracks = part("pets").read_ground_tracks(tmp_path, 7.0)
+    tracks = read_ground_tracks(tmp_path, 7.0)
     assert len(tracks.frames) == 8
     np.testing.assert_allclose(tracks.boxes[0], (101, 49, 20, 60))
     # A meter a frame; the ends have no frames before or after.
@@ -71,46 +67,46 @@ def test_detections_on_people(part, tmp_path):
     np.testing.assert_allclose(tracks.velocities[3], (7.0, 0.0))
 
 
-def test_a_rendered_person_is_where_it_was_put(benchmark):
-    """4 m away: its near side is a thickness nearer, has its foot lower and its head higher."""
-    room = benchmark("world_room")
-    camera = CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480)
-    down = GroundPlane.from_angles(room.CAMERA_HEIGHT, room.CAMERA_PITCH).down
-    ahead = np.array([0.0, 0.0, 1.0]) - down[2] * down
-    ahead /= np.linalg.norm(ahead)
-    rays = room.horizontal_rays(camera)
-    depth = room.cylinder(rays, 4.0, 0.0, 1.75, 0.0)
-    mask = np.isfinite(depth)
-    x, y, width, height = room.box_around(mask)
-    places = [3.88 * ahead + (room.CAMERA_HEIGHT - up) * down for up in (0.0, 1.75)]
-    (middle, lower), (_, upper) = camera.project(places)
-    assert (y, y + height) == pytest.approx((upper, lower), abs=1.5)
-    assert x + width / 2 == pytest.approx(middle + 0.5, abs=1.0)
-    assert depth[mask].min() == pytest.approx(3.88, abs=0.15)
-    far = np.full(depth.shape, 8.0)
-    holed = room.corrupted(far, 0.3, np.random.default_rng(0))
+def test_a_room_shows_walkers_where_they_are_put():
+    """Ahead of the camera, 4 m away: 1.75 m are f * 1.75 / 4 pixels; then the first hides them."""
+    walkers = [world_room.Walker(world_room.standing(x, 0.0), (9, 9, 99), (9,) * 3) for x in (4, 3)]
+    one, other = (
+        next(world_room.Room(some, world_room.driving(0.0, 0.1, 0.0)).frames(1))
+        for some in (walkers[:1], walkers)
+    )
+    (x, _, width, height), (visible,) = one.boxes[0], one.visible
+    assert height == pytest.approx(460.0 * 1.75 / 4.0, rel=0.04)
+    assert x + width / 2 == pytest.approx(319.5, abs=4.0)
+    assert visible == 1.0
+    assert np.median(one.depth[110:130, 155:165]) == pytest.approx(4000, rel=0.02)
+    assert other.visible[0] < 0.2
+    assert other.visible[1] == 1.0
+
+
+def test_a_depth_image_is_spoiled():
+    far = np.full((480, 640), 8.0)
+    holed = corrupted(far, 0.3, np.random.default_rng(0))
     assert np.isnan(holed).mean() == pytest.approx(0.3, abs=0.03)
     known = np.isfinite(holed)
     assert np.std(holed[known] - far[known]) < 0.15
 
 
-def test_figures_by_hand(part):
-    figures, ground = part("errors"), part("ground_from_people")
-    errors = figures.Errors.of(
+def test_figures_by_hand():
+    errors = Errors.of(
         np.array([[3.0, 4.0], [0.0, 1.0]]), np.array([np.eye(2) * 5.0, np.eye(2)]), 10.0
     )
     np.testing.assert_allclose(errors.sizes, (0.5, 0.1))
     np.testing.assert_allclose(errors.nees, (5.0, 1.0))
     # The 90 % region of two dimensions ends at 4.61.
     assert errors.cells() == ["2", "0.30", "0.46", "1.50", "0.500"]
-    assert figures.auroc(np.array([0.1, 0.4, 0.4, 0.9]), np.array([0, 0, 1, 1], bool)) == "0.875"
-    assert figures.auroc(np.ones(2), np.zeros(2, bool)) == "-"
+    assert auroc(np.array([0.1, 0.4, 0.4, 0.9]), np.array([0, 0, 1, 1], bool)) == "0.875"
+    assert auroc(np.ones(2), np.zeros(2, bool)) == "-"
     points = np.random.default_rng(0).normal(size=(20, 2))
     turned = points @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + (3.0, 4.0)
-    np.testing.assert_allclose(ground.aligned(points, turned), turned, atol=1e-9)
+    np.testing.assert_allclose(aligned(points, turned), turned, atol=1e-9)
 
 
-def test_the_command_writes_its_tables(world, tmp_path, capsys):
+def test_the_command_writes_its_tables(tmp_path, capsys):
     (tmp_path / "0001.csv").write_text(KITTI)
     output = tmp_path / "world.md"
     arguments = ["--only", "kitti", "--kitti", str(tmp_path), "--output", str(output)]
@@ -120,7 +116,7 @@ def test_the_command_writes_its_tables(world, tmp_path, capsys):
     assert row.split("|")[2].strip() == "1"
 
 
-def test_frames_of_a_depth_camera(part, tmp_path):
+def test_frames_of_a_depth_camera(tmp_path):
     depth = np.full((480, 640), 3000, np.uint16)
     mask = np.zeros((480, 640), np.uint8)
     mask[100:400, 250:400] = 255
@@ -130,7 +126,7 @@ def test_frames_of_a_depth_camera(part, tmp_path):
         cv2.imwrite(str(tmp_path / f"{index}.jpg"), image)
         cv2.imwrite(str(tmp_path / f"{index}_depth.png"), depth)
         cv2.imwrite(str(tmp_path / f"{index}_mask.jpg"), mask)
-    rows = part("depth_camera").depth_table(tmp_path, lambda name, done: None).groups[0]
+    rows = depth_table(tmp_path, lambda name, done: None).groups[0]
     assert [row[1] for row in rows[:2]] == ["0.0", "0.0"]
 
 
@@ -141,16 +137,8 @@ def test_frames_of_a_depth_camera(part, tmp_path):
         (["--pets", "."], "needs --calibration"),
     ],
 )
-def test_missing_data_is_told(world, tmp_path, monkeypatch, capsys, arguments, message):  # noqa: PLR0917
+def test_missing_data_is_told(tmp_path, monkeypatch, capsys, arguments, message):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
         world.main(arguments)
     assert message in capsys.readouterr().err
-
-
-def test_a_file_that_is_no_calibration_is_told(part, tmp_path):
-    path = tmp_path / "view.xml"
-    for text in ("no xml", "<Camera/>", TSAI.format(kappa="much")):
-        path.write_text(text)
-        with pytest.raises(ValueError, match="no Tsai calibration"):
-            part("pets").read_tsai(path)

@@ -9,9 +9,10 @@ import pytest
 pytest.importorskip("rosbags", reason="bags are written with rosbags")
 pytest.importorskip("matplotlib", reason="the report needs it")
 
+from follow_parts.robot import Pose2D
 from rosbags.highlevel import AnyReader
 from world_recording import DEPTH_TOPIC, IMAGE_TOPIC, first_targets, stamp_at, write_room
-from world_room import Base, Room, Walker, circling, driving, standing
+from world_room import Room, Walker, circling, driving, standing
 
 from pf_tracker_ros.footage.bag_writing import BagWriter
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
@@ -23,7 +24,7 @@ from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import file_text
 from pf_tracker_ros.recordings.tracking import track_recording
 
-MOUNTING = ("--parameter", "camera.height=1.2", "--parameter", "camera.pitch=0.05")
+MOUNTING = ("--parameter", "camera.height=0.8", "--parameter", "camera.pitch=0.03")
 FRAMES = 12
 # Squared distance of the 99 % region of two dimensions.
 REGION_99 = -2.0 * math.log(0.01)
@@ -110,7 +111,7 @@ def test_without_a_sensor_the_others_remain(locate, room, arguments, method, lim
 def test_gravity_stands_for_the_angles_and_a_file_for_the_command_line(locate, room, tmp_path):
     file = tmp_path / "parameters.yaml"
     file.write_text(
-        "localizer:\n  ros__parameters:\n    camera: {height: 1.2}\n    method: ground\n"
+        "localizer:\n  ros__parameters:\n    camera: {height: 0.8}\n    method: ground\n"
     )
     rows, _ = locate("--params-file", file, mounting=())
     assert {row["method"] for row in rows} == {"ground"}
@@ -146,7 +147,7 @@ def test_the_bag_has_the_localizers_topics_and_the_report_a_view_from_above(loca
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (("--parameter", "camera.height=1.2"), "is for the localizer; add --world"),
+        (("--parameter", "camera.height=0.8"), "is for the localizer; add --world"),
         (("--world-topic", "depth="), "add --world"),
         (("--world", "--world-topic", "lidar=/scan"), "camera_info, depth, odom, imu"),
         (("--world", "--world-topic", "depth=/scan"), f"there are: {DEPTH_TOPIC}"),
@@ -214,8 +215,8 @@ def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path, m
         Walker(lambda time: (3.0, 0.9 - 1.5 * time), (170, 140, 60), (60, 60, 60), 1.8),
     )
     bag = tmp_path / "room.mcap"
-    frames = write_room(Room(walkers, lambda time: Base(0.0, 0.0, 0.0), rate=10.0), bag, 9)
-    parameters = build(LocalizerParameters, {"camera.height": 1.2, "camera.pitch": 0.05})
+    frames = write_room(Room(walkers, lambda time: Pose2D(0.0, 0.0, 0.0), rate=10.0), bag, 9)
+    parameters = build(LocalizerParameters, {"camera.height": 0.8, "camera.pitch": 0.03})
     positions = RecordedPositions(bag, IMAGE_TOPIC, {}, parameters)
     recording = open_recording(bag, bag_topic=IMAGE_TOPIC)
     targets = first_targets(frames[0], 1)
@@ -230,7 +231,8 @@ def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path, m
     monkeypatch.undo()
     shares = np.array([frame.located.hints[1].covered_share for frame in located])
     hidden = np.array([1.0 - frame.visible[0] for frame in frames])
-    assert shares == pytest.approx(hidden, abs=0.12)
+    # The share is that of boxes, which bodies do not fill.
+    assert shares == pytest.approx(hidden, abs=0.15)
     lowered = [
         one.targets[0].estimate.confidence < other.targets[0].estimate.confidence
         for one, other in zip(located, untold, strict=True)

@@ -8,6 +8,7 @@ import pytest
 pytest.importorskip("rosbags", reason="bags are written with rosbags")
 
 from diagnostic_msgs.msg import DiagnosticArray
+from follow_parts.rendering import CAMERA_HEIGHT, CAMERA_PITCH
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
@@ -19,7 +20,7 @@ from world_recording import (
     first_targets,
     write_room,
 )
-from world_room import CAMERA_HEIGHT, CAMERA_PITCH, Room, Walker, circling, driving
+from world_room import Room, Walker, circling, driving
 
 from pf_tracker_ros.footage.bags import read_topic
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
