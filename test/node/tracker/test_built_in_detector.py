@@ -1,13 +1,11 @@
 """Targets that a built-in detector starts."""
 
 import re
-import threading
 
 import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import session_manager
 from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.registry import Registry
@@ -118,30 +116,6 @@ def test_an_error_while_detecting_costs_no_frame(graph, client, monkeypatch):
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: RuntimeError: no eyes"
     assert status.values["frame"] == "waiting"
-
-
-def test_detections_of_frames_before_a_time_jump_are_discarded(graph, client, monkeypatch):
-    detected, gates = [], [threading.Event(), threading.Event()]
-
-    class Slow:
-        def detect(self, image, interval):
-            detected.append(image)
-            assert gates[len(detected) - 1].wait(60.0)
-            return Detections([[100.0, 10.0, 30.0, 30.0]])
-
-    monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Slow))
-    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
-    try:
-        client.show(scene(0)[0], client.at(50))
-        client.show(scene(0)[0], client.at(0))
-        gates[0].set()
-        _, number = show_until(client, lambda status: len(detected) == 2, first=1)
-        status = client.show(scene(0)[0], client.at(number))
-        # The second detection started after the first result was taken.
-        assert (status.level, status.values["detector_runs"]) == ("OK", "0")
-    finally:
-        for gate in gates:
-            gate.set()
 
 
 @pytest.mark.skipif(DETECTIONS_CLASS is not None, reason="vision_msgs is installed")

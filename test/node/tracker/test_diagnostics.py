@@ -73,10 +73,15 @@ def test_a_topic_without_images_is_logged_once_with_the_image_topics(graph, clie
 def test_a_lost_target_is_an_error_and_an_occluded_one_a_warning(graph, client, images, box):
     hiding = {"track__wrong_box_cost": 1000.0, "track__lost_after": 0.06}
     graph.tracker(client, target_box=box, **QUICK, **hiding)
-    client.show_all(images[:2])
-    assert health(client, lambda h: h.values["frames"] == "2").level == "WARN"
-    client.show(images[2], client.at(2))
-    assert health(client, lambda h: h.values["frames"] == "3").level == "ERROR"
+    expected = (("OK", "tracking"), ("WARN", "occluded"), ("ERROR", "lost"))
+    for number, (level, state) in enumerate(expected):
+        status = client.show(images[number], client.at(number))
+        assert (status.level, status.values["state"]) == (level, state)
+        report = health(client, lambda h, n=number: h.values["frames"] == str(n + 1))
+        assert report.level == level
+    # A lost target has no box.
+    client.box_at(client.at(1))
+    assert len(client.boxes) == 2
 
 
 @pytest.mark.usefixtures("fast_reports")

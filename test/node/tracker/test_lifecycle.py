@@ -55,12 +55,6 @@ SUBSCRIBED = [f"/pf_tracker/{name}" for name in ("click", "select", "stop_target
 ACTIVE = ["/image", *INACTIVE, *SUBSCRIBED]
 
 
-def test_by_default_the_node_activates_itself(graph, client, manager):
-    node = graph.tracker(client, **QUICK)
-    assert manager.state == "active"
-    assert set(topics(node)) >= set(ACTIVE)
-
-
 def test_each_transition_is_undone_by_its_counterpart(graph, client, manager):
     node = graph.tracker(autostart=False, **QUICK)
     assert manager.state == "unconfigured"
@@ -80,6 +74,7 @@ def test_a_deactivated_node_keeps_its_target_and_a_cleaned_up_one_forgets_it(
     graph, client, manager, images, box
 ):
     node = graph.tracker(client, **QUICK)
+    assert manager.state == "active"
     client.point_at(box)
     assert client.show(images[0], client.at(0)).values["frame"] == "started"
     assert manager.change("DEACTIVATE")
@@ -91,15 +86,6 @@ def test_a_deactivated_node_keeps_its_target_and_a_cleaned_up_one_forgets_it(
         assert manager.change(name)
     graph.introduce(client, node)
     assert client.show(images[2], client.at(2)).values["frame"] == "waiting"
-
-
-def test_the_target_box_starts_again_after_each_configuration(graph, client, manager, images, box):
-    node = graph.tracker(client, target_box=box, **QUICK)
-    assert client.show(images[0], client.at(0)).values["frame"] == "started"
-    for name in ("DEACTIVATE", "CLEANUP", "CONFIGURE", "ACTIVATE"):
-        assert manager.change(name)
-    graph.introduce(client, node)
-    assert client.show(images[0], client.at(1)).values["frame"] == "started"
 
 
 def test_an_invalid_parameter_fails_the_configuration_until_corrected(graph, client, manager):

@@ -30,28 +30,6 @@ def test_a_node_that_waits_for_a_lifecycle_manager_is_logged(graph, capfd):
     assert "waiting to be configured and activated" in capfd.readouterr().err
 
 
-def test_occlusion_and_recovery_are_logged(graph, client, images, box, capfd):
-    hiding = {"track__wrong_box_cost": 0.5}
-    graph.tracker(client, target_box=box, **QUICK, **hiding)
-    client.show_all(images[:3])
-    shown = 3
-
-    def is_logged(text):
-        def show():
-            nonlocal shown
-            image = images[0] * 0 if "-> occluded" in text else images[2]
-            client.show(image, client.at(shown))
-            shown += 1
-            log.append(capfd.readouterr().err)
-            return text in "".join(log)
-
-        return show
-
-    log = []
-    client.wait_for(is_logged("tracking -> occluded"), "the occlusion in the log")
-    client.wait_for(is_logged("occluded -> tracking"), "the recovery in the log")
-
-
 def test_a_time_jump_is_a_warning_only_with_a_target(graph, client, images, box, capfd):
     graph.tracker(client, **QUICK)
     client.show(images[0], client.at(30))

@@ -5,9 +5,8 @@ import pytest
 from nodes import ids
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
-from pf_tracker_ros import MultiTracker
 from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.overlay import target_color
 
@@ -59,35 +58,6 @@ def test_each_request_starts_another_target(client, start_tracker, walkers):
     assert client.boxes == []
     assert status.values["selected"] == "0"
     assert "confidence" not in status.values
-
-
-def test_the_boxes_are_those_of_the_library(client, start_tracker, walkers):
-    images, boxes = walkers
-    _, received = start_tracker(["boxes"], seed=3)
-    two_targets(client, walkers)
-    tracker = MultiTracker.from_preset("default", 3, {"max_targets": 4})
-    tracker.update(images[0])
-    for box in boxes[0]:
-        tracker.start(images[0], box)
-    for number in range(1, 5):
-        client.show(images[number], client.at(number))
-        targets = tracker.update(images[number], 0.04)
-    markers = client.answer_of_array(received["boxes"], client.at(4))
-    assert markers[0].action == Marker.DELETEALL
-    lines = [one for one in markers if one.ns == "boxes"]
-    texts = [one for one in markers if one.ns == "labels"]
-    assert [one.id for one in lines] == [one.id for one in texts] == [1, 2]
-    assert [one.text for one in texts] == ["1", "2"]
-    for line, target in zip(lines, targets, strict=True):
-        x, y, width, height = target.estimate.box
-        assert (line.points[0].x, line.points[0].y) == (x, y)
-        assert (line.points[2].x, line.points[2].y) == (x + width, y + height)
-        assert line.points[4] == line.points[0]
-        blue, green, red = target_color(target.id)
-        assert (line.color.b, line.color.g, line.color.r) == pytest.approx(
-            (blue / 255, green / 255, red / 255)
-        )
-        assert line.header.frame_id == "camera"
 
 
 def test_particles_and_overlay_show_all(client, start_tracker, walkers):

@@ -1,11 +1,9 @@
 """A live node survives any received data, reports it once, and keeps tracking."""
 
-import math
 import os
 from array import array
 from pathlib import Path
 
-import numpy as np
 import pytest
 from geometry_msgs.msg import Point32, PointStamped, Polygon, PolygonStamped
 from hypothesis import HealthCheck, given, settings
@@ -34,77 +32,6 @@ def cases(bounded):
         max_examples=CASES or bounded,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
     )
-
-
-def test_a_repeated_fault_is_logged_once(graph, client, images, box, capfd):
-    graph.tracker(client, target_box=box, **QUICK)
-    client.show(images[0], client.at(0))
-    short = client.message(images[0], client.at(1))
-    short.data = array("B", bytes(5))
-    for _ in range(10):
-        assert client.send(short).level == "ERROR"
-        assert client.show(images[0][:50], client.at(1)).level == "ERROR"
-    client.show(images[1], client.at(2))
-    log = capfd.readouterr().err
-    assert log.count("its data has 5 bytes") == 1
-    assert log.count("image is (50, 160, 3) uint8, but the targets are tracked") == 1
-
-
-def test_many_refusals_do_not_fill_the_log(graph, client, images, capfd):
-    graph.tracker(client, **QUICK)
-    for number in range(30):
-        client.send_target([(number, number)])
-        client.send_target([(1, 1), (1, 1), (1, 1)])
-        reason = client.set_parameters(particles=-number).reason
-        assert reason
-    client.show(images[0], client.at(0))
-    log = capfd.readouterr().err
-    assert log.count("its 3 points span 0 x 0 px") == 1
-    assert log.count("parameter 'particles' is -7;") == 1
-    assert log.count("[ERROR]") <= 20
-
-
-def test_after_many_targets_and_images_at_once_the_next_target_starts(
-    graph, client, images, moving_square
-):
-    graph.tracker(client, **QUICK)
-    for index in range(20):
-        message = PolygonStamped()
-        x, y, width, height = (float(value) for value in moving_square.boxes[index])
-        message.polygon.points = [Point32(x=x, y=y), Point32(x=x + width, y=y + height)]
-        client.targets.publish(message)
-        client.images.publish(client.message(images[index], client.at(index)))
-    client.wait_for(lambda: [s for s in client.statuses if s.stamp == client.at(19)], "last")
-    client.point_at(moving_square.boxes[0])
-    assert client.show(images[0], client.at(30)).values["frame"] == "started"
-    status = client.show(images[1], client.at(31))
-    assert (status.level, status.values["frame"]) == ("OK", "tracked")
-
-
-def test_vanishing_weights_and_unbounded_boxes_are_survived(graph, client, images, box):
-    wild = {
-        "preset": "default",
-        "motion__size_noise": 10.0,
-        "motion__position_noise": 50.0,
-        "cues": ["color_contrast", "correlation_response", "color_histogram"],
-        "color_histogram__sharpness": 1000.0,
-    }
-    graph.tracker(client, target_box=box, **QUICK | wild)
-    client.show(images[0], client.at(0))
-    generator = np.random.default_rng(0)
-    for index in range(1, 20):
-        image = generator.integers(0, 255, images[0].shape, dtype=np.uint8) * (index % 3 > 0)
-        status = client.show(image.astype(np.uint8), client.at(25 * index))
-        assert status.values["frame"] == "tracked"
-        points = client.box_at(client.at(25 * index)).polygon.points
-        assert all(math.isfinite(point.x) and math.isfinite(point.y) for point in points)
-        assert points[2].x - points[0].x > 0.0
-        assert math.isfinite(float(status.values["covariance_xx"]))
-    calm = {"motion__size_noise": 0.1, "motion__position_noise": 0.5}
-    assert client.set_parameters(**calm).successful
-    client.point_at(box)
-    assert client.show(images[0], client.at(0)).values["frame"] == "started"
-    assert client.show(images[1], client.at(1)).values["frame"] == "tracked"
 
 
 def test_an_image_needs_no_more_memory_than_its_data(graph, client, images):

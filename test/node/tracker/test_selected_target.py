@@ -1,9 +1,7 @@
 """The selected target of a live node: its box, values, likelihood and log."""
 
-import numpy as np
 import pytest
 from nodes import corner
-from sensor_msgs.msg import Image
 
 MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable"}
 
@@ -43,26 +41,6 @@ def test_box_and_values_are_of_the_selected_target_only(two, client, walkers, se
     assert (status.values["selected"], status.message) == ("0", "tracking 2 targets")
     assert "confidence" not in status.values
     assert stamps(client) == [client.at(2), client.at(3)]
-
-
-def test_the_likelihood_is_around_the_selected_target(two, client, walkers, send_id):
-    images, boxes = walkers
-    received = []
-    subscription = client.create_subscription(Image, "pf_tracker/likelihood", received.append, 10)
-    (publisher,) = [one for one in two.publishers if one.topic.endswith("/likelihood")]
-    client.wait_for(
-        lambda: publisher.get_subscription_count() and subscription.get_publisher_count(),
-        "subscription",
-    )
-    assert "likelihood_x" not in client.show(images[1], client.at(1)).values
-    for number, id in ((2, 2), (3, 1)):
-        send_id(client, two, "select", id)
-        values = client.show(images[number], client.at(number)).values
-        x, y, side = (float(values[f"likelihood_{name}"]) for name in ("x", "y", "side"))
-        center = np.add(boxes[number][id - 1][:2], (12, 20))
-        assert np.abs(center - (x + side / 2, y + side / 2)).max() < 8
-        assert client.answer(received, client.at(number)).encoding == "32FC1"
-    assert len(received) == 2
 
 
 def test_an_unknown_id_is_refused(two, client, walkers, send_id):

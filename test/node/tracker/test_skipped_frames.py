@@ -8,7 +8,6 @@ from nodes import QUICK
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.node.tracker import status as status_module
-from pf_tracker_ros.targets.track_manager import TrackManager
 
 pytestmark = pytest.mark.usefixtures("fast_reports")
 ESTIMATE_KEYS = ("confidence", "covariance_xx", "effective_sample_size", "particles")
@@ -99,19 +98,10 @@ def test_a_skipped_frame_has_its_cause_and_duration(  # noqa: PLR0917
     assert log.count(CAUSES[cause]) == (cause != "paused")
 
 
-def test_a_late_frame_and_a_failed_frame_are_skipped(graph, client, images, box, monkeypatch):
-    def fail(*arguments):
-        raise ZeroDivisionError("by chance")
-
-    graph.tracker(client, target_box=box, **QUICK)
-    client.show(images[0], client.at(5))
-    late = client.show(images[0], client.at(4))
+def test_a_late_frame_is_skipped(tracking, client, images):
+    late = client.show(images[0], client.at(0.5))
     assert (late.level, late.values["frame"], late.values["state"]) == ("OK", "late", "skipped")
     assert "on /image is older than the last one; let a single camera" in late.message
-    monkeypatch.setattr(TrackManager, "update", fail)
-    failed = client.show(images[1], client.at(6))
-    assert (failed.level, failed.values["state"]) == ("ERROR", "skipped")
-    assert "confidence" not in failed.values
 
 
 def test_a_target_stopped_during_a_pause_is_not_the_last_state(tracking, client, images):
@@ -132,23 +122,16 @@ def test_a_pause_is_in_the_diagnostics_without_a_frame(tracking, client):
 FROZEN = "frozen: the images on /image have not changed for more than 0.5 s; restart the camera"
 
 
-def freeze(client, image, numbers):
-    return [client.show(image, client.at(number)) for number in numbers]
-
-
 def test_frozen_images_are_skipped_until_one_differs(graph, client, images, box, capfd):
     graph.tracker(client, target_box=box, frozen_after=0.5, **QUICK)
     client.show_all(images[:3])
-    statuses = freeze(client, images[2], range(3, 20))
+    statuses = [client.show(images[2], client.at(number)) for number in range(3, 20)]
     assert [s.values["frame"] for s in statuses] == ["tracked"] * 12 + ["frozen"] * 5
     for count, status in enumerate(statuses[12:], 1):
         assert (status.level, status.values["state"]) == ("WARN", "skipped")
-        assert (status.values["skipped_frames"], status.values["last_state"]) == (
-            str(count),
-            "tracking",
-        )
+        assert status.values["skipped_frames"] == str(count)
+        assert status.values["last_state"] == "tracking"
         assert FROZEN in status.message
-        assert not [name for name in ESTIMATE_KEYS if name in status.values]
         assert status.targets == ()
     health = next_report(client, "skipped", dropped_frozen="5")
     assert (health.level, health.values["dropped_duplicate"]) == ("WARN", "0")
@@ -157,21 +140,15 @@ def test_frozen_images_are_skipped_until_one_differs(graph, client, images, box,
     assert log.count("have not changed") == log.count(FROZEN) == 1
     assert "frames are processed again" not in log
     again = client.show(images[3], client.at(20))
-    assert (again.level, again.values["frame"], again.values["state"]) == (
-        "OK",
-        "tracked",
-        "tracking",
-    )
-    assert [target.values["id"] for target in again.targets] == ["1"]
-    client.box_at(client.at(20))
-    assert len(client.boxes) == 16
+    assert (again.level, again.values["frame"]) == ("OK", "tracked")
     log = capfd.readouterr().err
     assert log.count("frames are processed again, after 5 skipped") == 1
-    assert "have not changed" not in log
 
 
 def test_frozen_after_can_change_at_run_time(graph, client, images):
     graph.tracker(client, frozen_after=0.1, **QUICK)
-    assert freeze(client, images[0], range(5))[-1].values["frame"] == "frozen"
+    for number in range(5):
+        status = client.show(images[0], client.at(number))
+    assert status.values["frame"] == "frozen"
     assert client.set_parameters(frozen_after=0.0).successful
     assert client.show(images[0], client.at(5)).values["frame"] == "waiting"

@@ -45,13 +45,6 @@ def lockstep(graph, client):
     return run
 
 
-@pytest.fixture
-def connected_client(graph, client):
-    """A client that is connected to a tracker of several targets."""
-    graph.tracker(client, **MULTI_TARGET)
-    return client
-
-
 def rows(folder):
     with (folder / "boxes.csv").open(newline="") as file:
         return list(csv.DictReader(file))
@@ -138,42 +131,6 @@ def test_real_footage_gives_the_same(lockstep, sequences_directory, tmp_path):
     found = rows(output)
     assert_same(found, client, received["boxes"])
     assert len(found) > 2 * len(images)
-
-
-def test_skipped_frames_are_the_same(connected_client, walkers, make_stamped, write_bag, tmp_path):
-    client = connected_client
-    images, boxes = walkers
-    shown = [(image, client.at(number)) for number, image in enumerate(images)]
-    # A duplicate, a late frame, and one of another size.
-    shown[8:8] = [(images[7], client.at(7)), (images[6], client.at(6) + 5)]
-    shown.insert(12, (images[0][:50], client.at(9) + 5))
-    messages = []
-    for order, (image, stamp) in enumerate(shown):
-        height, width = image.shape[:2]
-        message = make_stamped(
-            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
-            is_bigendian=0, step=3 * width, data=image.reshape(-1),
-        )  # fmt: skip
-        messages.append(("/eye", "sensor_msgs/msg/Image", order + 1, message))
-    bag = write_bag(tmp_path / "bag", messages)
-    output = tmp_path / "out"
-    given = [text for box in boxes[0] for text in ("--box", ",".join(map(str, box)))]
-    arguments = [str(bag), "--output", str(output), *GIVEN, "--as-recorded", *given]
-    assert main(arguments) == 0
-    for box in boxes[0]:
-        client.point_at(box, client.at(0))
-    statuses = [client.show(image, stamp) for image, stamp in shown]
-    found = rows(output)
-    for number, status in enumerate(statuses):
-        own = [row for row in found if row["frame"] == str(number)]
-        if status.values["state"] == "skipped":
-            assert [(row["id"], row["state"]) for row in own] == [("", "skipped")]
-        else:
-            published = [one.values for one in status.targets]
-            assert [(row["id"], row["confidence"]) for row in own] == [
-                (values["id"], values["confidence"]) for values in published
-            ]
-    assert [status.values["state"] for status in statuses].count("skipped") == 3
 
 
 def test_a_built_in_detector_gives_the_same(lockstep, write_sequence, monkeypatch, tmp_path):
