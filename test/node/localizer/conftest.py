@@ -240,3 +240,19 @@ def scene(graph):
     scene = Scene(graph)
     yield scene
     scene.close()
+
+
+@pytest.fixture
+def start(scene, make_localizer):
+    """A function that starts a localizer with sensors (type, topic), without predictions."""
+
+    def start_one(*sensors, calibrated=True, **parameters):
+        for message_type, topic in sensors:
+            scene.add_sensor(message_type, topic)
+        localizer = make_localizer(**{"camera__height": 1.5, "coast": 0.0, **parameters})
+        scene.meet(localizer)
+        if calibrated:
+            scene.calibrate()
+        return localizer
+
+    return start_one
