@@ -140,6 +140,14 @@ def stand_in(graph, services_of):
 
 
 @pytest.fixture
+def tracker(stand_in):
+    """A `StandIn` that listens to raw images."""
+    node = stand_in()
+    node.listen()
+    return node
+
+
+@pytest.fixture
 def replay(graph):
     """Start the replay publisher in a thread with its own context; returns the node."""
 

@@ -9,19 +9,14 @@ import pytest
 from pf_tracker_ros.footage import write_footage
 from pf_tracker_ros.footage.opening import open_footage
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.tracking.estimate import DESCRIPTIONS
 
 DEADLINE = 240.0
-# Values that depend on time, not on the recording.
-TIMES = {"processing_time_ms", "seconds_since_error"}
 # Lockstep waits for the status, not for the test's client. Deep queues let DDS repeat messages that
 # the client has lost.
 KEPT = {
     f"qos_overrides./pf_tracker/{topic}.publisher.depth": 1000
     for topic in ("status", "box", "particles", "overlay")
 }
-# Of diagnostic_msgs/DiagnosticStatus, by their numbers.
-LEVELS = ("OK", "WARN", "ERROR")
 REAL = ("otb_bolt", "tir_birds", "otb_jogging_1", "pets_t15", "ir_drone_074")
 
 
@@ -164,55 +159,6 @@ def test_compressed_and_broken_images_of_a_bag_are_treated_as_by_the_node(
     for row in found:
         if row["x"]:
             assert corners_of(row) == corners(boxes[int(row["stamp"])])
-
-
-def test_the_bag_contains_the_messages_that_the_node_publishes(
-    lockstep, tmp_path, moving_square_sequence, typestore, assert_equal_fields
-):
-    from rosbags.rosbag2 import Reader
-
-    output = tmp_path / "tracked"
-    arguments = [str(moving_square_sequence), "--output", str(output), "--bag"]
-    assert main([*arguments, "--preset", "li2007"]) == 0
-    client = lockstep(
-        source=moving_square_sequence, target_from_ground_truth=True, tracker={"preset": "li2007"}
-    )
-    for messages in (client.boxes, client.particles, client.overlays, client.statuses):
-        client.wait_for(lambda messages=messages: len(messages) >= 20, "all messages")
-    found = {}
-    with Reader(output / "topics.mcap") as reader:
-        for connection, log_time, data in reader.messages():
-            message = typestore.deserialize_cdr(data, connection.msgtype)
-            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-            assert log_time == stamp
-            assert message.header.frame_id == "camera"
-            found.setdefault(connection.topic, {})[stamp] = message
-    assert set(found) == {
-        f"/pf_tracker/{name}" for name in ("box", "status", "particles", "overlay")
-    }
-    for topic, messages in (
-        ("/pf_tracker/box", client.boxes),
-        ("/pf_tracker/particles", client.particles),
-        ("/pf_tracker/overlay", client.overlays),
-    ):
-        published = by_stamp(messages)
-        assert found[topic].keys() == published.keys()
-        for stamp, message in published.items():
-            assert_equal_fields(found[topic][stamp], message)
-    statuses = values_by_stamp(client)
-    assert found["/pf_tracker/status"].keys() == statuses.keys()
-    for stamp, status in statuses.items():
-        # One status of the node, and one of each target.
-        recorded = found["/pf_tracker/status"][stamp].status
-        names = ["/pf_tracker", "/pf_tracker: target 1"]
-        assert [one.name for one in recorded] == names
-        for one, other in zip(recorded, (status, *status.targets), strict=True):
-            values = {pair.key: pair.value for pair in one.values}
-            assert one.name == other.name
-            assert LEVELS[one.level] == other.level
-            assert one.message == other.message == DESCRIPTIONS[values["state"]]
-            assert values.keys() == other.values.keys()
-            assert {key for key in values if values[key] != other.values[key]} <= TIMES
 
 
 @pytest.mark.slow
