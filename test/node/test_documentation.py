@@ -5,8 +5,6 @@ from pathlib import Path
 
 from pf_tracker_ros.decoding.image_decoding import ENCODINGS
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
-from pf_tracker_ros.node_parameters import NodeParameters
-from pf_tracker_ros.parameters import declarations
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NODE = (REPOSITORY / "docs" / "node.md").read_text()
@@ -49,10 +47,3 @@ def test_the_table_of_encodings_is_complete():
     named = set(re.findall(r"`([\w]+)`", table))
     assert set(ENCODINGS) - named == {"bayer_bggr16", "bayer_gbrg16", "bayer_grbg16"}
     assert named <= set(ENCODINGS)
-
-
-def test_documented_parameters_exist():
-    known = set(declarations(NodeParameters))
-    for name in ("time_jump", "frame_buffer_length", "autostart", "image_timeout", "click_size"):
-        assert name in known
-        assert f"`{name}`" in NODE

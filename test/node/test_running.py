@@ -154,10 +154,17 @@ run(create, [])
 """
 
 
+STARTED = "import sys; from pf_tracker_ros.node.running import run; run(None, sys.argv)"
+
+
+def run(script, *arguments):
+    """The ended process of a script."""
+    command = [sys.executable, "-c", script, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
 def output_of(script):
-    result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
+    result = run(script)
     assert result.returncode == 0, result.stderr
     # Fast DDS also reports there what killed processes left in shared memory.
     lines = result.stdout.splitlines(keepends=True)
@@ -181,9 +188,7 @@ def test_a_signal_while_python_ends_changes_no_exit_code(ros_domain):
 
 
 def test_an_error_of_ros_at_start_up_ends_the_process_with_the_reason(ros_domain):
-    result = subprocess.run(
-        [sys.executable, "-c", REFUSED], capture_output=True, text=True, timeout=60, check=False
-    )
+    result = run(REFUSED)
     assert result.returncode == 1
     assert result.stderr == "the node cannot start: without security libraries\n"
 
@@ -241,13 +246,7 @@ def test_an_error_while_spinning_is_raised(hooked_node):
     ],
 )
 def test_invalid_ros_arguments_end_the_process_with_their_syntax(arguments, reason):
-    command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
-    done = subprocess.run(
-        [sys.executable, "-c", "; ".join(command), "--ros-args", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run(STARTED, "--ros-args", *arguments)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert last.startswith(reason)
@@ -256,10 +255,7 @@ def test_invalid_ros_arguments_end_the_process_with_their_syntax(arguments, reas
 
 def test_another_error_of_ros_is_not_one_of_the_arguments(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
-    command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
-    done = subprocess.run(
-        [sys.executable, "-c", "; ".join(command)], capture_output=True, text=True, check=False
-    )
+    done = run(STARTED)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert last.startswith("ROS cannot start: ")
