@@ -1,5 +1,7 @@
 """What several tests of the tracker's node need: quick parameters, parts of its messages."""
 
+import numpy as np
+
 # Parameters, where the tracker does not matter.
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 # With a box in each frame.
@@ -14,3 +16,12 @@ def ids(status):
 def corner(message):
     """The upper left corner of a published box."""
     return message.polygon.points[0].x, message.polygon.points[0].y
+
+
+def moving_block(number):
+    """(150, 200, 3) uint8: a block that moves over a still ground."""
+    noise = np.random.default_rng(0).integers(172, 188, (150, 200, 1))
+    image = np.repeat(noise, 3, axis=2).astype(np.uint8)
+    left = 10 + number % 140
+    image[60:101, left : left + 26] = (20, 20, 60)
+    return image

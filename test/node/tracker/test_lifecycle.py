@@ -113,18 +113,6 @@ def test_parameters_set_in_any_state_take_effect(graph, client, manager, images,
     assert status.values["preset"] == "zhang2015, 1 value changed"
 
 
-def test_an_invalid_transition_is_refused(graph, client, manager, images):
-    node = graph.tracker(autostart=False, **QUICK)
-    for name in ("ACTIVATE", "DEACTIVATE", "CLEANUP"):
-        assert not manager.change(name)
-    assert manager.state == "unconfigured"
-    assert manager.change("CONFIGURE")
-    assert not manager.change("CONFIGURE")
-    assert manager.change("ACTIVATE")
-    graph.introduce(client, node)
-    assert client.show(images[0], client.at(0)).level == "OK"
-
-
 @pytest.mark.parametrize("state", ["UNCONFIGURED", "ACTIVE"])
 def test_a_shutdown_releases_everything(graph, client, manager, state):
     node = graph.tracker(autostart=False, **QUICK)

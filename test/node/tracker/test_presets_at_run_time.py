@@ -3,7 +3,7 @@
 import itertools
 
 import pytest
-from nodes import corner
+from nodes import corner, ids
 from rclpy.parameter import Parameter
 
 from pf_tracker_ros.tracking.presets import SELF_CONTAINED, preset_parameters
@@ -117,3 +117,30 @@ def test_a_refused_request_changes_nothing_and_has_its_reason(graph, client, ima
         names = {name.replace("__", "."): value for name, value in request.items()}
         assert reason in set_one_request(client, names)[-1].reason
         assert client.set_parameters(preset="default").successful
+
+
+def test_another_number_of_targets_keeps_the_target_and_its_selection(graph, client, walkers):
+    images, boxes = walkers
+    graph.tracker(client, target_box=list(boxes[0][0]), **RELIABLE)
+    client.show(images[0], client.at(0))
+    assert client.set_parameters(max_targets=3).successful
+    assert client.tunables() == preset_parameters("default", 3)
+    client.point_at(boxes[1][1])
+    status = client.show(images[1], client.at(1))
+    assert (status.values["frame"], ids(status)) == ("started", [1, 2])
+    assert (status.values["selected"], status.values["preset"]) == ("1", "default")
+    client.box_at(client.at(1))
+
+
+def test_values_set_with_another_number_of_targets_are_kept(graph, client, capfd):
+    graph.tracker(client, **RELIABLE)
+    given = {"particles": 31, "detector.labels": ["dog"], "max_targets": 4}
+    assert all(result.successful for result in set_one_request(client, given))
+    expected = preset_parameters("default", 4) | {"particles": 31, "detector.labels": ("dog",)}
+    assert client.tunables() == expected
+    assert "preset default, 2 values changed: particles 31 instead of 100" in capfd.readouterr().err
+    assert client.set_parameters(max_targets=2).successful
+    assert client.tunables() == expected | {"max_targets": 2}
+    # The parameters that describe the detector are not reset.
+    assert client.set_parameters(max_targets=1).successful
+    assert client.tunables() == preset_parameters("default") | {"detector.labels": ("dog",)}

@@ -26,21 +26,13 @@ CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
 DECLARATIONS = declarations(NodeParameters) | declarations(TrackerParameters)
 
 
-def cases(bounded):
-    """Settings of a property test with a live node."""
-    return settings(
-        max_examples=CASES or bounded,
-        suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
-    )
-
-
 def test_an_image_needs_no_more_memory_than_its_data(graph, client, images):
     graph.tracker(client, **QUICK)
     before = _peak_bytes()
     for encoding in ENCODINGS:
-        for sides in ((32_000, 32_000), (2**31, 2**31), (32_000, 2)):
-            message = Image(width=sides[0], height=sides[1], encoding=encoding)
-            message.step, message.data = min(8 * sides[0], 2**32 - 1), array("B", bytes(1000))
+        for width, height in ((32_000, 32_000), (2**31, 2**31), (32_000, 2)):
+            message = Image(width=width, height=height, encoding=encoding)
+            message.step, message.data = min(8 * width, 2**32 - 1), array("B", bytes(1000))
             message.header.stamp.sec = 1
             assert client.send(message).values["frame"] == "refused"
     assert _peak_bytes() - before < 30_000_000
@@ -206,7 +198,10 @@ def test_after_any_messages_in_any_order_the_next_target_is_tracked(
     graph.tracker(client, max_targets=most, **QUICK)
     sender = Sender(client, images)
 
-    @cases(40)
+    @settings(
+        max_examples=CASES or 40,
+        suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    )
     @given(st.lists(EVENTS, max_size=12))
     def check(events):
         for event in events:
@@ -221,33 +216,5 @@ def test_after_any_messages_in_any_order_the_next_target_is_tracked(
         client.point_at(box)
         assert client.show(images[0], client.at(0)).values["frame"] == "started"
         assert client.show(images[1], client.at(1)).values["frame"] in ("tracked", "duplicate")
-
-    check()
-
-
-@pytest.mark.slow
-def test_any_parameter_values_keep_the_target(graph, client, images, box):
-    graph.tracker(client, target_box=box, **QUICK)
-    sender = Sender(client, images)
-    client.show(images[0], client.at(0))
-    names = st.sampled_from(NAMES)
-    invalid_items = names.flatmap(lambda name: st.tuples(st.just(name), ANY_VALUE))
-    valid_items = names.flatmap(lambda name: st.tuples(st.just(name), valid(DECLARATIONS[name])))
-
-    @cases(40)
-    @given(
-        st.lists(
-            invalid_items | valid_items, min_size=1, max_size=3, unique_by=lambda item: item[0]
-        )
-    )
-    def check(values):
-        result = sender.set(values).result
-        assert result.successful or result.reason
-        client.statuses.clear()
-        client.boxes.clear()
-        status = client.show(images[1], 0)
-        assert status.values["frame"] in ("tracked", "started")
-        assert sender.set([*calm(), ("target_box", box)]).result.successful
-        assert client.show(images[0], 0).values["frame"] == "started"
 
     check()

@@ -18,6 +18,20 @@ def test_a_restarted_bag_follows_the_policy(graph, client, images, box):
     )
 
 
+def test_a_time_jump_is_a_warning_only_with_a_target(graph, client, images, box, capfd):
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(30))
+    client.show(images[0], client.at(0))
+    assert "time went back by 1.200 s\n" in capfd.readouterr().err
+    client.point_at(box)
+    client.show(images[0], client.at(1))
+    client.show(images[0], client.at(31))
+    client.show(images[0], client.at(1))
+    assert (
+        "time went back by 1.200 s; 'time_jump' is 'keep'; use 'restart'" in capfd.readouterr().err
+    )
+
+
 def test_the_threshold_of_a_jump_can_change_at_run_time(graph, client, images, box):
     graph.tracker(client, target_box=box, time_jump="wait", **QUICK)
     client.show(images[0], client.at(20))

@@ -4,10 +4,10 @@ import csv
 
 import numpy as np
 import pytest
+from nodes import moving_block
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 
@@ -119,20 +119,6 @@ def test_manual_targets_and_the_bag_equal_those_of_the_node(
             assert {key for key in values if values[key] != published.values[key]} <= TIMES
 
 
-@pytest.mark.slow
-def test_real_footage_gives_the_same(lockstep, sequences_directory, tmp_path):
-    source = sequences_directory / "video" / "TUD-Stadtmitte.mp4"
-    boxes = [(340.5, 79.5, 87.5, 244.0), (570.25, 80.75, 68.0, 203.5), (181.0, 89.0, 76.0, 246.0)]
-    given = [text for box in boxes for text in ("--box", ",".join(map(str, box)))]
-    output = tmp_path / "out"
-    assert main([str(source), "--output", str(output), *GIVEN, *given]) == 0
-    images = [frame.image for frame in open_recording(source).frames()]
-    client, received = lockstep(output, images, [(box, 0) for box in boxes])
-    found = rows(output)
-    assert_same(found, client, received["boxes"])
-    assert len(found) > 2 * len(images)
-
-
 def test_a_built_in_detector_gives_the_same(lockstep, write_sequence, monkeypatch, tmp_path):
     images = [moving_block(number) for number in range(50)]
     source = write_sequence("block", images, np.zeros((50, 4))) / "img"
@@ -147,11 +133,3 @@ def test_a_built_in_detector_gives_the_same(lockstep, write_sequence, monkeypatc
     )
     assert_same(rows(output), client, received["boxes"])
     assert any(row["id"] for row in rows(output))
-
-
-def moving_block(number):
-    """A block that moves over a still ground."""
-    noise = np.random.default_rng(0).integers(172, 188, (150, 200, 1))
-    image = np.repeat(noise, 3, axis=2).astype(np.uint8)
-    image[60:100, 10 + 2 * number : 35 + 2 * number] = (20, 20, 60)
-    return image
