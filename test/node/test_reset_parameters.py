@@ -185,7 +185,7 @@ def test_an_unknown_parameter_is_refused_with_a_hint(bind, kind):
 def test_an_unknown_parameter_at_start_up_has_no_effect(bind):
     bound = bind({"horn": 1, "cars": 1})
     assert bound.reports == [
-        f"no parameter 'horn' (there are: {', '.join(sorted(DEFAULTS))}); it has no effect",
+        f"no parameter 'horn' (there are: {', '.join(sorted(DEFAULTS))}); it has no effect"
     ]
     assert not bound.binding.refused
     assert bound.is_as(DEFAULTS | {"cars": 1})

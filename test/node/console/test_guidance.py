@@ -5,12 +5,7 @@ import pytest
 import yaml
 from rclpy.parameter import Parameter
 
-LAYERS = {
-    "box": "#box",
-    "particles": "#particles",
-    "ellipse": "#covariance",
-    "trail": "#trail",
-}
+LAYERS = {"box": "#box", "particles": "#particles", "ellipse": "#covariance", "trail": "#trail"}
 WATCH_SHIFTS = """() => { window.shifted = []; new PerformanceObserver(list => {
   for (const entry of list.getEntries())
     for (const { node } of entry.sources) window.shifted.push(node.id || node.nodeName);

@@ -59,7 +59,7 @@ def click_at(page, index, count=20):
     page.mouse.click(x, area["y"] + area["height"] / 2)
 
 
-def test_a_step_back_shows_the_frame_as_it_was_without_tracking_it_again(player, requests):
+def test_earlier_frames_are_shown_as_they_were_without_tracking_them_again(player, requests):
     for index in (18, 17, 16):
         player.keyboard.press("ArrowLeft")
         at_frame(player, index)
@@ -71,23 +71,15 @@ def test_a_step_back_shows_the_frame_as_it_was_without_tracking_it_again(player,
     player.keyboard.press("Escape")
     at_frame(player, 19)
     assert player.locator("#past").is_hidden()
-    assert requests() == []
-
-
-def test_a_click_on_the_timeline_shows_that_moment(player, requests):
+    # By a click on the timeline.
     click_at(player, 5)
     at_frame(player, 5)
     assert player.box == player.boxes[5]
-    player.wait_until(
-        lambda: player.locator("#timeline").get_attribute("aria-valuenow") == "5", "its position"
-    )
+    timeline = player.locator("#timeline")
+    player.wait_until(lambda: timeline.get_attribute("aria-valuenow") == "5", "its position")
     player.locator("#now").click()
     at_frame(player, 19)
-    assert requests() == []
-
-
-def test_keys_on_the_timeline_move_through_the_moments(player, requests):
-    timeline = player.locator("#timeline")
+    # By its keys.
     timeline.focus()
     for key, index in (("ArrowLeft", 18), ("Home", 0), ("ArrowRight", 1), ("End", 19)):
         timeline.press(key)
@@ -97,9 +89,7 @@ def test_keys_on_the_timeline_move_through_the_moments(player, requests):
     player.keyboard.press("Escape")
     at_frame(player, 19)
     assert requests() == []
-
-
-def test_a_new_page_knows_the_time_of_its_first_frame(player):
+    # A new page knows the time of its first frame.
     player.reload()
     at_frame(player, 19)
     ticks = player.locator("#ticks span")

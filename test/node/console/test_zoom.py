@@ -36,22 +36,14 @@ def test_the_wheel_zooms_around_the_pointer(shown):
     # The page itself does not scroll.
     assert shown.evaluate("() => scrollY") == 0
     assert shown.text("zoom-fit") == "3.3 x"
-
-
-def test_the_zoomed_picture_always_fills_the_stage(shown):
-    wheel_at(shown, (5, 5), 3)
-    x, y = shown.to_screen(20, 20)
-    shown.mouse.move(x, y)
+    # Moved beyond a corner, it still fills the stage.
     shown.mouse.down(button="middle")
     shown.mouse.move(x + 3000, y + 3000, steps=3)
     shown.mouse.up(button="middle")
     view, stage = (shown.locator(f"#{name}").bounding_box() for name in ("view", "stage"))
     assert (view["x"], view["y"]) == pytest.approx((stage["x"], stage["y"]), abs=0.5)
-    # Out again from a corner, nothing beside the picture is shown.
-    wheel_at(shown, (5, 5), -2)
     shown.keyboard.press("0")
-    view, stage = (shown.locator(f"#{name}").bounding_box() for name in ("view", "stage"))
-    assert view == pytest.approx(stage, abs=0.5)
+    assert shown.locator("#view").bounding_box() == pytest.approx(stage, abs=0.5)
 
 
 def test_a_box_drawn_on_the_zoomed_picture_is_right_to_the_pixel(shown, client, sent):
@@ -95,13 +87,6 @@ def test_a_double_click_fits_the_picture_and_starts_nothing(shown, client, sent)
     shown.mouse.click(*shown.to_screen(30, 20))
     (click,) = client.wait_for(lambda: sent, "click")
     assert (click.point.x, click.point.y) == pytest.approx((30, 20), abs=0.5)
-
-
-def test_a_click_on_the_zoomed_picture_starts_a_target_there(shown, client, sent):
-    wheel_at(shown, (60, 50), 3)
-    shown.mouse.click(*shown.to_screen(62, 51))
-    (click,) = client.wait_for(lambda: sent, "click")
-    assert (click.point.x, click.point.y) == pytest.approx((62, 51), abs=0.3)
 
 
 def test_buttons_and_keys_zoom_around_the_middle_and_arrow_keys_move(shown):

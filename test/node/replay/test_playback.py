@@ -48,10 +48,7 @@ def timed(clock):
     return playback
 
 
-@given(
-    st.lists(st.integers(0, 30), min_size=1, max_size=4),
-    st.floats(0.5, 10.0),
-)
+@given(st.lists(st.integers(0, 30), min_size=1, max_size=4), st.floats(0.5, 10.0))
 def test_every_item_is_due_at_its_time(clock, gaps, rate):
     times = [5 * MILLISECOND]
     for gap in gaps:

@@ -12,12 +12,7 @@ from pf_tracker_ros.recordings.__main__ import main
 from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 
 # The default maximum of `track`.
-MULTI_TARGET = {
-    "max_targets": 32,
-    "image_reliability": "reliable",
-    "seed": 3,
-    "preset": "li2007",
-}
+MULTI_TARGET = {"max_targets": 32, "image_reliability": "reliable", "seed": 3, "preset": "li2007"}
 GIVEN = ("--seed", "3", "--preset", "li2007")
 # Values that differ between runs.
 TIMES = {"processing_time_ms"}
