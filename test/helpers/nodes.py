@@ -1,6 +1,12 @@
 """What several tests of the tracker's node need: quick parameters, parts of its messages."""
 
+import time
+
 import numpy as np
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+DEADLINE = 60.0
 
 # Parameters, where the tracker does not matter.
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
@@ -25,3 +31,32 @@ def moving_block(number):
     left = 10 + number % 140
     image[60:101, left : left + 26] = (20, 20, 60)
     return image
+
+
+def stamp_of(header):
+    return header.stamp.sec * 10**9 + header.stamp.nanosec
+
+
+def set_stamp(header, stamp):
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
+
+
+class SpunNode(Node):
+    """A node that the test spins while it waits."""
+
+    def __init__(self, name, context, **options):
+        super().__init__(name, context=context, **options)
+        self.spinner = SingleThreadedExecutor(context=context)
+        self.spinner.add_node(self)
+
+    def wait_for(self, condition, what="", deadline=DEADLINE):
+        """Spin until `condition()` is true and return it; fail after the deadline."""
+        end = time.monotonic() + deadline
+        while not (result := condition()):
+            assert time.monotonic() < end, f"no {what} within {deadline} s"
+            self.spinner.spin_once(timeout_sec=0.02)
+        return result
+
+    def close(self):
+        self.spinner.shutdown()
+        self.destroy_node()

@@ -158,14 +158,6 @@ def test_the_console_has_the_priority_without_the_profile_if_permitted(graph, mo
     assert ("priority 4 is not permitted" in log) == (requested and not is_permitted())
 
 
-@pytest.mark.slow
-def test_a_tracker_has_no_priority_by_default(graph, client):
-    process = graph.process()
-    values = client.wait_for(lambda: client.health, "diagnostics")[-1].values
-    normal = {(os.SCHED_OTHER, 0)}
-    assert (values["realtime_priority"], policies(process)) == ("0", (normal, normal))
-
-
 def test_a_node_without_its_own_process_sets_no_priority(graph, client):
     before = os.sched_getscheduler(0)
     graph.tracker(client)

@@ -1,7 +1,6 @@
 """A live localizer, and a scene whose boxes, depth and odometry are worked out by hand."""
 
 import math
-import time
 from array import array
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -11,8 +10,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from nodes import SpunNode, set_stamp, stamp_of
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
@@ -23,15 +21,6 @@ CX, CY = 319.5, 239.5
 CAMERA_HEIGHT, TARGET_HEIGHT, TARGET_WIDTH = 1.5, 1.75, 0.5
 FRAME, START = 40_000_000, 1_700_000_000_000_000_000
 OPTICAL = "camera_optical_frame"
-DEADLINE = 30.0
-
-
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def set_stamp(header, stamp):
-    header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
 
 
 def box_at(forward, left):
@@ -118,7 +107,7 @@ def given():
         gray=lambda stamp, image: depth_message(stamp, image, "mono8"),
         odometry=odometry_message,
         imu=imu_message,
-        stamp_of=stamp_of,
+        stamp_of=lambda message: stamp_of(message.header),
     )
 
 
@@ -137,17 +126,15 @@ def parsed(message):
     own = message.status[0]
     values = [{item.key: item.value for item in one.values} for one in message.status]
     by_id = {int(one["id"]): one for one in values[1:]}
-    return Status(stamp_of(message), own.message, own.level, values[0], by_id)
+    return Status(stamp_of(message.header), own.message, own.level, values[0], by_id)
 
 
-class Scene(Node):
+class Scene(SpunNode):
     """Publishes what a tracker and sensors would, and stores what the localizer publishes."""
 
     def __init__(self, graph):
-        super().__init__("scene", context=(context := graph.context()))
+        super().__init__("scene", graph.context())
         self._graph = graph
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self)
         self.statuses, self.poses, self.health = [], [], []
         self._tracker = self.create_publisher(DiagnosticArray, "pf_tracker/status", 10)
         self._senders = {}
@@ -165,13 +152,6 @@ class Scene(Node):
         """Wait until all endpoints of both are connected."""
         self._graph.introduce(self, localizer)
         self._inputs = localizer._inputs
-
-    def wait_for(self, condition, what):
-        end = time.monotonic() + DEADLINE
-        while not (result := condition()):
-            assert time.monotonic() < end, f"no {what}"
-            self._executor.spin_once(timeout_sec=0.02)
-        return result
 
     def send(self, topic, message):
         """Publish a sensor's message, and wait until the localizer has it."""
@@ -210,10 +190,6 @@ class Scene(Node):
             target = given.target(box=given.box_at(*where(index)))
             statuses.append(self.show(START + index * FRAME, [target], **options))
         return statuses
-
-    def close(self):
-        self._executor.shutdown()
-        self.destroy_node()
 
 
 @pytest.fixture

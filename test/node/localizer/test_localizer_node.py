@@ -203,25 +203,6 @@ def test_depth_of_the_image_is_used_and_other_depth_is_not(scene, start, given):
     assert "depth_offset" not in far.values
 
 
-def test_the_covered_share_of_a_box_is_told_also_of_an_occluded_target(scene, start, given):
-    start((Image, "depth"))
-    box = given.box_at(6.0, 0.0)
-    x, y, width, height = (int(value) for value in box)
-    depth = np.full((given.height, given.width), 9.0, np.float32)
-    depth[y : y + height + 1, x : x + width + 1] = 6.0
-    shares = []
-    for index, state in enumerate(["tracking", "tracking", "tracking", "occluded"]):
-        if index == 2:
-            # Somebody 3 m away covers the upper three quarters of the box.
-            depth[: y + 3 * height // 4] = 3.0
-        stamp = given.start + index * given.frame
-        scene.send("depth", given.depth(stamp, depth))
-        status = scene.show(stamp, [given.target(box=box, state=state)], state=state)
-        shares.append(float(status.targets[1]["covered_share"]))
-    assert shares == pytest.approx([0.0, 0.0, 0.75, 0.75], abs=0.03)
-    assert status.values["tracker_status"] == "/pf_tracker/status"
-
-
 def test_depth_that_is_compressed_is_used(scene, start, given):
     start(
         (CompressedImage, "depth/compressedDepth"),

@@ -1,6 +1,5 @@
 """The replay publisher, and a test node that replaces the tracker."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +8,8 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
+from nodes import SpunNode
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -21,11 +19,10 @@ from std_srvs.srv import SetBool
 
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 
-DEADLINE = 60.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 
 
-class StandIn(Node):
+class StandIn(SpunNode):
     """Replaces the tracker: answers each frame with a status, and records all messages.
 
     Attributes:
@@ -34,7 +31,7 @@ class StandIn(Node):
     """
 
     def __init__(self, services_of, context, image_type=Image):
-        super().__init__("pf_tracker", context=context)
+        super().__init__("pf_tracker", context)
         self.replay_services = services_of(self, "/replay", self.spin_until)
         self.events = []
         self.ignored = {}
@@ -47,8 +44,6 @@ class StandIn(Node):
         ):
             self.create_subscription(message_type, topic, self.note(kind), EVERYTHING, raw=True)
         self.image_type = image_type
-        self.spinner = SingleThreadedExecutor(context=context)
-        self.spinner.add_node(self)
 
     def listen(self):
         topic = "image" if self.image_type is Image else "image/compressed"
@@ -87,12 +82,7 @@ class StandIn(Node):
         return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
 
     def spin_until(self, condition, what=""):
-        deadline = time.monotonic() + DEADLINE
-        while not (result := condition()):
-            assert time.monotonic() < deadline, (what, [kind for kind, _ in self.events])
-            self.spinner.spin_once(timeout_sec=0.02)
-            self.send_pending()
-        return result
+        return self.wait_for(lambda: self.send_pending() or condition(), what)
 
     def spin_until_ended(self, replay_node):
         """Spin until the replay has ended and its messages have arrived."""
@@ -119,10 +109,6 @@ class StandIn(Node):
         """Set a parameter of the replay; returns the future of the response."""
         parameters = [Parameter(name, value=value).to_parameter_msg()]
         return self.replay_services.ask(SetParameters, "set_parameters", parameters=parameters)
-
-    def close(self):
-        self.spinner.shutdown()
-        self.destroy_node()
 
 
 @pytest.fixture

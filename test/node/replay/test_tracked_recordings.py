@@ -1,6 +1,7 @@
 """`track` gives the same bits as the node for a replay in lockstep."""
 
 import csv
+import os
 
 import cv2
 import numpy as np
@@ -17,6 +18,8 @@ KEPT = {
     f"qos_overrides./pf_tracker/{topic}.publisher.depth": 1000
     for topic in ("status", "box", "particles", "overlay")
 }
+# Set PF_TRACKER_RUNS for more runs of one bag.
+RUNS = int(os.environ.get("PF_TRACKER_RUNS", "1"))
 REAL = ("otb_bolt", "tir_birds", "otb_jogging_1", "pets_t15", "ir_drone_074")
 
 
@@ -106,7 +109,7 @@ def source(moving_square_sequence, moving_square, tmp_path, request):
         ("sequence", None),
         ("folder", "20.3,30.7,23.9,24.1"),
         ("uneven video", "20,30,24,24"),
-        ("bag", None),
+        *[("bag", None)] * RUNS,
     ],
     indirect=["source"],
 )

@@ -4,12 +4,10 @@ import csv
 
 import numpy as np
 import pytest
-from nodes import moving_block
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 
 # The default maximum of `track`.
 MULTI_TARGET = {"max_targets": 32, "image_reliability": "reliable", "seed": 3, "preset": "li2007"}
@@ -112,19 +110,3 @@ def test_manual_targets_and_the_bag_equal_those_of_the_node(
             values = {pair.key: pair.value for pair in one.values}
             assert (one.name, values.keys()) == (published.name, published.values.keys())
             assert {key for key in values if values[key] != published.values[key]} <= TIMES
-
-
-def test_a_built_in_detector_gives_the_same(lockstep, write_sequence, monkeypatch, tmp_path):
-    images = [moving_block(number) for number in range(50)]
-    source = write_sequence("block", images, np.zeros((50, 4))) / "img"
-    output = tmp_path / "out"
-    given = ("--detector", "motion", "--detector-rate", "25")
-    assert main([str(source), "--output", str(output), *GIVEN, *given]) == 0
-    take = DetectorThread.take
-    # As on an idle machine.
-    monkeypatch.setattr(DetectorThread, "take", lambda self, **_: take(self, wait=True))
-    client, received = lockstep(
-        output, images, built_in_detector="motion", built_in_detector_rate=25.0
-    )
-    assert_same(rows(output), client, received["boxes"])
-    assert any(row["id"] for row in rows(output))
