@@ -140,9 +140,13 @@ def test_the_tracker_has_the_priority_if_the_system_permits_it(graph, client):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("profile", ["", str(PROFILE)])
-def test_the_console_has_the_priority_without_the_profile_if_permitted(graph, monkeypatch, profile):
+def test_the_console_has_the_priority_without_the_profile_if_permitted_and_is_nice(
+    graph, monkeypatch, profile
+):
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", profile)
     pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
+    from pf_tracker_ros.node.console import console_node
+
     process = graph.process(
         *("-p", "port:=0", "-p", "realtime_priority:=4"),
         module="pf_tracker_ros.node.console.console_node",
@@ -152,6 +156,14 @@ def test_the_console_has_the_priority_without_the_profile_if_permitted(graph, mo
         log += line
         if "is at http" in line:
             break
+    # Only the threads that a camera waits for keep their niceness.
+    own, of_dds = os.getpriority(os.PRIO_PROCESS, 0), set()
+    for task in Path(f"/proc/{process.pid}/task").iterdir():
+        if (task / "comm").read_text().startswith("dds."):
+            of_dds.add(os.getpriority(os.PRIO_PROCESS, int(task.name)))
+    nice = min(19, own + console_node.NICENESS)
+    assert os.getpriority(os.PRIO_PROCESS, process.pid) == nice
+    assert of_dds == {nice if profile else own}
     normal, raised = {(os.SCHED_OTHER, 0)}, {(os.SCHED_RR, 4)}
     requested = not profile
     assert policies(process) == (normal, raised if requested and is_permitted() else normal)

@@ -5,6 +5,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
+from console_pages import stamp_at
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.parameter import Parameter
 
@@ -206,6 +207,12 @@ def write_images(tmp_path, write_bag, make_stamped):
         return write_bag(tmp_path / "drive", rows)
 
     return write
+
+
+@pytest.fixture
+def bag(write_images, moving_square):
+    """The moving square as a bag: 20 frames at 25 Hz."""
+    return write_images(moving_square.images, stamp_at)
 
 
 class Camera:

@@ -3,19 +3,12 @@
 import numpy as np
 import pytest
 import yaml
+from console_pages import WATCH_SHIFTS, stamp_at
 from rclpy.parameter import Parameter
 
 LAYERS = {"box": "#box", "particles": "#particles", "ellipse": "#covariance", "trail": "#trail"}
-WATCH_SHIFTS = """() => { window.shifted = []; new PerformanceObserver(list => {
-  for (const entry of list.getEntries())
-    for (const { node } of entry.sources) window.shifted.push(node.id || node.nodeName);
-}).observe({ type: 'layout-shift' }); }"""
 TOPS = """() => Object.fromEntries([...document.querySelectorAll('main [id]')]
   .map(one => [one.id, one.getBoundingClientRect().top]))"""
-
-
-def stamp_at(index):
-    return 1_700_000_000_000_000_000 + index * 40_000_000
 
 
 @pytest.mark.usefixtures("tracker")

@@ -8,26 +8,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from console_pages import stamp_at
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
-
-
-@pytest.fixture
-def bag(write_square):
-    """The moving square as a bag: 20 frames at 25 Hz."""
-    return write_square(stamp_at)
-
-
-@pytest.fixture
-def write_square(write_images, moving_square):
-    """A function that writes the moving square as a bag, given the stamp of each frame."""
-    return lambda stamp_at: write_images(moving_square.images, stamp_at)
-
-
-def stamp_at(index):
-    return 1_700_000_000_123_456_789 + index * 40_000_000
 
 
 def boxes_in_lockstep(images, box, first):
@@ -243,9 +228,12 @@ def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_s
     page.wait_until(lambda: shows_both(1), "sought frame")
 
 
-def test_the_heat_map_of_a_paused_recording_comes_with_the_next_frame(player, moving_square):
+def test_the_heat_map_needs_a_target(player):
     player.keyboard.press("h")
     player.wait_until(lambda: player.text("note") == "the heat map needs a target", "hint")
+
+
+def test_the_heat_map_of_a_paused_recording_comes_with_the_next_frame(player, moving_square):
     draw(player, moving_square.boxes[0])
     player.keyboard.press("h")
     hint = "the heat map comes with the next frame"
@@ -298,14 +286,14 @@ def saved(bag):
 
 @pytest.mark.usefixtures("tracker")
 def test_a_target_minutes_ahead_waits_for_its_frame(
-    write_square, start_console, open_page, moving_square
+    write_images, start_console, open_page, moving_square
 ):
     """Sent earlier, the tracker would refuse it as of another clock."""
 
     def stamp_in(index):
         return stamp_at(index) + (10**11 if index >= 8 else 0)
 
-    bag = write_square(stamp_in)
+    bag = write_images(moving_square.images, stamp_in)
     box = [float(value) for value in moving_square.boxes[15]]
     text = yaml.safe_dump({"target_box": box, "frame": 15, "stamp": stamp_in(15)})
     (bag.parent / "drive.target.yaml").write_text(text)

@@ -4,25 +4,21 @@ import asyncio
 import contextlib
 import gc
 import http.client
-import os
 import re
 import socket
 import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
 
 from pf_tracker_ros.node.console import browsers, web_server
-from pf_tracker_ros.node.console.console_node import NICENESS
 from pf_tracker_ros.pages.access import HEADERS
 
 DEADLINE = 60.0
-REPOSITORY = Path(__file__).resolve().parents[3]
 
 UPGRADE = {
     "Connection": "Upgrade",
@@ -182,29 +178,6 @@ def test_the_end_does_not_wait_for_slow_browsers_and_leaves_no_task(caplog):
 
 def test_the_loopback_link_has_no_token(console):
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.url)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no niceness of a thread")
-@pytest.mark.parametrize("has_profile", [False, True])
-def test_only_the_dds_threads_that_a_camera_waits_for_keep_their_priority(
-    graph, monkeypatch, has_profile
-):
-    profile = REPOSITORY / "config" / "fastdds_large_images.xml"
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile) if has_profile else "")
-    process = graph.process("-p", "port:=0", module="pf_tracker_ros.node.console.console_node")
-    for line in process.stdout:
-        if "is at http" in line:
-            break
-    own = os.getpriority(os.PRIO_PROCESS, 0)
-    niceness = {}
-    for task in Path(f"/proc/{process.pid}/task").iterdir():
-        name = (task / "comm").read_text().strip()
-        niceness.setdefault(name, set()).add(os.getpriority(os.PRIO_PROCESS, int(task.name)))
-    of_dds = set().union(*(found for name, found in niceness.items() if name.startswith("dds.")))
-    nice = min(19, own + NICENESS)
-    assert of_dds == {nice if has_profile else own}
-    assert os.getpriority(os.PRIO_PROCESS, process.pid) == nice
 
 
 def test_a_port_in_use_is_reported(start_console, console, graph, capfd):

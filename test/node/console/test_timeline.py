@@ -1,16 +1,7 @@
 """The timeline of the states, and looking back at earlier frames."""
 
 import pytest
-
-
-def stamp_at(index):
-    return 1_700_000_000_000_000_000 + index * 40_000_000
-
-
-@pytest.fixture
-def bag(write_images, moving_square):
-    """The moving square as a bag: 20 frames at 25 Hz."""
-    return write_images(moving_square.images, stamp_at)
+from console_pages import WATCH_MESSAGES, stamp_at
 
 
 @pytest.fixture
@@ -33,18 +24,9 @@ def player(tracker, start_console, open_page, bag, moving_square):
 @pytest.fixture
 def requests(player):
     """The types of the messages that the page sends from now on."""
-    player.evaluate(
-        """() => {
-          const send = WebSocket.prototype.send;
-          window.requests = [];
-          WebSocket.prototype.send = function (text) {
-            window.requests.push(JSON.parse(text).type);
-            return send.call(this, text);
-          };
-        }"""
-    )
+    player.evaluate(WATCH_MESSAGES)
     return lambda: [
-        kind for kind in player.evaluate("() => window.requests") if kind != "frame_ack"
+        one["type"] for one in player.evaluate("() => window.sent") if one["type"] != "frame_ack"
     ]
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 from common import box_of
+from console_pages import WATCH_MESSAGES
 
 CENTER = (80.0, 60.0)
 
@@ -148,18 +149,10 @@ def test_more_pixels_are_sent_for_a_zoomed_picture(console, camera, open_page, t
     camera.show_on(page)
     narrow = int(page.evaluate("() => document.querySelector('#overlay').clientWidth"))
     assert narrow > 160
-    page.evaluate(
-        """() => {
-          const send = WebSocket.prototype.send;
-          window.widths = [];
-          WebSocket.prototype.send = function (text) {
-            const message = JSON.parse(text);
-            if (message.type === "view") window.widths.push(message.width);
-            return send.call(this, text);
-          };
-        }"""
-    )
+    page.evaluate(WATCH_MESSAGES)
     page.keyboard.press("+")
-    page.wait_until(
-        lambda: page.evaluate("() => window.widths.at(-1) ?? 0") > 1.4 * narrow, "width"
-    )
+
+    def widths():
+        return [one["width"] for one in page.evaluate("() => window.sent") if one["type"] == "view"]
+
+    page.wait_until(lambda: (widths() or [0])[-1] > 1.4 * narrow, "width")
