@@ -4,6 +4,7 @@ import math
 import re
 import signal
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
@@ -81,6 +82,19 @@ def test_a_frame_that_cannot_be_decoded_ends_the_replay(pictures, tracker, repla
     assert "3.png cannot be decoded" in log
     assert "Traceback" not in log
     assert tracker.stamps() == pictures.stamps[:3]
+
+
+def test_a_damaged_video_is_played_as_far_as_it_goes(write_clip, tracker, replay, capfd, tmp_path):
+    images = np.random.default_rng(5).integers(0, 256, (20, 48, 64, 3), dtype=np.uint8)
+    web = {"movflags": "faststart"}
+    whole = write_clip(tmp_path / "w.mp4", images, range(0, 800, 40), container_options=web)
+    path = tmp_path / "cut.mp4"
+    path.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    node = replay(source=path, lockstep=True)
+    tracker.spin_until_ended(node)
+    assert node.exit_code == 0
+    assert f"video {path} is damaged: it contains " in capfd.readouterr().err
+    assert 0 < len(tracker.stamps()) < 20
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,13 @@
 """Targets that a built-in detector starts."""
 
 import re
+import threading
 
 import cv2
 import pytest
 from nodes import moving_block
 
+from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import session_manager
 from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.registry import Registry
@@ -107,6 +109,28 @@ def test_an_error_while_detecting_costs_no_frame(graph, client, monkeypatch):
     status, _ = show_until(client, lambda status: status.level == "WARN")
     assert status.message == "the detector 'motion' failed: RuntimeError: no eyes"
     assert status.values["frame"] == "waiting"
+
+
+def test_detections_of_frames_before_a_time_jump_are_discarded(graph, client, monkeypatch):
+    started, gates = [], [threading.Event(), threading.Event()]
+
+    class Slow:
+        def detect(self, image, interval):
+            started.append(image)
+            assert gates[len(started) - 1].wait(60.0)
+            return Detections([[100.0, 10.0, 30.0, 30.0]])
+
+    monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Slow))
+    graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
+    try:
+        client.show(moving_block(0), client.at(50))
+        client.show(moving_block(0), client.at(0))
+        gates[0].set()
+        # The second detection starts after the first result was taken.
+        status, _ = show_until(client, lambda status: len(started) == 2, first=1)
+        assert (status.level, status.values["detector_runs"]) == ("OK", "0")
+    finally:
+        gates[1].set()
 
 
 @pytest.mark.skipif(DETECTIONS_CLASS is not None, reason="vision_msgs is installed")

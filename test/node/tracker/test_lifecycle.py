@@ -57,6 +57,7 @@ ACTIVE = ["/image", *INACTIVE, *SUBSCRIBED]
 
 def test_each_transition_is_undone_by_its_counterpart(graph, client, manager):
     node = graph.tracker(autostart=False, **QUICK)
+    assert [manager.change(name) for name in CYCLE[1:]] == [False] * 3
     assert manager.state == "unconfigured"
     seen = [(topics(node), services(node))]
     for name in CYCLE:

@@ -130,6 +130,10 @@ def test_another_number_of_targets_keeps_the_target_and_its_selection(graph, cli
     assert (status.values["frame"], ids(status)) == ("started", [1, 2])
     assert (status.values["selected"], status.values["preset"]) == ("1", "default")
     client.box_at(client.at(1))
+    more = {"target_box": [0.0, 0.0, 30.0, 30.0], "max_targets": 2}
+    assert client.set_parameters(**more).successful
+    status = client.show(images[2], client.at(2))
+    assert "target refused: there are 2 targets" in status.message
 
 
 def test_values_set_with_another_number_of_targets_are_kept(graph, client, capfd):

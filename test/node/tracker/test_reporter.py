@@ -34,6 +34,13 @@ def test_an_unexpected_error_is_logged_with_its_traceback(capfd):
     assert __file__ in capfd.readouterr().err
 
 
+def test_an_error_is_shown_once_in_a_status():
+    reporter = Reporter(rclpy.logging.get_logger("reporter_test"))
+    for error in ("one", "other", "one"):
+        reporter.report(error)
+    assert (reporter.take_unshown(), reporter.take_unshown()) == (["one", "other"], [])
+
+
 def test_sentences_that_differ_in_numbers_are_repetitions(monkeypatch):
     now = 100.0
     monkeypatch.setattr(reporter_module.time, "monotonic", lambda: now)
