@@ -1,7 +1,7 @@
 """A node whose parameters are bound to declared ones."""
 
+import nodes
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from pf_tracker_ros.node.parameter_binding import ParameterBinding
 
@@ -13,12 +13,11 @@ class Bound:
 
     Args:
         context: Of the node.
-        overrides: Values at start-up by name.
+        values: At start-up, by name.
     """
 
-    def __init__(self, context, overrides):
-        parameters = [Parameter(name, value=value) for name, value in overrides.items()]
-        self.node = Node("bound", context=context, parameter_overrides=parameters)
+    def __init__(self, context, values):
+        self.node = Node("bound", context=context, parameter_overrides=nodes.overrides(values))
         self.reports, self.applied = [], []
         self.binding = ParameterBinding(self.node, self.reports.append)
 
@@ -29,9 +28,7 @@ class Bound:
 
     def set(self, values):
         """The result of one atomic request."""
-        return self.node.set_parameters_atomically(
-            [Parameter(name, value=value) for name, value in values.items()]
-        )
+        return self.node.set_parameters_atomically(nodes.overrides(values))
 
     @property
     def on_node(self):

@@ -1,10 +1,12 @@
 """What several tests of the tracker's node need: quick parameters, parts of its messages."""
 
+import csv
 import time
 
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 DEADLINE = 60.0
 
@@ -12,6 +14,17 @@ DEADLINE = 60.0
 QUICK = {"preset": "li2007", "particles": 20, "image_reliability": "reliable"}
 # With a box in each frame.
 NEVER_OCCLUDED = {**QUICK, "track__wrong_box_cost": 0.0}
+
+
+def overrides(values):
+    """Parameters by name; double underscores stand for dots."""
+    return [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
+
+
+def read_boxes(folder):
+    """The rows of `boxes.csv`."""
+    with (folder / "boxes.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def ids(status):

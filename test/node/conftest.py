@@ -17,7 +17,7 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
-from nodes import DEADLINE, SpunNode, set_stamp, stamp_of
+from nodes import DEADLINE, SpunNode, overrides, set_stamp, stamp_of
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -304,10 +304,7 @@ class Graph:
             context=self.context(),
             namespace=namespace,
             cli_args=cli_args,
-            parameter_overrides=[
-                Parameter(name.replace("__", "."), value=value)
-                for name, value in parameters.items()
-            ],
+            parameter_overrides=overrides(parameters),
         )
         self.run(node)
         if client is not None:

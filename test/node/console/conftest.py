@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 import pytest
 from console_pages import stamp_at
 from geometry_msgs.msg import PointStamped, PolygonStamped
-from rclpy.parameter import Parameter
+from nodes import overrides
 
 pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
@@ -26,11 +26,8 @@ def start_console(graph):
     """A function that starts a console on a free port and returns its node."""
 
     def start(**parameters):
-        overrides = {"port": 0} | parameters
-        node = ConsoleNode(
-            context=graph.context(),
-            parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
-        )
+        given = overrides({"port": 0} | parameters)
+        node = ConsoleNode(context=graph.context(), parameter_overrides=given)
         if node.context.ok():
             graph.run(node)
         else:

@@ -198,22 +198,3 @@ def test_a_frame_is_encoded_once_for_all_browsers(run, image, monkeypatch):
 
     assert run(scenario)
     assert len(encoded) == 1
-
-
-@pytest.mark.parametrize(
-    ("linger", "expected"), [(0.0, [True, False, True, False]), (1000.0, [True])]
-)
-def test_images_and_particles_are_subscribed_while_a_browser_is_open(
-    run, monkeypatch, linger, expected
-):
-    monkeypatch.setattr(module, "_LINGER", linger)
-
-    async def scenario(bridge, link, browser):
-        for _ in range(2):
-            watching = asyncio.ensure_future(bridge.welcome(browser))
-            await asyncio.sleep(0)
-            watching.cancel()
-            await asyncio.gather(watching, return_exceptions=True)
-        return link.watched
-
-    assert run(scenario) == expected

@@ -137,22 +137,6 @@ def test_escape_discards_the_box_and_resumes_the_picture(shown, camera, client, 
     assert box_of(target) == pytest.approx((20, 20, 30, 30), abs=1.0)
 
 
-@pytest.mark.usefixtures("tracker")
-def test_a_box_is_drawn_by_touch(console, client, camera, open_page, sent):
-    page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
-    camera.show_on(page)
-    drawn_on = page.stamp
-    touch = page.context.new_cdp_session(page.page).send
-    places = [page.to_screen(*place) for place in ((20, 30), (40, 50), (60, 70))]
-    for kind, place in zip(("touchStart", "touchMove", "touchMove"), places, strict=True):
-        x, y = place
-        touch("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": x, "y": y}]})
-    touch("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    (target,) = client.wait_for(lambda: sent, "target")
-    assert box_of(target) == pytest.approx((20, 30, 40, 40), abs=1.5)
-    assert stamp_of(target.header) == drawn_on
-
-
 def test_a_box_is_drawn_by_keyboard(shown, camera, client, sent):
     drawn_on = shown.stamp
     shown.keyboard.press("r")

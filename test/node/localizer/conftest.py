@@ -10,8 +10,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from nodes import SpunNode, set_stamp, stamp_of
-from rclpy.parameter import Parameter
+from nodes import SpunNode, overrides, set_stamp, stamp_of
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
@@ -197,13 +196,7 @@ def make_localizer(graph):
     """A function that starts a localizer in a thread, with parameters by name."""
 
     def make(**parameters):
-        node = LocalizerNode(
-            context=graph.context(),
-            parameter_overrides=[
-                Parameter(name.replace("__", "."), value=value)
-                for name, value in parameters.items()
-            ],
-        )
+        node = LocalizerNode(context=graph.context(), parameter_overrides=overrides(parameters))
         graph.run(node)
         return node
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
-from nodes import SpunNode
+from nodes import SpunNode, overrides
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -140,13 +140,10 @@ def replay(graph):
     def start(spectator=None, **parameters):
         # On a busy machine a status may be slow; frames must not be sent twice.
         parameters = {"lockstep_timeout": 60.0, **parameters}
+        if "source" in parameters:
+            parameters["source"] = str(parameters["source"])
         node = ReplayNode(
-            spectator=spectator,
-            context=graph.context(),
-            parameter_overrides=[
-                Parameter(name, value=str(value) if isinstance(value, Path) else value)
-                for name, value in parameters.items()
-            ],
+            spectator=spectator, context=graph.context(), parameter_overrides=overrides(parameters)
         )
         graph.run(node)
         return node
@@ -187,12 +184,11 @@ class Recordings:
             ("/eye", "sensor_msgs/msg/Image", stamp + 5, self.image(stamp)) for stamp in self.stamps
         ]
 
-    def image(self, stamp, *, little_endian=True):
+    def image(self, stamp):
         """A small image whose pixels depend on its stamp."""
         return self.message(
             "sensor_msgs/msg/Image",
             stamp,
-            little_endian=little_endian,
             height=3,
             width=4,
             encoding="mono8",
@@ -205,9 +201,9 @@ class Recordings:
         shape = self.make_polygon((1.0, 1.0), (2.0, 1.0))
         return self.message("geometry_msgs/msg/PolygonStamped", stamp, polygon=shape)
 
-    def write(self, rows=None, *kind):
-        """Write rows, by default `rows`, into a bag of the given kind and return its path."""
-        return self.write_bag(self.path, rows or self.rows, *kind)
+    def write(self, rows=None):
+        """Write rows, by default `rows`, into a bag and return its path."""
+        return self.write_bag(self.path, rows or self.rows)
 
 
 @pytest.fixture

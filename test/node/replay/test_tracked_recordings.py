@@ -1,11 +1,11 @@
 """`track` gives the same bits as the node for a replay in lockstep."""
 
-import csv
 import os
 
 import cv2
 import numpy as np
 import pytest
+from nodes import read_boxes
 
 from pf_tracker_ros.footage import write_footage
 from pf_tracker_ros.footage.opening import open_footage
@@ -50,11 +50,6 @@ def by_stamp(messages):
             for message in messages}  # fmt: skip
 
 
-def rows(folder):
-    with (folder / "boxes.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def corners(message):
     return [(point.x, point.y) for point in message.polygon.points]
 
@@ -67,7 +62,7 @@ def corners_of(row):
 
 def assert_same(folder, client, count):
     """The rows of boxes.csv equal the node's messages to the bit."""
-    found = rows(folder)
+    found = read_boxes(folder)
     statuses, boxes = values_by_stamp(client), by_stamp(client.boxes)
     assert len(found) == count
     # Some messages may still be on their way.
@@ -124,7 +119,7 @@ def test_boxes_equal_those_of_a_replay_in_lockstep(lockstep, tmp_path, source, t
     client = lockstep(source=source, tracker={"preset": "li2007", "seed": 3}, **target)
     assert_same(output, client, 20)
     # Guards against comparing a tracker that never moves.
-    assert len({row["x"] for row in rows(output)}) > 10
+    assert len({row["x"] for row in read_boxes(output)}) > 10
 
 
 def test_compressed_and_broken_images_of_a_bag_are_treated_as_by_the_node(
@@ -145,7 +140,7 @@ def test_compressed_and_broken_images_of_a_bag_are_treated_as_by_the_node(
     output = tmp_path / "tracked"
     box = "20,30,24,24"
     assert main([str(bag), "--output", str(output), "--box", box, "--preset", "li2007"]) == 0
-    found = rows(output)
+    found = read_boxes(output)
     assert [row["state"] for row in found].count("skipped") == 2
     assert found[7]["state"] == found[20]["state"] == "skipped"
     assert found[7]["x"] == found[7]["confidence"] == ""
@@ -171,4 +166,4 @@ def test_real_sequences_equal_a_replay_in_lockstep(lockstep, tmp_path, sequences
     output = tmp_path / "tracked"
     assert main([str(source), "--output", str(output)]) == 0
     client = lockstep(source=source, target_from_ground_truth=True, pictures=False)
-    assert_same(output, client, len(rows(output)))
+    assert_same(output, client, len(read_boxes(output)))

@@ -1,10 +1,8 @@
 """A detector that starts and corrects the targets of a live node."""
 
-import csv
-
 import pytest
 from common import overlap
-from nodes import ids
+from nodes import ids, read_boxes
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import MarkerArray
 
@@ -82,8 +80,7 @@ def test_the_command_track_gives_the_boxes_of_the_node(client, start_detector, w
     output = tmp_path / "out"
     given = ["--detections-topic", "/found", "--seed", "5", "--preset", "li2007"]
     assert main([str(bag), "--output", str(output), *given]) == 0
-    with (output / "boxes.csv").open(newline="") as file:
-        found = list(csv.DictReader(file))
+    found = read_boxes(output)
     for number in range(len(images)):
         published = client.answer(received, client.at(number)).detections
         own = [row for row in found if row["frame"] == str(number) and row["x"]]

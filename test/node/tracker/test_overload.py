@@ -5,8 +5,7 @@ from itertools import count
 
 import pytest
 import rclpy
-from nodes import DEADLINE, SpunNode
-from rclpy.parameter import Parameter
+from nodes import DEADLINE, SpunNode, overrides
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
@@ -60,9 +59,8 @@ class Overload:
 def overload(graph):
     overloads = []
 
-    def make(**overrides):
-        given = [Parameter(name, value=value) for name, value in overrides.items()]
-        overloads.append(Overload(graph.context(), given))
+    def make(**given):
+        overloads.append(Overload(graph.context(), overrides(given)))
         return overloads[-1]
 
     yield make

@@ -1,9 +1,8 @@
 """The command `track` gives the results of the node in lockstep, for several targets."""
 
-import csv
-
 import numpy as np
 import pytest
+from nodes import read_boxes
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -26,7 +25,7 @@ def lockstep(graph, client):
 
     def run(folder, images, given=(), **parameters):
         graph.tracker(client, **MULTI_TARGET, **parameters)
-        stamps = sorted({int(row["stamp"]) for row in rows(folder)})
+        stamps = sorted({int(row["stamp"]) for row in read_boxes(folder)})
         assert len(stamps) == len(images)
         for number, (image, stamp) in enumerate(zip(images, stamps, strict=True)):
             for box, frame in given:
@@ -36,11 +35,6 @@ def lockstep(graph, client):
         return client, received
 
     return run
-
-
-def rows(folder):
-    with (folder / "boxes.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture
@@ -85,7 +79,7 @@ def test_manual_targets_and_the_bag_equal_those_of_the_node(
     output = source.parent / "out"
     assert main([str(source), "--output", str(output), *GIVEN, "--bag"]) == 0
     client, received = lockstep(output, images, entries)
-    found = rows(output)
+    found = read_boxes(output)
     assert_same(found, client, received["boxes"])
     assert [row["id"] for row in found] == [""] * 2 + ["1"] * 3 + ["1", "2"] * 11
     recorded = {}

@@ -23,29 +23,10 @@ def test_a_node_has_the_parameters_of_all_parts_and_not_too_many(graph, client):
     every = client.call(client.parameters.list_parameters).result.names
     assert set(names) < set(every)
     assert len(every) <= MAX_PARAMETERS
-
-
-def test_every_parameter_is_described_and_every_float_has_a_range(graph, client):
-    graph.tracker(client)
-    response = client.call(client.parameters.describe_parameters, list(KNOWN))
-    assert len(response.descriptors) == len(KNOWN)
-    for descriptor in response.descriptors:
-        declaration = KNOWN[descriptor.name]
-        assert descriptor.description.startswith(declaration.description)
-        assert declaration.unit in descriptor.description
-        # The node can change what the library fixes while it tracks: it relearns the target.
-        assert descriptor.read_only == (descriptor.name == "autostart")
-        if descriptor.type == Parameter.Type.DOUBLE.value:
-            (limits,) = descriptor.floating_point_range
-            assert (limits.from_value, limits.to_value) == (
-                declaration.minimum,
-                declaration.maximum,
-            )
-        else:
-            constraints = descriptor.additional_constraints
-            assert constraints == f"allowed: {declaration.allowed}" or declaration.type is int
-    (hog,) = (one for one in response.descriptors if one.name == "hog.keep")
-    assert hog.description.endswith(" Used only if 'cues' contains 'hog'.")
+    described = client.call(client.parameters.describe_parameters, list(KNOWN)).descriptors
+    # The node can change what the library fixes while it tracks: it relearns the target.
+    assert [one.name for one in described if one.read_only] == ["autostart"]
+    assert all(one.description.startswith(KNOWN[one.name].description) for one in described)
 
 
 CONTRADICTION = {"proposal__method": "kalman", "motion__model": "constant_velocity"}
