@@ -271,8 +271,8 @@ class Camera:
 
 
 @pytest.fixture
-def camera(client, moving_square):
-    """A camera with the moving square."""
+def camera(tracker, client, moving_square):
+    """A camera with the moving square, and a tracker."""
     return Camera(client, moving_square)
 
 

@@ -11,7 +11,6 @@ TOPS = """() => Object.fromEntries([...document.querySelectorAll('main [id]')]
   .map(one => [one.id, one.getBoundingClientRect().top]))"""
 
 
-@pytest.mark.usefixtures("tracker")
 def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
     camera.show_on(page)
     hint, pointer = page.locator("#hint"), page.locator("#ghost path")
@@ -56,7 +55,6 @@ def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
     assert hint.is_hidden()
 
 
-@pytest.mark.usefixtures("tracker")
 def test_the_legend_says_what_is_drawn_and_hides_it(camera, page):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
@@ -193,7 +191,6 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     assert page.evaluate("() => window.shifted") == []
 
 
-@pytest.mark.usefixtures("tracker")
 def test_a_detector_needs_no_hand(camera, page, tracker):
     camera.show_on(page)
     page.wait_until(lambda: page.text("health").endswith(": drag a box around it"), "advice")

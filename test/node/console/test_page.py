@@ -95,7 +95,6 @@ def test_the_overlay_follows_a_replayed_bag_with_the_box_of_the_same_stamp(
     assert len({tuple(box) for _, box in seen}) > 50
 
 
-@pytest.mark.usefixtures("tracker")
 def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
@@ -112,7 +111,6 @@ def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
     assert len(page.locator("#trail").get_attribute("points").split()) > 1
 
 
-@pytest.mark.usefixtures("tracker")
 def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
@@ -160,8 +158,7 @@ def test_the_heat_map_is_shown_on_demand(tracker, camera, page):
     camera.show_until(lambda: publisher.get_subscription_count() == 0, "end of the subscription")
 
 
-@pytest.mark.usefixtures("tracker")
-def test_two_browsers_see_the_same(console, camera, open_page):
+def test_two_browsers_see_the_same(camera, console, open_page):
     one, other = open_page(console.url), open_page(console.url)
     camera.show_on(one, other)
     one.drag(camera.box_at(one.stamp))
@@ -254,8 +251,7 @@ def is_disconnected(page):
     return page.text("connection") == "no console"
 
 
-@pytest.mark.usefixtures("tracker")
-def test_a_box_drawn_without_a_console_can_be_sent_to_the_next(killable, camera):
+def test_a_box_drawn_without_a_console_can_be_sent_to_the_next(camera, killable):
     page, console, restart = killable
     console.kill()
     page.wait_until(lambda: is_disconnected(page), "that it is reported")
@@ -267,8 +263,7 @@ def test_a_box_drawn_without_a_console_can_be_sent_to_the_next(killable, camera)
     camera.show_on(page)
 
 
-@pytest.mark.usefixtures("tracker")
-def test_a_box_without_a_response_can_be_sent_to_the_next_console(killable, camera):
+def test_a_box_without_a_response_can_be_sent_to_the_next_console(camera, killable):
     page, console, restart = killable
     console.send_signal(signal.SIGSTOP)
     box = camera.box_at(page.stamp)
@@ -284,15 +279,13 @@ def test_a_box_without_a_response_can_be_sent_to_the_next_console(killable, came
     page.wait_until(lambda: page.box, "box")
 
 
-@pytest.mark.usefixtures("tracker")
 def test_a_reloaded_page_shows_the_last_picture(camera, page):
     status = camera.show_on(page)
     page.reload()
     page.wait_until(lambda: page.stamp == status.stamp, "the last picture")
 
 
-@pytest.mark.usefixtures("tracker")
-def test_the_page_adapts_to_a_new_image_size(client, camera, page, images):
+def test_the_page_adapts_to_a_new_image_size(camera, client, page, images):
     camera.show_on(page)
     assert page.size == (160, 120)
     tall = np.ascontiguousarray(images[0][:, :90])
@@ -354,10 +347,9 @@ def test_hostile_names_are_shown_as_text(graph, page):
     assert page.locator("img, script:not([src])").count() == 0
 
 
-@pytest.mark.usefixtures("tracker")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280])
-def test_text_is_readable_and_nothing_is_cut_off(console, camera, open_page, scheme, width):
+def test_text_is_readable_and_nothing_is_cut_off(camera, console, open_page, scheme, width):
     page = open_page(console.url, color_scheme=scheme, viewport={"width": width, "height": 800})
     camera.show_on(page)
     page.keyboard.press("r")
@@ -403,7 +395,6 @@ def test_without_a_browser_the_console_subscribes_to_nothing(
     client.wait_for(lambda: (listeners(), image_subscribers()) == (before, 1), "end of them")
 
 
-@pytest.mark.usefixtures("tracker")
 def test_an_older_frame_never_replaces_a_newer_one(camera, page):
     camera.show_on(page)
     page.evaluate(SEE_FRAMES)

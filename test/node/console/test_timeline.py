@@ -180,7 +180,6 @@ def test_where_a_detector_starts_the_targets_a_missing_frame_is_stepped_over(pla
     assert player.locator("#past").is_hidden()
 
 
-@pytest.mark.usefixtures("tracker")
 def test_a_camera_is_looked_back_at_while_it_goes_on(camera, page):
     camera.show_on(page)
     assert page.text("states-empty") == "Waits for a target: its states over time"

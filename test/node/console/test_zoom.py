@@ -101,8 +101,7 @@ def test_buttons_and_keys_zoom_around_the_middle_and_arrow_keys_move(shown):
     assert zoom_of(shown) == pytest.approx(1)
 
 
-@pytest.mark.usefixtures("tracker")
-def test_two_fingers_zoom_and_pan_and_draw_nothing(console, camera, open_page, sent, client):
+def test_two_fingers_zoom_and_pan_and_draw_nothing(camera, console, open_page, sent, client):
     page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
     camera.show_on(page)
     touch = page.context.new_cdp_session(page.page).send

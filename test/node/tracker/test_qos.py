@@ -47,7 +47,6 @@ def test_images_are_requested_as_given_and_by_default_reliably(graph, given, req
     assert profile.durability == DurabilityPolicy.VOLATILE
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
     reliable = graph.client()
     node = graph.tracker(reliable)
@@ -79,7 +78,6 @@ def test_auto_requests_the_offered_reliability_of_compressed_images(graph):
     )
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
     name = "qos_overrides./image.subscription.reliability"
     node = graph.tracker(**{name: "best_effort"})
@@ -118,7 +116,6 @@ MISMATCHES = {
 }
 
 
-@pytest.mark.usefixtures("fast_reports")
 @pytest.mark.parametrize("kind", MISMATCHES)
 def test_what_does_not_connect_is_reported_with_the_remedy(graph, images, kind):
     (message_type, topic, profile), report = MISMATCHES[kind]
@@ -136,7 +133,6 @@ def test_what_does_not_connect_is_reported_with_the_remedy(graph, images, kind):
     other.destroy_node()
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
     client = graph.client()
     tracker = graph.tracker(client, **QUICK)
@@ -152,7 +148,6 @@ def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
         client.wait_for(lambda: not monitor.lasting, "end")
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_policy_stays_in_the_diagnostics(graph):
     client = graph.client()
     graph.tracker(client, **QUICK)
@@ -222,7 +217,6 @@ def test_an_invalid_override_is_reported_and_ignored(graph, images, name, value,
     assert client.show(images[0], client.at(1)).level == "OK"
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_camera_is_reported_with_both_sides_and_the_remedy(graph, images):
     camera = graph.client(reliability="BEST_EFFORT")
     graph.tracker(**QUICK)

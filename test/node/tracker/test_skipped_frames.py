@@ -9,7 +9,6 @@ from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.node.tracker import status as status_module
 
-pytestmark = pytest.mark.usefixtures("fast_reports")
 ESTIMATE_KEYS = ("confidence", "covariance_xx", "effective_sample_size", "particles")
 
 

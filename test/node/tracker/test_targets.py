@@ -48,19 +48,6 @@ def test_an_invalid_click_is_refused(graph, client, images, click):
         assert reason in status.message
 
 
-def test_a_pause_skips_frames_and_keeps_the_target(graph, client, images, boxes):
-    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
-    client.show(images[0], client.at(0))
-    assert client.ask(SetBool, "enable", data=False).success
-    # Not even decoded: its encoding is invalid.
-    status = client.show(images[1], client.at(1), "no_encoding")
-    assert (status.level, status.values["frame"]) == ("OK", "paused")
-    assert status.message == "paused; resume with the service ~/enable"
-    assert client.ask(SetBool, "enable", data=True).success
-    status = client.show(images[1], client.at(1))
-    assert (status.values["frame"], status.message) == ("tracked", "tracking")
-
-
 def test_services_work_before_the_first_image(graph, client, images, boxes):
     graph.tracker(client, **QUICK)
     assert client.ask(SetBool, "enable", data=True).success

@@ -1,10 +1,7 @@
 """Stamps that jump or repeat, and simulated time, in a live node."""
 
-import pytest
 from nodes import NEVER_OCCLUDED as QUICK
 from rosgraph_msgs.msg import Clock
-
-pytestmark = pytest.mark.usefixtures("fast_reports")
 
 
 def test_a_restarted_bag_follows_the_policy(graph, client, images, box):
