@@ -1,4 +1,7 @@
-"""What several tests of the console's page need."""
+"""What several tests of the console and its page need."""
+
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
 
 # Collects the elements that move without a request, in `window.shifted`.
 WATCH_SHIFTS = """() => { window.shifted = []; new PerformanceObserver(list => {
@@ -20,3 +23,9 @@ WATCH_MESSAGES = """() => {
 def stamp_at(index):
     """Of a frame of a recording at 25 Hz, with all its digits."""
     return 1_700_000_000_123_456_789 + index * 40_000_000
+
+
+def run_apart(coroutine):
+    """The result of a coroutine in a thread; tests with a browser keep a loop in this one."""
+    with ThreadPoolExecutor(1) as executor:
+        return executor.submit(asyncio.run, coroutine).result()

@@ -2,10 +2,10 @@
 
 import asyncio
 import json
-import threading
 
 import numpy as np
 import pytest
+from console_pages import run_apart
 
 from pf_tracker_ros.node.console import bridge as module
 from pf_tracker_ros.node.console.bridge import ConsoleBridge
@@ -66,25 +66,15 @@ def image(image_message):
 def run():
     """A function that runs a coroutine function with a bridge, its link and a browser."""
 
-    def run(scenario):
-        outcome = []
+    async def play(scenario):
+        link, browser = Link(), Browser()
+        bridge = ConsoleBridge(link)
+        try:
+            return await scenario(bridge, link, browser)
+        finally:
+            bridge.close()
 
-        async def play():
-            link, browser = Link(), Browser()
-            bridge = ConsoleBridge(link)
-            try:
-                outcome.append(await scenario(bridge, link, browser))
-            finally:
-                bridge.close()
-
-        # In a thread: the browser tests keep an event loop in this one.
-        thread = threading.Thread(target=lambda: asyncio.run(play()))
-        thread.start()
-        thread.join()
-        assert outcome, "the scenario failed; see the traceback above"
-        return outcome[0]
-
-    return run
+    return lambda scenario: run_apart(play(scenario))
 
 
 @pytest.mark.parametrize(

@@ -9,11 +9,11 @@ import socket
 import subprocess
 import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
+from console_pages import run_apart
 
 from pf_tracker_ros.node.console import browsers, web_server
 from pf_tracker_ros.pages.access import HEADERS
@@ -211,9 +211,7 @@ def test_a_connection_that_accepts_no_data_is_aborted(monkeypatch):
         browser = browsers.Browser(Asleep(), Transport())
         await asyncio.gather(browser.send_json({}), browser.send_bytes(b""))
 
-    # In a thread: the browser tests keep an event loop in this one.
-    with ThreadPoolExecutor(1) as executor:
-        executor.submit(lambda: asyncio.run(send())).result()
+    run_apart(send())
     assert aborted == [True, True]
 
 
@@ -232,9 +230,7 @@ def test_a_browser_with_the_address_of_the_console_is_local(address, is_local):
             writer.close()
             return await found
 
-    # In a thread: the browser tests keep an event loop in this one.
-    with ThreadPoolExecutor(1) as executor:
-        assert executor.submit(lambda: asyncio.run(connect())).result() is is_local
+    assert run_apart(connect()) is is_local
 
 
 def test_a_browser_without_a_transport_is_not_local():
@@ -275,9 +271,7 @@ def test_a_stream_ends_even_if_its_first_cancellation_is_swallowed():
         ):
             await page.receive()
 
-    # In a thread: the browser tests keep an event loop in this one.
-    with ThreadPoolExecutor(1) as executor:
-        executor.submit(asyncio.run, visit()).result()
+    run_apart(visit())
     assert canceled.wait(DEADLINE)
     server.close()
     assert ends == ["swallowed", "canceled"]
