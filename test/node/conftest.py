@@ -17,10 +17,9 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point32, PolygonStamped
+from nodes import DEADLINE, SpunNode, overrides, set_stamp, stamp_of
 from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -37,7 +36,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 os.environ.setdefault(
     "FASTRTPS_DEFAULT_PROFILES_FILE", str(Path(__file__).with_name("separate_processes.xml"))
 )
-DEADLINE = 60.0
 PATIENCE = 4.0
 # Depth of the subscriptions of a client, which shares its process with the nodes.
 _DEPTH = 1000
@@ -58,14 +56,6 @@ class Status:
     targets: tuple = ()
 
 
-def stamp_of(header):
-    return header.stamp.sec * 10**9 + header.stamp.nanosec
-
-
-def set_stamp(header, stamp):
-    header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
-
-
 def _image_message(image, stamp=0, encoding="bgr8"):
     """An image message without padding, built without the project's own code."""
     message = Image(height=image.shape[0], width=image.shape[1], encoding=encoding)
@@ -76,16 +66,14 @@ def _image_message(image, stamp=0, encoding="bgr8"):
     return message
 
 
-class Client(Node):
+class Client(SpunNode):
     """Publishes images and targets for a tracker, and stores its messages."""
 
     def __init__(
         self, context, *, particles=False, overlay=False, reliability="RELIABLE", namespace=""
     ):
-        super().__init__("client", context=context, namespace=namespace)
+        super().__init__("client", context, namespace=namespace)
         self.statuses, self.boxes, self.particles, self.overlays = [], [], [], []
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self)
         profile = QoSProfile(depth=10, reliability=ReliabilityPolicy[reliability])
         self.images = self.create_publisher(Image, "image", profile)
         # With a full history, Fast DDS requests an acknowledgment with each message, otherwise
@@ -125,14 +113,6 @@ class Client(Node):
         return FIRST_STAMP + round(index * FRAME_INTERVAL)
 
     message = staticmethod(_image_message)
-
-    def wait_for(self, condition, what, deadline=DEADLINE):
-        """Spin until `condition()` is true and return it; fail after the deadline."""
-        end = time.monotonic() + deadline
-        while not (result := condition()):
-            assert time.monotonic() < end, f"no {what} within {deadline} s"
-            self._executor.spin_once(timeout_sec=0.02)
-        return result
 
     def send(self, message):
         """Publish an image message and return its status."""
@@ -235,10 +215,6 @@ class Client(Node):
         self.wait_for(future.done, f"response of {name}")
         return future.result()
 
-    def close(self):
-        self._executor.shutdown()
-        self.destroy_node()
-
 
 class Services:
     """The services of another node.
@@ -328,10 +304,7 @@ class Graph:
             context=self.context(),
             namespace=namespace,
             cli_args=cli_args,
-            parameter_overrides=[
-                Parameter(name.replace("__", "."), value=value)
-                for name, value in parameters.items()
-            ],
+            parameter_overrides=overrides(parameters),
         )
         self.run(node)
         if client is not None:

@@ -15,14 +15,21 @@ def waiting(graph):
     return client, node
 
 
-def test_a_topic_with_a_publisher_needs_no_hint(waiting):
-    assert image_publisher_hint(waiting[1], "/image") == ""
-
-
-def test_image_topics_are_named_with_the_arguments_for_the_first(waiting):
+@pytest.mark.parametrize(
+    ("topic", "compressed", "arguments"),
+    [
+        ("/waiting/image", None, "-r image:=/image"),
+        # Raw images of the same camera need another transport or name.
+        ("/image/compressed", True, "-p image_transport:=raw"),
+        ("/image/compressed", False, "-r image:=/image"),
+    ],
+)
+def test_other_image_topics_are_named_with_the_arguments(waiting, topic, compressed, arguments):
     _, node = waiting
-    assert image_publisher_hint(node, "/waiting/image") == (
-        ": /waiting/image has no publisher, but images are on /image (-r image:=/image)"
+    assert image_publisher_hint(node, "/image") == ""
+    options = {} if compressed is None else {"compressed": compressed}
+    assert image_publisher_hint(node, topic, **options) == (
+        f": {topic} has no publisher, but images are on /image ({arguments})"
     )
 
 
@@ -37,14 +44,6 @@ def test_three_topics_are_named_and_compressed_ones_need_their_transport(waiting
         "/a2/compressed and 2 more "
         "(-r image:=/a0 -p image_transport:=compressed)"
     )
-
-
-def test_raw_images_of_the_same_camera_need_another_transport_or_name(waiting):
-    _, node = waiting
-    start = ": /image/compressed has no publisher, but images are on /image ("
-    for compressed, arguments in ((True, "-p image_transport:=raw"), (False, "-r image:=/image")):
-        found = image_publisher_hint(node, "/image/compressed", compressed=compressed)
-        assert found == f"{start}{arguments})"
 
 
 def test_own_image_topics_are_left_out(graph):

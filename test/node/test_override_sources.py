@@ -56,19 +56,9 @@ def files(tmp_path):
             "--params-file {own} -p preset:=li2007 --params-file {more}",
             {"particles"},
         ),
-        ("/pf_tracker", "--params-file {own} -p particles:=5 -p preset:=li2007", OTHER_NAMES),
-        (
-            "/pf_tracker",
-            "--params-file {own} -p preset:=li2007 --param particles:=5",
-            OTHER_NAMES,
-        ),
-        ("/pf_tracker", "--params-file {own} -p particles:=5", set()),
+        ("/pf_tracker", "--params-file {own} -p preset:=li2007 --param particles:=5", OTHER_NAMES),
         ("/pf_tracker", "--params-file {own} --params-file {others}", set()),
-        (
-            "/left/pf_tracker",
-            "--params-file {own} --params-file {others}",
-            OTHER_NAMES,
-        ),
+        ("/left/pf_tracker", "--params-file {own} --params-file {others}", OTHER_NAMES),
         ("/right/pf_tracker", "--params-file {own} --params-file {others}", OWN_NAMES),
         ("/pf_tracker", "--params-file {own} -p pf_tracker:preset:=li2007", OWN_NAMES),
         ("/pf_tracker", "--params-file {own} -p camera:preset:=li2007", set()),
@@ -80,8 +70,9 @@ def files(tmp_path):
     ],
 )
 def test_parameters_of_files_before_the_preset_are_superseded(files, node, arguments, before):
-    command_line = ["tracker", "--ros-args", *arguments.format(**files).split()]
-    assert parameters_superseded_by("preset", node, command_line) == before
+    given = arguments.format(**files).split()
+    assert parameters_superseded_by("preset", node, ["tracker", "--ros-args", *given]) == before
+    assert parameters_superseded_by("preset", node, ["tracker", *given]) == set()
 
 
 @pytest.mark.parametrize(
@@ -101,11 +92,6 @@ def test_a_file_for_other_nodes_is_a_warning(files, node, warned):
     for warning, (name, patterns) in zip(warnings, warned.items(), strict=True):
         assert f"{files[name]} has nothing for {node}, only for {patterns}" in warning
     assert list(unmatched_file_warnings(node, ["tracker", *given])) == []
-
-
-def test_arguments_before_ros_args_are_ignored(files):
-    command_line = ["tracker", "--params-file", files["own"], "-p", "preset:=li2007"]
-    assert parameters_superseded_by("preset", "/pf_tracker", command_line) == set()
 
 
 def start(graph, client, arguments):
@@ -163,15 +149,6 @@ def test_superseded_parameters_of_unused_cues_are_not_reported(
     assert f"{others} has nothing for /pf_tracker, only for /left/pf_tracker" in log
     (line,) = (line for line in log.splitlines() if "'wings.span'" in line)
     assert line.endswith("it has no effect")
-
-
-def test_a_file_may_name_a_cue_after_its_parameters(graph, client, tmp_path):
-    path = tmp_path / "dumped.yaml"
-    path.write_text(DUMPED.replace("    wings:\n      span: 0.5\n", ""))
-    start(graph, client, f"--params-file {path}")
-    found = client.tunables()
-    names = ["cues", "hog.sharpness", "particles", "color_histogram.keep"]
-    assert [found[name] for name in names] == [("hog", "color_histogram"), 90.0, 77, 0.9]
 
 
 def test_a_pipe_that_rcl_has_read_does_not_block(tmp_path):

@@ -4,10 +4,9 @@ import math
 from dataclasses import dataclass
 
 import pytest
-from rclpy.node import Node
+from bindings import Bound
 from rclpy.parameter import Parameter
 
-from pf_tracker_ros.node.parameter_binding import ParameterBinding
 from pf_tracker_ros.parameters import declarations, declared
 
 
@@ -24,25 +23,6 @@ class Group:
 
 
 DECLARATIONS = declarations(Group)
-
-
-class Bound:
-    """A node with a binding, its reports and its applied changes."""
-
-    def __init__(self, context, overrides):
-        parameters = [Parameter(name, value=value) for name, value in overrides.items()]
-        self.node = Node("bound", context=context, parameter_overrides=parameters)
-        self.reports = []
-        self.applied = []
-        self.binding = ParameterBinding(self.node, self.reports.append)
-
-    def listen(self, **options):
-        self.binding.listen(apply=lambda changes: self.applied.append(dict(changes)), **options)
-        return self
-
-    def set(self, **values):
-        parameters = [Parameter(name, value=value) for name, value in values.items()]
-        return self.node.set_parameters_atomically(parameters)
 
 
 @pytest.fixture
@@ -105,29 +85,20 @@ def test_integers_are_valid_floats(bind):
     bound = bind(rate=2, box=[1, 2, 3, 4]).listen()
     assert bound.binding.values["box"] == (1.0, 2.0, 3.0, 4.0)
     assert bound.node.get_parameter("rate").value == 2.0
-    assert bound.set(rate=3, box=[5, 6, 7, 8]).successful
+    assert bound.set({"rate": 3, "box": [5, 6, 7, 8]}).successful
     assert bound.binding.values["rate"] == 3.0
     assert bound.binding.values["box"] == (5.0, 6.0, 7.0, 8.0)
     assert isinstance(bound.node.get_parameter("rate").value, float)
     assert not bound.reports
 
 
+# What else is invalid: test/test_parameters.py.
 INVALID = {
     "text for a number": ("rate", "quick", "float, 0.5 to 10"),
-    "a flag for a number": ("rate", True, "float, 0.5 to 10"),
-    "below the range": ("rate", 0.4999, "float, 0.5 to 10"),
     "above the range": ("count", 11, "int, 1 to 10"),
     "not a number": ("rate", math.nan, "float, 0.5 to 10"),
-    "infinite": ("rate", math.inf, "float, 0.5 to 10"),
-    "a fraction for an int": ("count", 2.0, "int, 1 to 10"),
     "no choice": ("mode", "swift", "'slow' or 'fast'"),
-    "a number for text": ("mode", 1, "'slow' or 'fast'"),
-    "too short a list": ("box", [1.0, 2.0], "0 or 4 numbers, each 0 to 100"),
-    "not a number in a list": ("box", [1.0, 2.0, math.nan, 4.0], "each 0 to 100"),
     "out of range in a list": ("box", [1.0, 2.0, 300.0, 4.0], "each 0 to 100"),
-    "text in a list": ("box", ["a", "b", "c", "d"], "each 0 to 100"),
-    "a number for a list": ("box", 5.0, "each 0 to 100"),
-    "text for a list": ("box", "1234", "each 0 to 100"),
     "a number for a flag": ("switch", 1, "true or false"),
 }
 
@@ -145,7 +116,7 @@ def test_an_invalid_value_is_refused_at_start_up_and_at_run_time(bind, kind):
     assert at_start_up.binding.values[name] == default
 
     at_run_time = bind().listen()
-    result = at_run_time.set(**{name: value})
+    result = at_run_time.set({name: value})
     assert not result.successful
     assert result.reason
     assert at_run_time.reports == [report]
@@ -154,48 +125,18 @@ def test_an_invalid_value_is_refused_at_start_up_and_at_run_time(bind, kind):
     assert not at_run_time.applied
 
 
-def test_every_invalid_value_at_start_up_is_reported(bind):
-    bound = bind(rate=math.nan, count="many", mode="fast", switch=3).listen()
-    assert set(bound.binding.refused) == {"rate", "count", "switch"}
-    assert len(bound.reports) == 3
-    assert bound.binding.values["mode"] == "fast"
-
-
 def test_a_value_refused_at_start_up_is_corrected_at_run_time(bind):
     bound = bind(rate=-1.0, count=0).listen()
-    assert bound.set(rate=2.0).successful
+    assert bound.set({"rate": 2.0}).successful
     assert set(bound.binding.refused) == {"count"}
-    assert bound.set(count=1).successful
+    assert bound.set({"count": 1}).successful
     assert not bound.binding.refused
     assert bound.applied == [{"rate": 2.0}, {"count": 1}]
 
 
-def test_a_set_is_all_or_nothing(bind):
-    bound = bind().listen()
-    assert not bound.set(rate=5.0, mode="swift").successful
-    assert not bound.set(rate=5.0, count=99).successful
-    assert bound.node.get_parameter("rate").value == bound.binding.values["rate"] == 1.0
-    assert bound.set(rate=5.0, count=9).successful
-    assert bound.applied == [{"rate": 5.0, "count": 9}]
-
-
-def test_values_that_contradict_each_other_are_refused_together(bind):
-    def check(values):
-        if values["rate"] * values["count"] > 20:
-            raise ValueError("rate times count is above 20")
-
-    bound = bind().listen(check=check)
-    result = bound.set(rate=9.0, count=9)
-    assert (result.successful, result.reason) == (False, "rate times count is above 20")
-    assert bound.reports == ["rate times count is above 20"]
-    assert bound.set(rate=9.0, count=2).successful
-    assert not bound.set(count=3).successful
-    assert bound.binding.values["count"] == 2
-
-
 def test_a_read_only_parameter_keeps_its_value_at_run_time(bind):
     bound = bind(fixed=1.5).listen()
-    result = bound.set(fixed=0.5)
+    result = bound.set({"fixed": 0.5})
     assert not result.successful
     assert "fixed" in result.reason
     assert "read-only while the node runs" in bound.reports[0]
@@ -205,33 +146,12 @@ def test_a_read_only_parameter_keeps_its_value_at_run_time(bind):
 def test_a_read_only_parameter_can_change_until_all_values_are_valid(bind):
     bound = bind(fixed=3.0).listen()
     assert not bound.node.describe_parameter("fixed").read_only
-    assert bound.set(fixed=0.5).successful
+    assert bound.set({"fixed": 0.5}).successful
     assert bound.node.describe_parameter("fixed").read_only
-    assert not bound.set(fixed=0.6).successful
+    assert not bound.set({"fixed": 0.6}).successful
 
 
 def test_a_parameter_cannot_be_deleted(bind):
     bound = bind().listen()
     assert not bound.node.set_parameters_atomically([Parameter("rate")]).successful
     assert bound.node.get_parameter("rate").value == 1.0
-
-
-def test_an_empty_list_is_valid(bind):
-    bound = bind(box=[1.0, 2.0, 3.0, 4.0]).listen()
-    assert bound.set(box=[]).successful
-    assert bound.binding.values["box"] == ()
-    assert bound.node.get_parameter("box").type_ == Parameter.Type.DOUBLE_ARRAY
-
-
-def test_an_unknown_parameter_is_reported_with_the_likely_one(bind):
-    bound = bind(raet=2.0, use_sim_time=False).listen()
-    assert bound.reports == ["no parameter 'raet' (did you mean 'rate'?); it has no effect"]
-    assert not bound.binding.refused
-
-
-def test_other_parameters_are_ignored(bind):
-    bound = bind().listen()
-    bound.node.declare_parameter("other", 1)
-    assert bound.set(other=2).successful
-    assert not bound.applied
-    assert not bound.reports

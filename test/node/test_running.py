@@ -57,6 +57,8 @@ running.run(Probe, [])
 
 
 ENDED_AT_ONCE = """
+import builtins
+import os
 import threading
 
 import rclpy
@@ -68,7 +70,14 @@ from pf_tracker_ros.node.running import run
 class Probe(Node):
     def destroy_node(self):
         super().destroy_node()
-        print("destroyed")
+        print("destroyed", flush=True)
+
+
+class Last:
+    def __del__(self, kill=os.kill, own=os.getpid(), write=os.write, numbers=(2, 15)):
+        for number in numbers:
+            kill(own, number)
+        write(1, b"still there")
 
 
 def create():
@@ -77,8 +86,10 @@ def create():
     return node
 
 
+# Builtins are destroyed last.
+builtins.last = Last()
 run(create, [])
-print("threads:", threading.active_count())
+print("threads:", threading.active_count(), flush=True)
 """
 
 
@@ -111,35 +122,6 @@ print("of DDS:", {name for name in threads() if name.startswith("dds.")} - {"dds
 """
 
 
-SIGNALED_AT_THE_END = """
-import builtins
-import os
-
-import rclpy
-from rclpy.node import Node
-
-from pf_tracker_ros.node.running import run
-
-
-class Last:
-    def __del__(self, kill=os.kill, own=os.getpid(), write=os.write, numbers=(2, 15)):
-        for number in numbers:
-            kill(own, number)
-        write(1, b"still there")
-
-
-def create():
-    node = Node("probe")
-    rclpy.try_shutdown()
-    return node
-
-
-# Builtins are destroyed last.
-builtins.last = Last()
-run(create, [])
-"""
-
-
 REFUSED = """
 from rclpy.impl.implementation_singleton import rclpy_implementation
 
@@ -154,10 +136,17 @@ run(create, [])
 """
 
 
+STARTED = "import sys; from pf_tracker_ros.node.running import run; run(None, sys.argv)"
+
+
+def run(script, *arguments):
+    """The ended process of a script."""
+    command = [sys.executable, "-c", script, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
 def output_of(script):
-    result = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
+    result = run(script)
     assert result.returncode == 0, result.stderr
     # Fast DDS also reports there what killed processes left in shared memory.
     lines = result.stdout.splitlines(keepends=True)
@@ -168,22 +157,18 @@ def test_garbage_is_collected_between_callbacks(ros_domain):
     assert output_of(SCRIPT) == "collected within callbacks: 0\n"
 
 
-def test_a_node_that_never_spins_leaves_nothing_behind(ros_domain):
-    assert output_of(ENDED_AT_ONCE) == "destroyed\nthreads: 1\n"
+def test_a_node_that_never_spins_leaves_nothing_behind_and_late_signals_change_no_exit_code(
+    ros_domain,
+):
+    assert output_of(ENDED_AT_ONCE) == "destroyed\nthreads: 1\nstill there"
 
 
 def test_the_threads_of_dds_end_with_the_node(ros_domain):
     assert output_of(ENDED_AFTER_SPINNING) == "of DDS: True\nof DDS: set()\n"
 
 
-def test_a_signal_while_python_ends_changes_no_exit_code(ros_domain):
-    assert output_of(SIGNALED_AT_THE_END) == "still there"
-
-
 def test_an_error_of_ros_at_start_up_ends_the_process_with_the_reason(ros_domain):
-    result = subprocess.run(
-        [sys.executable, "-c", REFUSED], capture_output=True, text=True, timeout=60, check=False
-    )
+    result = run(REFUSED)
     assert result.returncode == 1
     assert result.stderr == "the node cannot start: without security libraries\n"
 
@@ -241,13 +226,7 @@ def test_an_error_while_spinning_is_raised(hooked_node):
     ],
 )
 def test_invalid_ros_arguments_end_the_process_with_their_syntax(arguments, reason):
-    command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
-    done = subprocess.run(
-        [sys.executable, "-c", "; ".join(command), "--ros-args", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run(STARTED, "--ros-args", *arguments)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert last.startswith(reason)
@@ -256,11 +235,13 @@ def test_invalid_ros_arguments_end_the_process_with_their_syntax(arguments, reas
 
 def test_another_error_of_ros_is_not_one_of_the_arguments(monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
-    command = ["from pf_tracker_ros.node.running import run", "import sys", "run(None, sys.argv)"]
-    done = subprocess.run(
-        [sys.executable, "-c", "; ".join(command)], capture_output=True, text=True, check=False
-    )
+    done = run(STARTED)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert last.startswith("ROS cannot start: ")
     assert "ROS_DOMAIN_ID is not an integral number" in last
+
+
+def test_a_tracker_reports_once_a_second(graph):
+    # Tests of the tracker receive several reports, at a shorter period.
+    assert graph.tracker()._diagnostics._topic._timer.timer_period_ns == 10**9

@@ -50,7 +50,8 @@ def used(node, query):
     return {name for name, _ in found}
 
 
-each_kind = pytest.mark.parametrize(
+@pytest.mark.parametrize("name", ["pf_tracker", "localizer"])
+@pytest.mark.parametrize(
     ("kind", "permission", "query"),
     [
         ("topic", "publish", "get_publisher_names_and_types_by_node"),
@@ -58,24 +59,14 @@ each_kind = pytest.mark.parametrize(
         ("service", "reply", "get_service_names_and_types_by_node"),
     ],
 )
-
-
-@each_kind
-def test_the_policy_allows_what_the_node_uses(graph, kind, permission, query):
+def test_the_policy_allows_what_the_node_uses(graph, name, kind, permission, query):
     client = graph.client()
-    node = graph.tracker(client, image_reliability="reliable")
-    names = allowed("pf_tracker", kind, permission)
-
-    client.wait_for(lambda: names - OPTIONAL <= used(node, query), "endpoints")
-    assert used(node, query) <= names
-
-
-@each_kind
-def test_the_policy_allows_what_the_localizer_uses(graph, kind, permission, query):
-    client = graph.client()
-    node = LocalizerNode(context=graph.context())
-    graph.run(node)
-    names = allowed("localizer", kind, permission)
+    if name == "localizer":
+        node = LocalizerNode(context=graph.context())
+        graph.run(node)
+    else:
+        node = graph.tracker(client, image_reliability="reliable")
+    names = allowed(name, kind, permission)
     client.wait_for(lambda: names - OPTIONAL <= used(node, query), "endpoints")
     assert used(node, query) <= names
 

@@ -5,8 +5,9 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
+from console_pages import stamp_at
 from geometry_msgs.msg import PointStamped, PolygonStamped
-from rclpy.parameter import Parameter
+from nodes import overrides
 
 pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
@@ -25,11 +26,8 @@ def start_console(graph):
     """A function that starts a console on a free port and returns its node."""
 
     def start(**parameters):
-        overrides = {"port": 0} | parameters
-        node = ConsoleNode(
-            context=graph.context(),
-            parameter_overrides=[Parameter(name, value=value) for name, value in overrides.items()],
-        )
+        given = overrides({"port": 0} | parameters)
+        node = ConsoleNode(context=graph.context(), parameter_overrides=given)
         if node.context.ok():
             graph.run(node)
         else:
@@ -208,6 +206,12 @@ def write_images(tmp_path, write_bag, make_stamped):
     return write
 
 
+@pytest.fixture
+def bag(write_images, moving_square):
+    """The moving square as a bag: 20 frames at 25 Hz."""
+    return write_images(moving_square.images, stamp_at)
+
+
 class Camera:
     """Publishes frames of the moving square, and waits for the status of each.
 
@@ -267,8 +271,8 @@ class Camera:
 
 
 @pytest.fixture
-def camera(client, moving_square):
-    """A camera with the moving square."""
+def camera(tracker, client, moving_square):
+    """A camera with the moving square, and a tracker."""
     return Camera(client, moving_square)
 
 

@@ -3,11 +3,11 @@
 import asyncio
 import json
 import struct
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 import pytest
+from console_pages import run_apart
 
 pytest.importorskip("aiohttp", reason="the console needs the extra 'console'")
 
@@ -76,15 +76,6 @@ class Page:
             await asyncio.wait_for(self._changed.wait(), 60.0)
 
 
-def run(scenario):
-    """Run a coroutine function in a thread with a loop of its own, and return its result.
-
-    The tests with a real browser keep an event loop in this one.
-    """
-    with ThreadPoolExecutor(1) as executor:
-        return executor.submit(asyncio.run, scenario()).result()
-
-
 def drawn(image, counts, stamps=None):
     """A page that has drawn frames.
 
@@ -109,7 +100,7 @@ def drawn(image, counts, stamps=None):
         browsers.close()
         return page
 
-    return run(play)
+    return run_apart(play())
 
 
 def drawn_before_the_third(image, stamps):
@@ -141,7 +132,7 @@ def drawn_before_the_third(image, stamps):
         browsers.close()
         return counts[:2]
 
-    return run(play)
+    return run_apart(play())
 
 
 @pytest.fixture

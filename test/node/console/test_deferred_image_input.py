@@ -1,18 +1,14 @@
 """The console's images wait for the tracker's status, unless there is none."""
 
-import time
-
 import pytest
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
+from nodes import DEADLINE, SpunNode
 from sensor_msgs.msg import Image
 from std_msgs.msg import Empty
 
 from pf_tracker_ros.node.console import deferred_image_input
 from pf_tracker_ros.node.console.deferred_image_input import DeferredImageInput
 
-DEADLINE = 60.0
 NEVER = 3600.0
 
 
@@ -24,7 +20,7 @@ class Watcher:
     """
 
     def __init__(self, context):
-        self.node = Node("watcher", context=context)
+        self.node = SpunNode("watcher", context)
         self.seen = []
         self._fences = 0
         self.images = DeferredImageInput(
@@ -33,10 +29,8 @@ class Watcher:
         self._publisher = self.node.create_publisher(Image, "image", 10)
         self._fence = self.node.create_publisher(Empty, "fence", 10)
         self.node.create_subscription(Empty, "fence", self._on_fence, 10)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
         self.images.open("image")
-        self.wait_for(
+        self.node.wait_for(
             lambda: (
                 all(s.get_publisher_count() for s in self.node.subscriptions)
                 and self._publisher.get_subscription_count()
@@ -53,22 +47,15 @@ class Watcher:
         """Let the executor process everything up to a message that is published now."""
         before = self._fences
         self._fence.publish(Empty())
-        self.wait_for(lambda: self._fences > before)
+        self.node.wait_for(lambda: self._fences > before)
 
     def idle(self):
         """Let the executor wait for a time."""
-        self._executor.spin_once(timeout_sec=0.3)
-
-    def wait_for(self, condition):
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end
-            self._executor.spin_once(timeout_sec=0.02)
+        self.node.spinner.spin_once(timeout_sec=0.3)
 
     def close(self):
         self.images.close()
-        self._executor.shutdown()
-        self.node.destroy_node()
+        self.node.close()
 
     def _on_fence(self, _):
         self._fences += 1
@@ -96,7 +83,7 @@ def patient(start_watcher, monkeypatch):
 
 def test_after_a_status_images_wait_for_the_next_one(patient):
     patient.publish(1)
-    patient.wait_for(lambda: patient.seen == [1])
+    patient.node.wait_for(lambda: patient.seen == [1])
     patient.images.on_status()
     patient.publish(2, 3)
     for _ in range(3):
@@ -125,32 +112,22 @@ def test_images_that_wait_do_not_keep_the_executor_busy(patient, monkeypatch):
 
 def test_of_many_that_wait_the_newest_are_kept(patient):
     patient.publish(1)
-    patient.wait_for(lambda: patient.seen == [1])
+    patient.node.wait_for(lambda: patient.seen == [1])
     patient.images.on_status()
     patient.publish(*range(2, 22))
     patient.images.on_status()
     assert patient.seen == [1, 14, 15, 16]
 
 
-def test_images_that_come_faster_than_answers_do_not_wait_for_a_while(patient, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(deferred_image_input.time, "monotonic", lambda: now[0])
-    patient.images.on_status()
-    patient.publish(2, 3, 4, 5)
-    patient.images.on_status()
-    assert patient.seen == [2, 3, 4]
-    monkeypatch.undo()
-    patient.wait_for(lambda: patient.seen == [2, 3, 4, 5])
-
-
-def test_images_wait_again_after_a_second(patient, monkeypatch):
+def test_images_that_come_faster_than_answers_do_not_wait_for_a_second(patient, monkeypatch):
     now = [100.0]
     patient.images.on_status()
     patient.publish(2, 3, 4, 5)
     with monkeypatch.context() as patch:
         patch.setattr(deferred_image_input.time, "monotonic", lambda: now[0])
         patient.images.on_status()
-    patient.wait_for(lambda: patient.seen == [2, 3, 4, 5])
+        assert patient.seen == [2, 3, 4]
+    patient.node.wait_for(lambda: patient.seen == [2, 3, 4, 5])
     with monkeypatch.context() as patch:
         patch.setattr(deferred_image_input.time, "monotonic", lambda: now[0])
         now[0] += 1.1
@@ -165,13 +142,13 @@ def test_images_wait_again_after_a_second(patient, monkeypatch):
 def test_images_do_not_wait_for_a_silent_tracker(start_watcher):
     watcher = start_watcher()
     watcher.publish(1)
-    watcher.wait_for(lambda: watcher.seen == [1])
+    watcher.node.wait_for(lambda: watcher.seen == [1])
     watcher.images.on_status()
     watcher.publish(2)
-    watcher.wait_for(lambda: watcher.seen == [1, 2])
+    watcher.node.wait_for(lambda: watcher.seen == [1, 2])
     # From then on no image waits.
     watcher.publish(3)
-    watcher.wait_for(lambda: watcher.seen == [1, 2, 3])
+    watcher.node.wait_for(lambda: watcher.seen == [1, 2, 3])
 
 
 def test_no_image_is_taken_while_it_is_closed(patient):
@@ -181,7 +158,7 @@ def test_no_image_is_taken_while_it_is_closed(patient):
     patient.images.on_status()
     assert patient.seen == []
     patient.images.open("image")
-    patient.wait_for(lambda: all(s.get_publisher_count() for s in patient.node.subscriptions))
+    patient.node.wait_for(lambda: all(s.get_publisher_count() for s in patient.node.subscriptions))
     patient.publish(4)
     patient.images.on_status()
     assert patient.seen == [4]

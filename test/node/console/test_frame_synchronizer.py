@@ -31,25 +31,12 @@ def test_a_picture_waits_for_its_box(synchronizer):
     assert not synchronizer.choose(now=0.04)
 
 
-def test_the_order_in_which_the_parts_come_does_not_matter(synchronizer):
-    synchronizer.add_result(2, "boxes", BOXES, now=0.0)
-    synchronizer.add_result(2, "status", TRACKING, now=0.0)
-    synchronizer.add_image(2, "picture", now=0.0)
-    assert synchronizer.choose(now=0.0)
-
-
-def test_a_picture_waits_for_required_particles(synchronizer):
-    synchronizer.required_parts = {"particles"}
-    synchronizer.add_image(2, "picture", now=0.0)
-    synchronizer.add_result(2, "status", TRACKING, now=0.0)
-    synchronizer.add_result(2, "boxes", BOXES, now=0.0)
-    assert not synchronizer.choose(now=0.0)
-    synchronizer.add_result(2, "particles", [], now=0.0)
-    assert synchronizer.choose(now=0.0)
-
-
-def test_a_picture_waits_for_the_likelihood_of_a_selected_target(synchronizer):
+def test_a_picture_of_targets_waits_for_particles_and_of_a_selected_one_for_its_likelihood(
+    synchronizer,
+):
     synchronizer.required_parts = {"particles", "likelihood"}
+    synchronizer.add_image(1, "without a target", now=0.0)
+    assert synchronizer.choose(now=0.0)
     for stamp, status in ((2, TRACKING | {"selected": ""}), (3, TRACKING)):
         synchronizer.add_image(stamp, "picture", now=0.0)
         for part, content in (("status", status), ("particles", []), ("boxes", BOXES)):
@@ -59,13 +46,6 @@ def test_a_picture_waits_for_the_likelihood_of_a_selected_target(synchronizer):
     synchronizer.add_result(3, "likelihood", {}, now=0.0)
     assert synchronizer.choose(now=0.0)
     assert synchronizer.latest.results.keys() == {"status", "particles", "boxes", "likelihood"}
-
-
-def test_without_a_target_a_picture_waits_for_the_status_alone(synchronizer):
-    synchronizer.required_parts = {"particles"}
-    synchronizer.add_image(2, "picture", now=0.0)
-    synchronizer.add_result(2, "status", IDLE, now=0.0)
-    assert synchronizer.choose(now=0.0)
 
 
 def test_the_newest_picture_with_results_is_shown_and_older_ones_are_dropped(synchronizer):

@@ -3,27 +3,14 @@
 import numpy as np
 import pytest
 import yaml
+from console_pages import WATCH_SHIFTS, stamp_at
 from rclpy.parameter import Parameter
 
-LAYERS = {
-    "box": "#box",
-    "particles": "#particles",
-    "ellipse": "#covariance",
-    "trail": "#trail",
-}
-WATCH_SHIFTS = """() => { window.shifted = []; new PerformanceObserver(list => {
-  for (const entry of list.getEntries())
-    for (const { node } of entry.sources) window.shifted.push(node.id || node.nodeName);
-}).observe({ type: 'layout-shift' }); }"""
+LAYERS = {"box": "#box", "particles": "#particles", "ellipse": "#covariance", "trail": "#trail"}
 TOPS = """() => Object.fromEntries([...document.querySelectorAll('main [id]')]
   .map(one => [one.id, one.getBoundingClientRect().top]))"""
 
 
-def stamp_at(index):
-    return 1_700_000_000_000_000_000 + index * 40_000_000
-
-
-@pytest.mark.usefixtures("tracker")
 def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
     camera.show_on(page)
     hint, pointer = page.locator("#hint"), page.locator("#ghost path")
@@ -68,7 +55,6 @@ def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
     assert hint.is_hidden()
 
 
-@pytest.mark.usefixtures("tracker")
 def test_the_legend_says_what_is_drawn_and_hides_it(camera, page):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
@@ -219,7 +205,6 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     assert page.evaluate("() => window.shifted") == []
 
 
-@pytest.mark.usefixtures("tracker")
 def test_a_detector_needs_no_hand(camera, page, tracker):
     camera.show_on(page)
     page.wait_until(lambda: page.text("health").endswith(": drag a box around it"), "advice")

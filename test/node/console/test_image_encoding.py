@@ -58,3 +58,10 @@ def test_an_invalid_image_gives_an_error():
     picture = encode_image(CompressedImage(format="jpeg", data=b"none"), QualityLevel(80))
     assert picture.jpeg == b""
     assert picture.error.startswith("the image cannot be shown: ")
+
+
+@pytest.mark.parametrize(("encoding", "kind"), [("mono16", np.uint16), ("32FC1", np.float32)])
+def test_images_of_more_bits_are_bright_enough(image_message, noise, encoding, kind):
+    image = noise(channels=1).astype(kind) * 3
+    picture = encode_image(image_message(image, encoding=encoding), QualityLevel(80))
+    assert cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_COLOR).max() > 200

@@ -1,8 +1,5 @@
 """Every action by keyboard, and the list of the keys."""
 
-import pytest
-from common import box_of
-
 FOCUS = """() => {
   const focused = document.activeElement, style = getComputedStyle(focused);
   const name = focused.id || (focused === document.body ? "body" : focused.textContent.trim());
@@ -33,20 +30,6 @@ def test_the_list_of_keys_names_every_shortcut_and_takes_no_other_key(shown):
     assert keys.is_hidden()
     # The focus goes back to where it was.
     assert shown.evaluate("() => document.activeElement.id") == "keys-button"
-
-
-def test_a_box_is_drawn_from_the_button_by_keys_alone(shown, sent, client):
-    shown.locator("#draw").press("Enter")
-    x, y, width, height = (
-        float(shown.locator(f"#box-{name}").input_value()) for name in ("x", "y", "width", "height")
-    )
-    for key in ("ArrowRight", "Shift+ArrowDown", "Alt+ArrowUp", "Alt+Shift+ArrowRight"):
-        shown.keyboard.press(key)
-    shown.keyboard.press("Enter")
-    (target,) = client.wait_for(lambda: sent, "target")
-    box = box_of(target)
-    assert box == pytest.approx((x + 2, y - 1, width + 1, height + 2))
-    assert shown.evaluate("() => document.activeElement.id") == "draw"
 
 
 def test_escape_discards_the_box_that_the_button_has_begun(shown):

@@ -8,26 +8,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from console_pages import stamp_at
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
-
-
-@pytest.fixture
-def bag(write_square):
-    """The moving square as a bag: 20 frames at 25 Hz."""
-    return write_square(stamp_at)
-
-
-@pytest.fixture
-def write_square(write_images, moving_square):
-    """A function that writes the moving square as a bag, given the stamp of each frame."""
-    return lambda stamp_at: write_images(moving_square.images, stamp_at)
-
-
-def stamp_at(index):
-    return 1_700_000_000_123_456_789 + index * 40_000_000
 
 
 def boxes_in_lockstep(images, box, first):
@@ -102,74 +87,28 @@ def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
         player.locator("#forward").click()
         at_frame(player, index)
     assert player.box == pytest.approx(expected[stamp_at(6)], abs=2e-3)
-
-
-def test_the_number_of_the_frame_follows_the_slider(player):
+    # The number follows the slider while it moves.
     slider = player.locator("#seek")
     slider.evaluate("(it) => { it.value = 7; it.dispatchEvent(new Event('input')); }")
     assert player.text("frame") == "7 / 19"
-    assert player.stamp == stamp_at(0)
+    assert player.stamp == stamp_at(6)
     slider.evaluate("(it) => it.dispatchEvent(new Event('change'))")
     at_frame(player, 7)
 
 
-def test_a_second_target_starts_at_its_own_frame(player, moving_square):
-    draw(player, (100, 10, 30, 30))
-    for index in (1, 2):
-        player.keyboard.press("n")
-        at_frame(player, index)
-    box = draw(player, moving_square.boxes[2])
-    expected = boxes_in_lockstep(moving_square.images, box, 2)
-    go_to(player, 9)
-    assert player.box == pytest.approx(expected[stamp_at(9)], abs=2e-3)
-
-
-def test_the_recording_waits_for_a_slow_tracker(
-    graph, start_console, open_page, bag, moving_square
-):
-    tracker = graph.process("-p", "seed:=0")
-    page = open_page(start_console(source=str(bag)).url)
-    at_frame(page, 0)
-    draw(page, moving_square.boxes[0])
-    tracker.send_signal(signal.SIGSTOP)
-    page.keyboard.press("n")
-    # Longer than the default `lockstep_timeout` of `replay`.
-    page.wait_for_timeout(2500.0)
-    tracker.send_signal(signal.SIGCONT)
-    at_frame(page, 1)
-    page.keyboard.press("n")
-    at_frame(page, 2)
-    page.wait_until(lambda: page.text("state") == "tracking", "the state of that frame")
-
-
-@pytest.fixture
-def sought(graph, start_console, open_page, bag):
-    """A page whose recording seeks frame 5, and a function that resumes the stopped tracker."""
+def test_the_last_request_during_a_seek_counts(graph, start_console, open_page, bag):
     tracker = graph.process("-p", "seed:=0")
     page = open_page(start_console(source=str(bag)).url)
     at_frame(page, 0)
     tracker.send_signal(signal.SIGSTOP)
     page.locator("#seek").fill("5")
     page.locator("#seek").blur()
-    return page, lambda: tracker.send_signal(signal.SIGCONT)
-
-
-def test_play_during_a_seek_plays_from_the_sought_frame(sought):
-    page, resume = sought
-    page.keyboard.press("Space")
-    page.wait_until(lambda: page.text("play-word") == "Pause", "that it will play")
-    resume()
-    page.wait_until(lambda: page.text("frame") == "19 / 19", "its end")
-
-
-def test_the_last_request_during_a_seek_counts(sought):
-    page, resume = sought
     page.keyboard.press("Space")
     page.wait_until(lambda: page.text("play-word") == "Pause", "that it will play")
     page.keyboard.press("n")
     page.wait_until(lambda: page.text("play-word") == "Play", "that it will not")
     page.keyboard.press("n")
-    resume()
+    tracker.send_signal(signal.SIGCONT)
     at_frame(page, 7)
     page.keyboard.press("n")
     at_frame(page, 8)
@@ -195,29 +134,19 @@ def test_it_pauses_at_its_end_and_can_go_back(player, moving_square):
     expected = boxes_in_lockstep(moving_square.images, box, 0)
     player.locator("#speed").select_option("4")
     player.keyboard.press("Space")
+    for _ in range(2):
+        at_frame(player, 19)
+        player.wait_until(lambda: player.text("play-word") == "Play", "pause at the end")
+        assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
+        # Played again, it begins anew.
+        player.locator("#speed").select_option("1")
+        player.keyboard.press("Space")
+        player.wait_until(lambda: player.stamp < stamp_at(19), "beginning")
     at_frame(player, 19)
     player.wait_until(lambda: player.text("play-word") == "Play", "pause at the end")
-    assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
     player.locator("#back").click()
     at_frame(player, 18)
     assert player.box == pytest.approx(expected[stamp_at(18)], abs=2e-3)
-
-
-def test_a_refused_target_is_removed(player):
-    player.drag((20, 50, 60, 0))
-    player.wait_until(lambda: "refused" in player.text("note"), "refusal")
-    player.keyboard.press("Escape")
-    go_to(player, 3)
-    assert player.text("state") == "idle"
-    assert player.locator("#save").is_disabled()
-
-
-def test_stop_removes_the_target_of_the_recording(player, moving_square):
-    draw(player, moving_square.boxes[0])
-    player.keyboard.press("s")
-    player.wait_until(lambda: "stopped" in player.text("note"), "response")
-    go_to(player, 3)
-    assert player.box is None
 
 
 def test_stop_removes_a_target_that_waits_for_its_frame(player, moving_square):
@@ -247,32 +176,13 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
         "image_size": [160, 120],
     }
     assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
-
-
-def test_play_at_the_end_starts_from_the_beginning(player, moving_square):
-    box = draw(player, moving_square.boxes[0])
-    expected = boxes_in_lockstep(moving_square.images, box, 0)
-    for _ in range(2):
-        go_to(player, 19)
-        player.wait_until(lambda: player.text("play-word") == "Play", "end")
-        player.keyboard.press(" ")
-        player.wait_until(lambda: player.stamp < stamp_at(19), "beginning")
-        at_frame(player, 19)
-        assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
-
-
-def test_a_clicked_button_keeps_no_focus(player, moving_square):
-    draw(player, moving_square.boxes[0])
-    player.locator("#save").click()
-    player.wait_until(lambda: "saved as" in player.text("note"), "response")
+    # The clicked button keeps no focus, unlike one that was focused by key.
     player.keyboard.press(" ")
     at_frame(player, 19)
-    # A button that was focused by key keeps the focus.
     player.locator("#back").focus()
-    player.keyboard.press(" ")
-    at_frame(player, 18)
-    player.keyboard.press(" ")
-    at_frame(player, 17)
+    for index in (18, 17):
+        player.keyboard.press(" ")
+        at_frame(player, index)
 
 
 @pytest.fixture
@@ -285,7 +195,7 @@ def player_of_several(graph, client, start_console, open_page, bag):
     return page
 
 
-def test_several_targets_begin_on_the_present_frame(player_of_several):
+def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_several):
     page = player_of_several
     page.locator("#targets-card").wait_for()
     for count in (1, 2):
@@ -294,21 +204,6 @@ def test_several_targets_begin_on_the_present_frame(player_of_several):
         # The boxes are drawn with the next picture.
         page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
         assert page.text("frame") == "0 / 19"
-    page.keyboard.press("n")
-    page.wait_until(lambda: page.stamp == stamp_at(1), "next frame")
-    assert page.locator("#targets rect").count() == 2
-    # After a seek they begin again on their frames.
-    page.locator("#back").click()
-    page.wait_until(lambda: page.stamp == stamp_at(0), "frame before")
-    page.wait_until(lambda: page.text("target-count") == "2 of 2", "both")
-
-
-def test_after_a_seek_and_a_step_back_targets_keep_their_ids(player_of_several):
-    page = player_of_several
-    page.locator("#targets-card").wait_for()
-    for count in (1, 2):
-        page.drag((40.0 * count, 30.0, 24.0, 24.0))
-        page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
     texts = page.locator("#targets text")
 
     def shows_both(frame):
@@ -398,31 +293,15 @@ def saved(bag):
 
 
 @pytest.mark.usefixtures("tracker")
-def test_a_saved_target_starts_at_its_frame(saved, start_console, open_page, bag, moving_square):
-    box = [float(value) for value in moving_square.boxes[3]]
-    saved(target_box=box, frame=3, stamp=stamp_at(3), image_size=[160, 120])
-    page = open_page(start_console(source=str(bag)).url)
-    at_frame(page, 0)
-    page.show_more()
-    page.locator("#load:enabled").click()
-    at_frame(page, 3)
-    page.wait_until(lambda: page.box, "box")
-    assert page.box == pytest.approx(box, abs=1e-2)
-    expected = boxes_in_lockstep(moving_square.images, tuple(box), 3)
-    go_to(page, 8)
-    assert page.box == pytest.approx(expected[stamp_at(8)], abs=2e-3)
-
-
-@pytest.mark.usefixtures("tracker")
 def test_a_target_minutes_ahead_waits_for_its_frame(
-    write_square, start_console, open_page, moving_square
+    write_images, start_console, open_page, moving_square
 ):
     """Sent earlier, the tracker would refuse it as of another clock."""
 
     def stamp_in(index):
         return stamp_at(index) + (10**11 if index >= 8 else 0)
 
-    bag = write_square(stamp_in)
+    bag = write_images(moving_square.images, stamp_in)
     box = [float(value) for value in moving_square.boxes[15]]
     text = yaml.safe_dump({"target_box": box, "frame": 15, "stamp": stamp_in(15)})
     (bag.parent / "drive.target.yaml").write_text(text)
@@ -442,34 +321,11 @@ def test_a_target_minutes_ahead_waits_for_its_frame(
     assert page.locator("#save").is_enabled()
 
 
-def test_a_saved_target_can_be_loaded_at_once(player, moving_square):
-    assert player.locator("#load").is_disabled()
-    go_to(player, 2)
-    box = draw(player, moving_square.boxes[2])
-    player.locator("#save").click()
-    player.locator("#load:enabled").wait_for()
-    player.keyboard.press("s")
-    player.wait_until(lambda: "stopped" in player.text("note"), "response")
-    player.wait_until(lambda: player.box is None, "picture without it")
-    player.locator("#load").click()
-    # The picture showed that frame before, so only the acceptance belongs to the new target. The
-    # box may come later than the status.
-    player.wait_until(lambda: "accepted" in player.text("note"), "acceptance")
-    shown = player.wait_until(lambda: player.stamp == stamp_at(2) and player.box, "box")
-    assert shown == pytest.approx(box, abs=1e-2)
-    expected = boxes_in_lockstep(moving_square.images, box, 2)
-    player.keyboard.press("n")
-    at_frame(player, 3)
-    assert player.box == pytest.approx(expected[stamp_at(3)], abs=2e-3)
-
-
 @pytest.mark.parametrize(
     ("values", "reason"),
     [
-        ({"target_box": [1, 2, 3]}, "'target_box' is [1, 2, 3]"),
         ({"target_box": [1, 2, 3, 4], "stamp": 77}, "it belongs to another recording"),
         ({"target_box": [1, 2, 3, 4], "image_size": [640, 480]}, "these have 160 x 120 px"),
-        ({"target_box": [1, 2, 3, 4], "recording": "other.mcap"}, "is for 'other.mcap', not for"),
     ],
 )
 def test_an_invalid_or_foreign_target_file_is_refused(player, saved, values, reason):
@@ -538,6 +394,11 @@ def test_an_unwritable_folder_is_reported(player, moving_square, bag):
 
 
 def test_a_refused_box_keeps_the_present_target(player, moving_square):
+    player.drag((20, 50, 60, 0))
+    player.wait_until(lambda: "refused" in player.text("note"), "refusal")
+    player.keyboard.press("Escape")
+    # It is removed.
+    assert player.locator("#save").is_disabled()
     box = draw(player, moving_square.boxes[0])
     player.keyboard.press("n")
     at_frame(player, 1)

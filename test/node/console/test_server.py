@@ -4,25 +4,21 @@ import asyncio
 import contextlib
 import gc
 import http.client
-import os
 import re
 import socket
 import subprocess
 import sys
 import threading
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from urllib.parse import urlsplit
 
 import aiohttp
 import pytest
+from console_pages import run_apart
 
 from pf_tracker_ros.node.console import browsers, web_server
-from pf_tracker_ros.node.console.console_node import NICENESS
 from pf_tracker_ros.pages.access import HEADERS
 
 DEADLINE = 60.0
-REPOSITORY = Path(__file__).resolve().parents[3]
 
 UPGRADE = {
     "Connection": "Upgrade",
@@ -184,29 +180,6 @@ def test_the_loopback_link_has_no_token(console):
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.url)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no niceness of a thread")
-@pytest.mark.parametrize("has_profile", [False, True])
-def test_only_the_dds_threads_that_a_camera_waits_for_keep_their_priority(
-    graph, monkeypatch, has_profile
-):
-    profile = REPOSITORY / "config" / "fastdds_large_images.xml"
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(profile) if has_profile else "")
-    process = graph.process("-p", "port:=0", module="pf_tracker_ros.node.console.console_node")
-    for line in process.stdout:
-        if "is at http" in line:
-            break
-    own = os.getpriority(os.PRIO_PROCESS, 0)
-    niceness = {}
-    for task in Path(f"/proc/{process.pid}/task").iterdir():
-        name = (task / "comm").read_text().strip()
-        niceness.setdefault(name, set()).add(os.getpriority(os.PRIO_PROCESS, int(task.name)))
-    of_dds = set().union(*(found for name, found in niceness.items() if name.startswith("dds.")))
-    nice = min(19, own + NICENESS)
-    assert of_dds == {nice if has_profile else own}
-    assert os.getpriority(os.PRIO_PROCESS, process.pid) == nice
-
-
 def test_a_port_in_use_is_reported(start_console, console, graph, capfd):
     port = urlsplit(console.url).port
     other = start_console(port=port)
@@ -238,9 +211,7 @@ def test_a_connection_that_accepts_no_data_is_aborted(monkeypatch):
         browser = browsers.Browser(Asleep(), Transport())
         await asyncio.gather(browser.send_json({}), browser.send_bytes(b""))
 
-    # In a thread: the browser tests keep an event loop in this one.
-    with ThreadPoolExecutor(1) as executor:
-        executor.submit(lambda: asyncio.run(send())).result()
+    run_apart(send())
     assert aborted == [True, True]
 
 
@@ -259,9 +230,7 @@ def test_a_browser_with_the_address_of_the_console_is_local(address, is_local):
             writer.close()
             return await found
 
-    # In a thread: the browser tests keep an event loop in this one.
-    with ThreadPoolExecutor(1) as executor:
-        assert executor.submit(lambda: asyncio.run(connect())).result() is is_local
+    assert run_apart(connect()) is is_local
 
 
 def test_a_browser_without_a_transport_is_not_local():
@@ -302,9 +271,7 @@ def test_a_stream_ends_even_if_its_first_cancellation_is_swallowed():
         ):
             await page.receive()
 
-    # In a thread: the browser tests keep an event loop in this one.
-    with ThreadPoolExecutor(1) as executor:
-        executor.submit(asyncio.run, visit()).result()
+    run_apart(visit())
     assert canceled.wait(DEADLINE)
     server.close()
     assert ends == ["swallowed", "canceled"]

@@ -1,8 +1,8 @@
 """The response to a target, read from status and diagnostics."""
 
-import asyncio
-import threading
 import time
+
+from console_pages import run_apart
 
 from pf_tracker_ros.node.console.target_requester import (
     TargetRequester,
@@ -46,10 +46,7 @@ class Link:
 
 def sent(requester, send):
     """Send by a requester, and return the time."""
-    # In a thread: the browser tests keep an event loop in this one.
-    thread = threading.Thread(target=lambda: asyncio.run(requester.send(send)))
-    thread.start()
-    thread.join()
+    run_apart(requester.send(send))
     return time.monotonic()
 
 

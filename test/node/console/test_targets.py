@@ -22,9 +22,7 @@ from pf_tracker_ros.node.console.json_conversions import (
 
 HOSTILE = "<img src=x onerror=alert(1)>"
 LATCHED = QoSProfile(
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
 RED = ColorRGBA(r=1.0, g=0.5, b=0.0, a=1.0)
 
@@ -280,13 +278,6 @@ def test_a_click_on_a_box_selects_its_target_and_beside_all_boxes_none(shown, mu
     assert multi_tracker.stopped == []
 
 
-@pytest.mark.usefixtures("multi_tracker", "short_discovery")
-def test_a_click_beside_all_boxes_without_a_selection_requests_a_target(shown, client):
-    page, _ = shown
-    page.mouse.click(*page.to_screen(130, 100))
-    page.wait_until(lambda: "/pf_tracker/click" in page.text("note"), "that there is no subscriber")
-
-
 def test_a_list_of_words_is_set(shown, multi_tracker):
     page, _ = shown
     page.locator("#groups summary", has_text="The tracker").click()
@@ -317,18 +308,12 @@ def test_each_target_is_stopped_by_its_button_or_by_key(shown, multi_tracker):
     show_until(lambda: page.locator("#targets rect").count() == 1, "one box")
 
 
-@pytest.mark.usefixtures("tracker")
-def test_a_tracker_of_one_target_has_no_list(camera, page):
-    camera.show_on(page)
-    page.locator("#groups details").first.wait_for()
-    assert page.locator("#targets-card").is_hidden()
-
-
 def test_max_targets_can_be_raised_while_the_tracker_runs(tracker, camera, page, client):
     camera.show_on(page)
     page.drag(camera.box_at(page.stamp))
     camera.show_until(lambda: page.box, "box")
     assert page.locator("#targets rect").count() == 0
+    assert page.locator("#targets-card").is_hidden()
     assert client.set_parameters(max_targets=4).successful
     page.locator("#targets-card").wait_for()
     page.drag((100.0, 80.0, 30.0, 30.0))

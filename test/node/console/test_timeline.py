@@ -1,16 +1,7 @@
 """The timeline of the states, and looking back at earlier frames."""
 
 import pytest
-
-
-def stamp_at(index):
-    return 1_700_000_000_000_000_000 + index * 40_000_000
-
-
-@pytest.fixture
-def bag(write_images, moving_square):
-    """The moving square as a bag: 20 frames at 25 Hz."""
-    return write_images(moving_square.images, stamp_at)
+from console_pages import WATCH_MESSAGES, stamp_at
 
 
 @pytest.fixture
@@ -33,18 +24,9 @@ def player(tracker, start_console, open_page, bag, moving_square):
 @pytest.fixture
 def requests(player):
     """The types of the messages that the page sends from now on."""
-    player.evaluate(
-        """() => {
-          const send = WebSocket.prototype.send;
-          window.requests = [];
-          WebSocket.prototype.send = function (text) {
-            window.requests.push(JSON.parse(text).type);
-            return send.call(this, text);
-          };
-        }"""
-    )
+    player.evaluate(WATCH_MESSAGES)
     return lambda: [
-        kind for kind in player.evaluate("() => window.requests") if kind != "frame_ack"
+        one["type"] for one in player.evaluate("() => window.sent") if one["type"] != "frame_ack"
     ]
 
 
@@ -59,7 +41,7 @@ def click_at(page, index, count=20):
     page.mouse.click(x, area["y"] + area["height"] / 2)
 
 
-def test_a_step_back_shows_the_frame_as_it_was_without_tracking_it_again(player, requests):
+def test_earlier_frames_are_shown_as_they_were_without_tracking_them_again(player, requests):
     for index in (18, 17, 16):
         player.keyboard.press("ArrowLeft")
         at_frame(player, index)
@@ -71,23 +53,15 @@ def test_a_step_back_shows_the_frame_as_it_was_without_tracking_it_again(player,
     player.keyboard.press("Escape")
     at_frame(player, 19)
     assert player.locator("#past").is_hidden()
-    assert requests() == []
-
-
-def test_a_click_on_the_timeline_shows_that_moment(player, requests):
+    # By a click on the timeline.
     click_at(player, 5)
     at_frame(player, 5)
     assert player.box == player.boxes[5]
-    player.wait_until(
-        lambda: player.locator("#timeline").get_attribute("aria-valuenow") == "5", "its position"
-    )
+    timeline = player.locator("#timeline")
+    player.wait_until(lambda: timeline.get_attribute("aria-valuenow") == "5", "its position")
     player.locator("#now").click()
     at_frame(player, 19)
-    assert requests() == []
-
-
-def test_keys_on_the_timeline_move_through_the_moments(player, requests):
-    timeline = player.locator("#timeline")
+    # By its keys.
     timeline.focus()
     for key, index in (("ArrowLeft", 18), ("Home", 0), ("ArrowRight", 1), ("End", 19)):
         timeline.press(key)
@@ -97,9 +71,7 @@ def test_keys_on_the_timeline_move_through_the_moments(player, requests):
     player.keyboard.press("Escape")
     at_frame(player, 19)
     assert requests() == []
-
-
-def test_a_new_page_knows_the_time_of_its_first_frame(player):
+    # A new page knows the time of its first frame.
     player.reload()
     at_frame(player, 19)
     ticks = player.locator("#ticks span")
@@ -208,7 +180,6 @@ def test_where_a_detector_starts_the_targets_a_missing_frame_is_stepped_over(pla
     assert player.locator("#past").is_hidden()
 
 
-@pytest.mark.usefixtures("tracker")
 def test_a_camera_is_looked_back_at_while_it_goes_on(camera, page):
     camera.show_on(page)
     assert page.text("states-empty") == "Waits for a target: its states over time"

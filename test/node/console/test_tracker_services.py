@@ -1,9 +1,7 @@
 """The console's requests to a tracker."""
 
-import asyncio
-from concurrent.futures import ThreadPoolExecutor
-
 import pytest
+from console_pages import run_apart
 from std_srvs.srv import Trigger
 
 from pf_tracker_ros.node.console import tracker_services
@@ -18,10 +16,7 @@ def test_a_request_without_a_response_in_time_is_given_up(client, monkeypatch):
     client.destroy_service(server)
     monkeypatch.setattr(services._stop, "service_is_ready", lambda: True)
     monkeypatch.setattr(tracker_services, "_TIMEOUT", 0.05)
-    # In a thread, since the tests with a browser leave an event loop running in this one.
-    with ThreadPoolExecutor(1) as executor:
-        for _ in range(3):
-            response = executor.submit(lambda: asyncio.run(services.stop()))
-            with pytest.raises(TrackerError, match="/hangs/stop does not respond"):
-                response.result()
+    for _ in range(3):
+        with pytest.raises(TrackerError, match="/hangs/stop does not respond"):
+            run_apart(services.stop())
     assert not services._stop._pending_requests

@@ -60,12 +60,7 @@ def test_each_parameter_has_group_range_and_preset_value():
     assert chosen["hog.keep"]["group"] == "Hog"
     assert found["motion.position_noise"]["range"] == [0.0, 50.0]
     assert (found["particles"]["value"], found["particles"]["default"]) == (80, 60)
-    assert found["preset"]["choices"] == [
-        "default",
-        "li2007",
-        "zhang2015",
-        "zhang_bo",
-    ]
+    assert found["preset"]["choices"] == ["default", "li2007", "zhang2015", "zhang_bo"]
     assert found["hostile.<b>"]["default"] is None
 
 

@@ -1,7 +1,6 @@
 """A live localizer, and a scene whose boxes, depth and odometry are worked out by hand."""
 
 import math
-import time
 from array import array
 from dataclasses import dataclass, field
 from types import SimpleNamespace
@@ -11,9 +10,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
+from nodes import SpunNode, overrides, set_stamp, stamp_of
 from sensor_msgs.msg import CameraInfo, Image, Imu
 
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
@@ -23,15 +20,6 @@ CX, CY = 319.5, 239.5
 CAMERA_HEIGHT, TARGET_HEIGHT, TARGET_WIDTH = 1.5, 1.75, 0.5
 FRAME, START = 40_000_000, 1_700_000_000_000_000_000
 OPTICAL = "camera_optical_frame"
-DEADLINE = 30.0
-
-
-def stamp_of(message):
-    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-
-
-def set_stamp(header, stamp):
-    header.stamp.sec, header.stamp.nanosec = divmod(stamp, 10**9)
 
 
 def box_at(forward, left):
@@ -118,7 +106,7 @@ def given():
         gray=lambda stamp, image: depth_message(stamp, image, "mono8"),
         odometry=odometry_message,
         imu=imu_message,
-        stamp_of=stamp_of,
+        stamp_of=lambda message: stamp_of(message.header),
     )
 
 
@@ -137,17 +125,15 @@ def parsed(message):
     own = message.status[0]
     values = [{item.key: item.value for item in one.values} for one in message.status]
     by_id = {int(one["id"]): one for one in values[1:]}
-    return Status(stamp_of(message), own.message, own.level, values[0], by_id)
+    return Status(stamp_of(message.header), own.message, own.level, values[0], by_id)
 
 
-class Scene(Node):
+class Scene(SpunNode):
     """Publishes what a tracker and sensors would, and stores what the localizer publishes."""
 
     def __init__(self, graph):
-        super().__init__("scene", context=(context := graph.context()))
+        super().__init__("scene", graph.context())
         self._graph = graph
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self)
         self.statuses, self.poses, self.health = [], [], []
         self._tracker = self.create_publisher(DiagnosticArray, "pf_tracker/status", 10)
         self._senders = {}
@@ -165,13 +151,6 @@ class Scene(Node):
         """Wait until all endpoints of both are connected."""
         self._graph.introduce(self, localizer)
         self._inputs = localizer._inputs
-
-    def wait_for(self, condition, what):
-        end = time.monotonic() + DEADLINE
-        while not (result := condition()):
-            assert time.monotonic() < end, f"no {what}"
-            self._executor.spin_once(timeout_sec=0.02)
-        return result
 
     def send(self, topic, message):
         """Publish a sensor's message, and wait until the localizer has it."""
@@ -211,23 +190,13 @@ class Scene(Node):
             statuses.append(self.show(START + index * FRAME, [target], **options))
         return statuses
 
-    def close(self):
-        self._executor.shutdown()
-        self.destroy_node()
-
 
 @pytest.fixture
 def make_localizer(graph):
     """A function that starts a localizer in a thread, with parameters by name."""
 
     def make(**parameters):
-        node = LocalizerNode(
-            context=graph.context(),
-            parameter_overrides=[
-                Parameter(name.replace("__", "."), value=value)
-                for name, value in parameters.items()
-            ],
-        )
+        node = LocalizerNode(context=graph.context(), parameter_overrides=overrides(parameters))
         graph.run(node)
         return node
 
@@ -240,3 +209,19 @@ def scene(graph):
     scene = Scene(graph)
     yield scene
     scene.close()
+
+
+@pytest.fixture
+def start(scene, make_localizer):
+    """A function that starts a localizer with sensors (type, topic), without predictions."""
+
+    def start_one(*sensors, calibrated=True, **parameters):
+        for message_type, topic in sensors:
+            scene.add_sensor(message_type, topic)
+        localizer = make_localizer(**{"camera__height": 1.5, "coast": 0.0, **parameters})
+        scene.meet(localizer)
+        if calibrated:
+            scene.calibrate()
+        return localizer
+
+    return start_one

@@ -1,6 +1,5 @@
 """The replay publisher, and a test node that replaces the tracker."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,9 +8,8 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PolygonStamped
+from nodes import SpunNode, overrides
 from rcl_interfaces.srv import SetParameters
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -21,11 +19,10 @@ from std_srvs.srv import SetBool
 
 from pf_tracker_ros.node.replay.replay_node import ReplayNode
 
-DEADLINE = 60.0
 EVERYTHING = QoSProfile(history=HistoryPolicy.KEEP_ALL, reliability=ReliabilityPolicy.RELIABLE)
 
 
-class StandIn(Node):
+class StandIn(SpunNode):
     """Replaces the tracker: answers each frame with a status, and records all messages.
 
     Attributes:
@@ -34,7 +31,7 @@ class StandIn(Node):
     """
 
     def __init__(self, services_of, context, image_type=Image):
-        super().__init__("pf_tracker", context=context)
+        super().__init__("pf_tracker", context)
         self.replay_services = services_of(self, "/replay", self.spin_until)
         self.events = []
         self.ignored = {}
@@ -47,8 +44,6 @@ class StandIn(Node):
         ):
             self.create_subscription(message_type, topic, self.note(kind), EVERYTHING, raw=True)
         self.image_type = image_type
-        self.spinner = SingleThreadedExecutor(context=context)
-        self.spinner.add_node(self)
 
     def listen(self):
         topic = "image" if self.image_type is Image else "image/compressed"
@@ -87,12 +82,7 @@ class StandIn(Node):
         return [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
 
     def spin_until(self, condition, what=""):
-        deadline = time.monotonic() + DEADLINE
-        while not (result := condition()):
-            assert time.monotonic() < deadline, (what, [kind for kind, _ in self.events])
-            self.spinner.spin_once(timeout_sec=0.02)
-            self.send_pending()
-        return result
+        return self.wait_for(lambda: self.send_pending() or condition(), what)
 
     def spin_until_ended(self, replay_node):
         """Spin until the replay has ended and its messages have arrived."""
@@ -120,10 +110,6 @@ class StandIn(Node):
         parameters = [Parameter(name, value=value).to_parameter_msg()]
         return self.replay_services.ask(SetParameters, "set_parameters", parameters=parameters)
 
-    def close(self):
-        self.spinner.shutdown()
-        self.destroy_node()
-
 
 @pytest.fixture
 def stand_in(graph, services_of):
@@ -140,19 +126,24 @@ def stand_in(graph, services_of):
 
 
 @pytest.fixture
+def tracker(stand_in):
+    """A `StandIn` that listens to raw images."""
+    node = stand_in()
+    node.listen()
+    return node
+
+
+@pytest.fixture
 def replay(graph):
     """Start the replay publisher in a thread with its own context; returns the node."""
 
     def start(spectator=None, **parameters):
         # On a busy machine a status may be slow; frames must not be sent twice.
         parameters = {"lockstep_timeout": 60.0, **parameters}
+        if "source" in parameters:
+            parameters["source"] = str(parameters["source"])
         node = ReplayNode(
-            spectator=spectator,
-            context=graph.context(),
-            parameter_overrides=[
-                Parameter(name, value=str(value) if isinstance(value, Path) else value)
-                for name, value in parameters.items()
-            ],
+            spectator=spectator, context=graph.context(), parameter_overrides=overrides(parameters)
         )
         graph.run(node)
         return node
@@ -193,12 +184,11 @@ class Recordings:
             ("/eye", "sensor_msgs/msg/Image", stamp + 5, self.image(stamp)) for stamp in self.stamps
         ]
 
-    def image(self, stamp, *, little_endian=True):
+    def image(self, stamp):
         """A small image whose pixels depend on its stamp."""
         return self.message(
             "sensor_msgs/msg/Image",
             stamp,
-            little_endian=little_endian,
             height=3,
             width=4,
             encoding="mono8",
@@ -211,9 +201,9 @@ class Recordings:
         shape = self.make_polygon((1.0, 1.0), (2.0, 1.0))
         return self.message("geometry_msgs/msg/PolygonStamped", stamp, polygon=shape)
 
-    def write(self, rows=None, *kind):
-        """Write rows, by default `rows`, into a bag of the given kind and return its path."""
-        return self.write_bag(self.path, rows or self.rows, *kind)
+    def write(self, rows=None):
+        """Write rows, by default `rows`, into a bag and return its path."""
+        return self.write_bag(self.path, rows or self.rows)
 
 
 @pytest.fixture

@@ -48,10 +48,7 @@ def timed(clock):
     return playback
 
 
-@given(
-    st.lists(st.integers(0, 30), min_size=1, max_size=4),
-    st.floats(0.5, 10.0),
-)
+@given(st.lists(st.integers(0, 30), min_size=1, max_size=4), st.floats(0.5, 10.0))
 def test_every_item_is_due_at_its_time(clock, gaps, rate):
     times = [5 * MILLISECOND]
     for gap in gaps:
@@ -61,11 +58,8 @@ def test_every_item_is_due_at_its_time(clock, gaps, rate):
     assert due == pytest.approx(expected, abs=1e-9)
 
 
-def test_without_a_rate_everything_is_due_at_once(clock):
+def test_everything_without_a_rate_and_an_item_with_an_earlier_time_are_due_at_once(clock):
     assert play(clock, [0, 10**12, 10**15], None) == [0.0] * 3
-
-
-def test_an_item_with_an_earlier_time_is_due_at_once(clock):
     assert play(clock, [10**15, 0, 1], lambda: 1.0) == pytest.approx([0.0, 0.0, 1e-9])
 
 
@@ -112,25 +106,43 @@ def test_a_lag_is_reported_and_not_caught_up(clock):
     assert clock.now - began == pytest.approx(0.05)
 
 
-@pytest.mark.parametrize(
-    "wait",
-    [
-        lambda playback: playback.wait_until_due(10**15, lambda: 1.0),
-        lambda playback: playback.wait_until_processed(7, 1000.0),
-        lambda playback: playback.wait_for(lambda: False, 1000.0),
-    ],
-    ids=["due", "status", "condition"],
-)
-@pytest.mark.parametrize("paused", [True, False])
-def test_stopping_ends_every_wait(wait, paused):
+WAITS = {
+    "due": lambda playback: playback.wait_until_due(10**15, lambda: 1.0),
+    "status": lambda playback: playback.wait_until_processed(7, 1000.0),
+    "condition": lambda playback: playback.wait_for(lambda: False, 1000.0),
+    "end": lambda playback: playback.wait_at_end(),
+}
+
+
+def started(*, paused):
+    """A playback whose first item was due."""
     playback = Playback()
     playback.wait_until_due(0, None)
     playback.paused = paused
+    return playback
+
+
+@pytest.mark.parametrize("kind", WAITS)
+@pytest.mark.parametrize("paused", [True, False])
+def test_stopping_ends_every_wait(kind, paused):
+    playback = started(paused=paused)
     threading.Timer(0.05, playback.stop).start()
-    with pytest.raises(PlaybackStopped):
-        wait(playback)
-    with pytest.raises(PlaybackStopped):
-        wait(playback)
+    for _ in range(2):
+        with pytest.raises(PlaybackStopped):
+            WAITS[kind](playback)
+    assert playback.paused == (paused or kind == "end")
+
+
+@pytest.mark.parametrize("kind", ["due", "status", "end"])
+@pytest.mark.parametrize("paused", [True, False])
+def test_seeking_ends_every_wait_once_and_steps(kind, paused):
+    playback = started(paused=paused)
+    threading.Timer(0.05, playback.seek, (3,)).start()
+    with pytest.raises(SeekRequested) as sought:
+        WAITS[kind](playback)
+    assert sought.value.args == (3,)
+    playback.begin_pass()
+    playback.wait_until_due(0, lambda: 1.0)
 
 
 def test_a_report_counts_for_its_own_stamp_only():
@@ -176,33 +188,3 @@ def test_steps_are_due_at_once_during_a_pause():
     assert passed == [0, 1, 2]
     playback.stop()
     thread.join()
-
-
-@pytest.mark.parametrize(
-    "wait",
-    [
-        lambda playback: playback.wait_until_due(10**15, lambda: 1.0),
-        lambda playback: playback.wait_until_processed(7, 1000.0),
-        lambda playback: playback.wait_at_end(),
-    ],
-    ids=["due", "status", "end"],
-)
-@pytest.mark.parametrize("paused", [True, False])
-def test_seeking_ends_every_wait_once_and_steps(wait, paused):
-    playback = Playback()
-    playback.wait_until_due(0, None)
-    playback.paused = paused
-    threading.Timer(0.05, playback.seek, (3,)).start()
-    with pytest.raises(SeekRequested) as sought:
-        wait(playback)
-    assert sought.value.args == (3,)
-    playback.begin_pass()
-    playback.wait_until_due(0, lambda: 1.0)
-
-
-def test_the_playback_is_paused_at_the_end():
-    playback = Playback()
-    threading.Timer(0.05, playback.stop).start()
-    with pytest.raises(PlaybackStopped):
-        playback.wait_at_end()
-    assert playback.paused

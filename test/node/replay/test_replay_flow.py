@@ -3,7 +3,6 @@
 import itertools
 import time
 
-import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Image
@@ -27,11 +26,9 @@ def test_lockstep_waits_for_the_tracker_after_each_frame(pictures, stand_in, rep
 
 
 def test_lockstep_publishes_a_frame_without_status_again(
-    pictures, stand_in, replay, monkeypatch, capfd
+    pictures, tracker, replay, monkeypatch, capfd
 ):
     monkeypatch.setattr(replay_node, "_WARNING_INTERVAL", 60.0)
-    tracker = stand_in()
-    tracker.listen()
     tracker.ignored = {pictures.stamps[2]: 2}
     node = replay(source=pictures.folder, lockstep=True, start_paused=True)
 
@@ -50,9 +47,7 @@ def test_lockstep_publishes_a_frame_without_status_again(
     assert log.count("publishing it again") == 1, "the warning is throttled"
 
 
-def test_a_loop_repeats_with_the_target_until_switched_off(pictures, stand_in, replay):
-    tracker = stand_in()
-    tracker.listen()
+def test_a_loop_repeats_with_the_target_until_switched_off(pictures, tracker, replay):
     node = replay(source=pictures.folder, lockstep=True, loop=True, target_box=[1.0, 2.0, 3.0, 4.0])
     tracker.spin_until(lambda: len(tracker.seen("image")) >= 14)
     tracker.set_replay_parameter("loop", False)
@@ -64,9 +59,7 @@ def test_a_loop_repeats_with_the_target_until_switched_off(pictures, stand_in, r
     assert kinds == ["target", *["image"] * 6] * passes
 
 
-def test_nothing_is_published_while_paused(pictures, stand_in, replay):
-    tracker = stand_in()
-    tracker.listen()
+def test_nothing_is_published_while_paused(pictures, tracker, replay):
     node = replay(source=pictures.folder, start_paused=True, rate=1000.0, publish_clock=True)
     tracker.spin_until(lambda: tracker.count_publishers("/image") == 1)
     assert tracker.pause().message == "paused, 0 frames published"
@@ -78,9 +71,7 @@ def test_nothing_is_published_while_paused(pictures, stand_in, replay):
     tracker.spin_until_ended(node)
 
 
-def test_a_new_rate_applies_at_once(pictures, stand_in, replay):
-    tracker = stand_in()
-    tracker.listen()
+def test_a_new_rate_applies_at_once(pictures, tracker, replay):
     # At this rate a frame would come every 16 minutes.
     node = replay(source=pictures.folder, frame_rate=0.1, rate=0.01, start_paused=True)
     tracker.resume()
@@ -90,11 +81,9 @@ def test_a_new_rate_applies_at_once(pictures, stand_in, replay):
     tracker.spin_until_ended(node)
 
 
-def test_images_are_stamped_with_the_time_of_publication(pictures, stand_in, replay, monkeypatch):
+def test_images_are_stamped_with_the_time_of_publication(pictures, tracker, replay, monkeypatch):
     # So that only the target and the pause restart the schedule, however busy the machine is.
     monkeypatch.setattr(playback, "TOLERATED_LAG", 60.0)
-    tracker = stand_in()
-    tracker.listen()
     began = time.time_ns()
     node = replay(source=pictures.folder, target_box=[1.0, 2.0, 3.0, 4.0], start_paused=True)
 
@@ -119,22 +108,15 @@ def test_images_are_stamped_with_the_time_of_publication(pictures, stand_in, rep
     assert [waits[1], waits[2], waits[4]] == [40_000_000] * 3
 
 
-@pytest.mark.parametrize("exact", ["lockstep", "publish_clock"])
-def test_images_have_reproducible_stamps_in_lockstep_and_with_a_clock(
-    pictures, stand_in, replay, exact
-):
-    tracker = stand_in()
-    tracker.listen()
+def test_images_have_reproducible_stamps_with_a_clock(pictures, tracker, replay):
     # With a target it waits for an image subscriber.
     box = [1.0, 2.0, 3.0, 4.0]
-    tracker.spin_until_ended(replay(source=pictures.folder, target_box=box, **{exact: True}))
+    tracker.spin_until_ended(replay(source=pictures.folder, target_box=box, publish_clock=True))
     assert tracker.stamps() == pictures.stamps
 
 
-def test_only_the_last_stamps_of_a_loop_are_indexed(pictures, stand_in, replay, monkeypatch):
+def test_only_the_last_stamps_of_a_loop_are_indexed(pictures, tracker, replay, monkeypatch):
     monkeypatch.setattr(replay_node, "_MAX_INDEXED_STAMPS", 8)
-    tracker = stand_in()
-    tracker.listen()
     node = replay(source=pictures.folder, loop=True, rate=10.0)
     tracker.spin_until(lambda: len(tracker.stamps()) >= 24)
     node.playback.paused = True
@@ -147,9 +129,7 @@ def test_only_the_last_stamps_of_a_loop_are_indexed(pictures, stand_in, replay, 
     assert known() == tracker.stamps()[-8:]
 
 
-def test_stamps_increase_over_the_passes_of_a_loop(pictures, stand_in, replay):
-    tracker = stand_in()
-    tracker.listen()
+def test_stamps_increase_over_the_passes_of_a_loop(pictures, tracker, replay):
     node = replay(source=pictures.folder, loop=True)
     tracker.spin_until(lambda: len(tracker.seen("image")) >= 13)
     tracker.set_replay_parameter("loop", False)
@@ -158,9 +138,7 @@ def test_stamps_increase_over_the_passes_of_a_loop(pictures, stand_in, replay):
     assert stamps == sorted(set(stamps))
 
 
-def test_steps_publish_single_frames_during_a_pause(pictures, stand_in, replay):
-    tracker = stand_in()
-    tracker.listen()
+def test_steps_publish_single_frames_during_a_pause(pictures, tracker, replay):
     replay(source=pictures.folder, start_paused=True, lockstep=True, loop=True)
 
     def step():
@@ -180,9 +158,7 @@ def test_steps_publish_single_frames_during_a_pause(pictures, stand_in, replay):
     assert "~/pause" in refusal.message
 
 
-def test_a_paused_replay_reports_a_missing_subscriber(pictures, stand_in, replay):
-    tracker = stand_in()
-    tracker.listen()
+def test_a_paused_replay_reports_a_missing_subscriber(pictures, tracker, replay):
     node = replay(source=pictures.folder, start_paused=True, lockstep=True)
     tracker.resume()
     tracker.spin_until(lambda: tracker.seen("status"))
@@ -207,9 +183,7 @@ def test_nothing_is_played_for_a_spectator_alone(pictures, stand_in, replay, gra
     assert tracker.stamps() == pictures.stamps
 
 
-def test_it_waits_at_the_end_with_stay_at_end(pictures, stand_in, replay):
-    tracker = stand_in()
-    tracker.listen()
+def test_it_waits_at_the_end_with_stay_at_end(pictures, tracker, replay):
     node = replay(source=pictures.folder, lockstep=True, stay_at_end=True)
     tracker.spin_until(lambda: len(tracker.seen("status")) == 6)
     assert node.playback.wait_until_held(30.0)
@@ -223,12 +197,10 @@ def test_it_waits_at_the_end_with_stay_at_end(pictures, stand_in, replay):
     assert node.position == 2
 
 
-def test_lockstep_goes_no_faster_than_its_rate(pictures, stand_in, replay, monkeypatch):
+def test_lockstep_goes_no_faster_than_its_rate(pictures, tracker, replay, monkeypatch):
     rates = []
     monkeypatch.setattr(
         playback.Playback, "wait_until_due", lambda self, time, rate: rates.append(rate()) or 0.0
     )
-    tracker = stand_in()
-    tracker.listen()
     tracker.spin_until_ended(replay(source=pictures.folder, lockstep=True, lockstep_rate=0.5))
     assert rates == [0.5] * len(pictures.stamps)

@@ -16,6 +16,11 @@ from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 FRAMES = 16
 
 
+@pytest.fixture(autouse=True)
+def _fast_reports(fast_reports):
+    """No test of the tracker waits for a report of the usual period."""
+
+
 @pytest.fixture(scope="session")
 def walkers():
     """(images, boxes (frames, 2, 4)) of two colored walkers on a textured ground."""

@@ -4,8 +4,8 @@ import re
 import threading
 
 import cv2
-import numpy as np
 import pytest
+from nodes import moving_block
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import session_manager
@@ -21,22 +21,13 @@ MULTI_TARGET = {
 }
 
 
-def scene(number):
-    """A block that moves over a still ground."""
-    noise = np.random.default_rng(0).integers(172, 188, (150, 200, 1))
-    image = np.repeat(noise, 3, axis=2).astype(np.uint8)
-    x = 10 + number % 140
-    cv2.rectangle(image, (x, 60), (x + 25, 100), (20, 20, 60), -1)
-    return image, x
-
-
-def show_until(client, condition, first=0, scene=scene):
+def show_until(client, condition, first=0):
     """Show frames until a status fulfills a condition; returns it and the next frame's number."""
     number = first
 
     def met():
         nonlocal number
-        status = client.show(scene(number)[0], client.at(number))
+        status = client.show(moving_block(number), client.at(number))
         number += 1
         return status if condition(status) else None
 
@@ -48,7 +39,7 @@ def test_a_moving_object_starts_a_target(graph, client):
     status, number = show_until(client, lambda status: status.targets)
     assert status.targets[0].values["label"] == "moving"
     for following in range(number, number + 5):
-        status = client.show(scene(following)[0], client.at(following))
+        status = client.show(moving_block(following), client.at(following))
         assert (status.level, len(status.targets)) == ("OK", 1)
         assert status.targets[0].values["id"] == "1"
 
@@ -57,13 +48,13 @@ def test_the_detector_changes_at_run_time(graph, client):
     graph.tracker(client, **MULTI_TARGET)
     key = "detector_runs"
     for number in range(3):
-        assert client.show(scene(number)[0], client.at(number)).values[key] == "0"
+        assert client.show(moving_block(number), client.at(number)).values[key] == "0"
     assert client.set_parameters(built_in_detector="people").successful
     _, number = show_until(client, lambda status: int(status.values[key]) >= 2, first=3)
     assert client.set_parameters(built_in_detector="none").successful
-    runs = client.show(scene(number)[0], client.at(number)).values[key]
+    runs = client.show(moving_block(number), client.at(number)).values[key]
     for following in range(number + 1, number + 4):
-        status = client.show(scene(following)[0], client.at(following))
+        status = client.show(moving_block(following), client.at(following))
         assert status.values[key] == runs
 
 
@@ -92,7 +83,7 @@ def test_a_failing_detector_is_refused_and_changes_nothing(graph, client):
     refused = client.set_parameters(built_in_detector="people", particles=77)
     assert not refused.successful
     assert re.search("detector 'people' cannot be created: .*no model", refused.reason)
-    status = client.show(scene(number)[0], client.at(number))
+    status = client.show(moving_block(number), client.at(number))
     assert (status.values["state"], len(status.targets)) == ("tracking", 1)
     assert client.tunables()["particles"] != 77
 
@@ -100,7 +91,7 @@ def test_a_failing_detector_is_refused_and_changes_nothing(graph, client):
 @pytest.mark.usefixtures("without_people_detector")
 def test_a_failing_detector_at_start_up_keeps_the_node_idle_until_corrected(graph, client):
     graph.tracker(client, built_in_detector="people", **MULTI_TARGET)
-    status = client.show(scene(0)[0], client.at(0))
+    status = client.show(moving_block(0), client.at(0))
     assert (status.level, status.values["frame"]) == ("ERROR", "waiting")
     assert "not tracking: the built-in detector 'people' cannot be created" in status.message
     assert client.set_parameters(built_in_detector="motion").successful
@@ -121,27 +112,25 @@ def test_an_error_while_detecting_costs_no_frame(graph, client, monkeypatch):
 
 
 def test_detections_of_frames_before_a_time_jump_are_discarded(graph, client, monkeypatch):
-    detected, gates = [], [threading.Event(), threading.Event()]
+    started, gates = [], [threading.Event(), threading.Event()]
 
     class Slow:
         def detect(self, image, interval):
-            detected.append(image)
-            assert gates[len(detected) - 1].wait(60.0)
+            started.append(image)
+            assert gates[len(started) - 1].wait(60.0)
             return Detections([[100.0, 10.0, 30.0, 30.0]])
 
     monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Slow))
     graph.tracker(client, built_in_detector="motion", **MULTI_TARGET)
     try:
-        client.show(scene(0)[0], client.at(50))
-        client.show(scene(0)[0], client.at(0))
+        client.show(moving_block(0), client.at(50))
+        client.show(moving_block(0), client.at(0))
         gates[0].set()
-        _, number = show_until(client, lambda status: len(detected) == 2, first=1)
-        status = client.show(scene(0)[0], client.at(number))
-        # The second detection started after the first result was taken.
+        # The second detection starts after the first result was taken.
+        status, _ = show_until(client, lambda status: len(started) == 2, first=1)
         assert (status.level, status.values["detector_runs"]) == ("OK", "0")
     finally:
-        for gate in gates:
-            gate.set()
+        gates[1].set()
 
 
 @pytest.mark.skipif(DETECTIONS_CLASS is not None, reason="vision_msgs is installed")

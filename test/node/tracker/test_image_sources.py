@@ -154,10 +154,3 @@ def test_an_empty_frame_id_is_accepted(client, images, request_target, of_images
     request_target(of_target)
     _, (status,) = show_frames(client, images, [of_images], index)
     assert (status.level, status.values["frame"]) == ("OK", "started")
-
-
-def test_a_target_in_the_frame_of_one_of_two_cameras_is_accepted(client, images, request_target):
-    index, _ = show_frames(client, images, ["left", "right"], 0)
-    request_target("left")
-    _, (status,) = show_frames(client, images, ["right"], index)
-    assert status.values["frame"] == "started"

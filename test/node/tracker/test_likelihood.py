@@ -37,18 +37,6 @@ def test_it_is_around_the_box_and_published_only_with_a_subscriber(graph, client
     assert "likelihood_x" not in client.show(images[4], client.at(4)).values
 
 
-def test_without_a_target_nothing_is_published(graph, client, images):
-    received = []
-    client.create_subscription(Image, "pf_tracker/likelihood", received.append, 10)
-    node = graph.tracker()
-    (publisher,) = [one for one in node.publishers if one.topic.endswith("/likelihood")]
-    client.wait_for(publisher.get_subscription_count, "connection")
-    client.meet()
-    status = client.show(images[0], client.at(0))
-    assert status.values["state"] == "idle"
-    assert received == []
-
-
 def test_the_colors_of_the_target_are_told_from_its_surroundings(graph, client, images, box):
     received = []
     client.create_subscription(Image, "pf_tracker/target_probability", received.append, 10)

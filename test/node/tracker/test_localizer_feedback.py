@@ -54,7 +54,6 @@ def localizer(graph):
     return node
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_the_tracker_takes_the_share_that_a_localizer_measures(
     graph, client, localizer, images, box
 ):

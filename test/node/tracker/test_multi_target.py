@@ -1,53 +1,39 @@
-"""Several manual targets in a live node: started, published, stopped, changed."""
+"""Several manual targets in a live node: started, selected, published, stopped."""
 
 import numpy as np
 import pytest
-from nodes import ids
+from nodes import corner, ids
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
-from visualization_msgs.msg import Marker, MarkerArray
 
-from pf_tracker_ros import MultiTracker
 from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.overlay import target_color
+from pf_tracker_ros.stamps import stamp_of
 
 MULTI_TARGET = {"max_targets": 4, "image_reliability": "reliable"}
 
 
 @pytest.fixture
-def start_tracker(graph, client):
-    """A function that starts a tracker, and returns it and the messages of some topics."""
+def start_two(graph, client, walkers):
+    """A function that starts a tracker and two targets; returns it and the status of the frame."""
 
-    def start(topics=(), **parameters):
-        kinds = {"boxes": MarkerArray, "particles": PointCloud2, "overlay": Image}
-        received = {name: [] for name in topics}
-        for name in topics:
-            client.create_subscription(
-                kinds[name], f"pf_tracker/{name}", received[name].append, 100
-            )
-        return graph.tracker(client, **{**MULTI_TARGET, **parameters}), received
+    def start():
+        images, boxes = walkers
+        node = graph.tracker(client, **MULTI_TARGET)
+        for box in boxes[0]:
+            client.point_at(box)
+        return node, client.show(images[0], client.at(0))
 
     return start
 
 
-def two_targets(client, walkers, stamp=0):
-    images, boxes = walkers
-    for box in boxes[0]:
-        client.point_at(box, stamp)
-    return client.show(images[0], client.at(0))
-
-
-def test_each_request_starts_another_target(client, start_tracker, walkers):
+def test_each_request_starts_another_target(client, start_two, walkers):
     images, _ = walkers
-    start_tracker()
-    status = two_targets(client, walkers)
+    _, status = start_two()
     assert (status.level, status.values["frame"]) == ("OK", "started")
     assert (status.values["state"], status.values["targets"]) == ("tracking", "2")
     assert status.message == "tracking 2 targets"
-    assert [one.name for one in status.targets] == [
-        "/pf_tracker: target 1",
-        "/pf_tracker: target 2",
-    ]
+    assert [one.name[-8:] for one in status.targets] == ["target 1", "target 2"]
     for number in range(1, 6):
         status = client.show(images[number], client.at(number))
     assert ids(status) == [1, 2]
@@ -55,61 +41,64 @@ def test_each_request_starts_another_target(client, start_tracker, walkers):
         assert (one.level, one.values["state"], one.values["label"]) == ("OK", "tracking", "")
         assert float(one.values["age"]) == pytest.approx(0.2)
         assert 0.0 < float(one.values["confidence"]) <= 1.0
-    # Without a selected target there are no values of a single one.
-    assert client.boxes == []
-    assert status.values["selected"] == "0"
-    assert "confidence" not in status.values
 
 
-def test_the_boxes_are_those_of_the_library(client, start_tracker, walkers):
-    images, boxes = walkers
-    _, received = start_tracker(["boxes"], seed=3)
-    two_targets(client, walkers)
-    tracker = MultiTracker.from_preset("default", 3, {"max_targets": 4})
-    tracker.update(images[0])
-    for box in boxes[0]:
-        tracker.start(images[0], box)
-    for number in range(1, 5):
-        client.show(images[number], client.at(number))
-        targets = tracker.update(images[number], 0.04)
-    markers = client.answer_of_array(received["boxes"], client.at(4))
-    assert markers[0].action == Marker.DELETEALL
-    lines = [one for one in markers if one.ns == "boxes"]
-    texts = [one for one in markers if one.ns == "labels"]
-    assert [one.id for one in lines] == [one.id for one in texts] == [1, 2]
-    assert [one.text for one in texts] == ["1", "2"]
-    for line, target in zip(lines, targets, strict=True):
-        x, y, width, height = target.estimate.box
-        assert (line.points[0].x, line.points[0].y) == (x, y)
-        assert (line.points[2].x, line.points[2].y) == (x + width, y + height)
-        assert line.points[4] == line.points[0]
-        blue, green, red = target_color(target.id)
-        assert (line.color.b, line.color.g, line.color.r) == pytest.approx(
-            (blue / 255, green / 255, red / 255)
-        )
-        assert line.header.frame_id == "camera"
-
-
-def test_particles_and_overlay_show_all(client, start_tracker, walkers):
+def test_particles_and_overlay_show_all(client, start_two, walkers):
     images, _ = walkers
-    _, received = start_tracker(["particles", "overlay"])
-    two_targets(client, walkers)
+    clouds, overlays = [], []
+    client.create_subscription(PointCloud2, "pf_tracker/particles", clouds.append, 100)
+    client.create_subscription(Image, "pf_tracker/overlay", overlays.append, 100)
+    start_two()
     client.show(images[1], client.at(1))
-    cloud = client.answer(received["particles"], client.at(1))
+    cloud = client.answer(clouds, client.at(1))
     assert [one.name for one in cloud.fields][-1] == "id"
     points = np.frombuffer(cloud.data, np.float32).reshape(cloud.width, -1)
     assert set(points[:, -1]) == {1.0, 2.0}
-    for id in (1.0, 2.0):
-        assert points[points[:, -1] == id, 5].sum() == pytest.approx(1.0, abs=1e-3)
-    overlay = decode_raw(client.answer(received["overlay"], client.at(1)))
+    overlay = decode_raw(client.answer(overlays, client.at(1)))
     for id in (1, 2):
+        assert points[points[:, -1] == id, 5].sum() == pytest.approx(1.0, abs=1e-3)
         assert (overlay == target_color(id)).all(axis=2).sum() > 50
 
 
-def test_one_target_is_stopped_by_its_id_or_all(client, start_tracker, walkers, send_id):
+def test_box_and_values_are_of_the_selected_target_only(client, start_two, walkers, send_id, capfd):
     images, boxes = walkers
-    node, _ = start_tracker()
-    two_targets(client, walkers)
+    node, status = start_two()
+    assert status.values["selected"] == "0"
+    assert "confidence" not in status.values
+    for number, id in ((1, 2), (2, 1)):
+        send_id(client, node, "select", id)
+        status = client.show(images[number], client.at(number))
+        assert (status.level, status.message) == ("OK", "tracking")
+        assert status.values["selected"] == str(id)
+        own = status.targets[id - 1].values
+        for name in ("state", "confidence", "covariance_xx", "effective_sample_size"):
+            assert status.values[name] == own[name]
+        found = corner(client.box_at(client.at(number)))
+        assert found == pytest.approx(boxes[number][id - 1][:2], abs=6)
+    send_id(client, node, "select", 7)
+    status = client.show(images[3], client.at(3))
+    refused = "not selected: no target has the id 7; there are: 1, 2"
+    assert (status.level, status.message, status.values["selected"]) == ("WARN", refused, "1")
+    # The log has the states of the selected one.
+    for number in range(4, 10):
+        hidden = images[number].copy()
+        hidden[30:90] = 128
+        status = client.show(hidden, client.at(number))
+    assert status.values["state"] == "occluded"
+    log = capfd.readouterr().err
+    assert log.count("target 1 started on the box (30, 40, 24, 40)") == 1
+    assert log.count("tracking -> occluded, confidence ") == 1
+    send_id(client, node, "select", 0)
+    status = client.show(images[10], client.at(10))
+    assert (status.values["selected"], "confidence" in status.values) == ("0", False)
+    client.show(images[11], client.at(11))
+    stamps = {stamp_of(box.header) for box in client.boxes}
+    assert not stamps & {client.at(0), client.at(10), client.at(11)}
+
+
+def test_one_target_is_stopped_by_its_id_or_all(client, start_two, walkers, send_id):
+    images, boxes = walkers
+    node, _ = start_two()
     send_id(client, node, "stop_target", 7)
     status = client.show(images[1], client.at(1))
     assert "not stopped: no target has the id 7; there are: 1, 2" in status.message

@@ -1,22 +1,13 @@
 """A detector that starts and corrects the targets of a live node."""
 
-import csv
-
-import numpy as np
 import pytest
-import rclpy
 from common import overlap
-from nodes import ids
+from nodes import ids, read_boxes
 from rclpy.serialization import serialize_message
-from std_srvs.srv import SetBool
 from visualization_msgs.msg import MarkerArray
 
-from pf_tracker_ros import Detections
-from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.tracking.presets import preset_parameters
 
 MULTI_TARGET = {"max_targets": 8, "image_reliability": "reliable", "preset": "li2007"}
 
@@ -67,32 +58,6 @@ def test_detections_start_targets_that_are_tracked_in_every_frame(client, start_
         assert max(overlap(one, box) for box in boxes[13]) > 0.6
 
 
-def test_late_detections_give_the_boxes_of_the_library(client, start_detector, walkers):
-    images, boxes = walkers
-    detector, received = start_detector(seed=5)
-    for number in range(12):
-        if number >= 3 and (number - 3) % 4 == 0:
-            detector.publish(boxes[number - 3], client.at(number - 3))
-        client.show(images[number], client.at(number))
-    session = Session(preset_parameters("li2007", MULTI_TARGET["max_targets"]), 5)
-    session.frame_buffer.limit(120, 64.0)
-    for number in range(12):
-        if number >= 3 and (number - 3) % 4 == 0:
-            found = Detections(boxes[number - 3], [0.9, 0.9], ["person", "person"])
-            session.add_detections(found, client.at(number - 3))
-        targets = session.process(Frame(images[number], client.at(number))).targets
-        corners = {
-            one.id: (one.points[0].x, one.points[0].y, one.points[2].x, one.points[2].y)
-            for one in client.answer_of_array(received, client.at(number))
-            if one.ns == "boxes"
-        }
-        expected = {target.id: target.estimate.box for target in targets}
-        assert corners == {
-            id: (x, y, x + width, y + height) for id, (x, y, width, height) in expected.items()
-        }
-    assert len(targets) == 2
-
-
 @pytest.mark.skipif(DETECTIONS_CLASS is None, reason="vision_msgs is not installed")
 def test_the_command_track_gives_the_boxes_of_the_node(client, start_detector, walkers, tmp_path):
     images, boxes = walkers
@@ -115,8 +80,7 @@ def test_the_command_track_gives_the_boxes_of_the_node(client, start_detector, w
     output = tmp_path / "out"
     given = ["--detections-topic", "/found", "--seed", "5", "--preset", "li2007"]
     assert main([str(bag), "--output", str(output), *given]) == 0
-    with (output / "boxes.csv").open(newline="") as file:
-        found = list(csv.DictReader(file))
+    found = read_boxes(output)
     for number in range(len(images)):
         published = client.answer(received, client.at(number)).detections
         own = [row for row in found if row["frame"] == str(number) and row["x"]]
@@ -142,25 +106,12 @@ def write_messages(path, messages):
     return path
 
 
-def test_the_topic_can_be_remapped(graph, client, walkers, detector):
-    node = graph.tracker(
-        client, cli_args=["--ros-args", "-r", "detections:=/yolo/detections"], **MULTI_TARGET
-    )
-    detections = detector(client, node, "yolo/detections")
-    assert ids(show_with_detections(client, detections, walkers, range(8))) == [1, 2]
-
-
 NAN = float("nan")
 # (boxes, seconds after the image, error), given the boxes of the walkers.
 INVALID = (
     lambda boxes: ([(NAN, 1, 2, 3), *boxes], 0, "1 of 3 detections left out: a box or score"),
-    lambda boxes: ([(5, 5, 0, 0), *boxes], 0, "smaller than 2 px"),
-    lambda boxes: ([(900, 900, 20, 20), *boxes], 0, "center is outside of the image"),
     lambda boxes: (boxes, 3600, "detections refused: its stamp is 3600 s after"),
-    lambda boxes: (boxes, -(10**9), "from another clock"),
-    lambda boxes: (boxes, -10, "s old, and frames of the last"),
     lambda boxes: ([boxes[0]] * 10_000, 0, "detections refused: the message has"),
-    lambda boxes: ([(10.0 * n, 20.0, 8, 8) for n in range(25)] * 40, 0, "best scores count"),
 )
 
 
@@ -175,58 +126,3 @@ def test_invalid_detections_are_reported_once(client, start_detector, walkers):
         assert (status.level, status.message.count(error)) == ("WARN", 1)
         assert ";" not in status.message.replace(status.values["last_error"], "")
         assert {1, 2} <= {*ids(status)}
-
-
-def test_a_repeated_error_is_reported_once(client, start_detector, walkers):
-    images, boxes = walkers
-    detector, _ = start_detector()
-    levels = []
-    for number in range(6):
-        detector.publish(
-            [*boxes[number], *[(900.0 + number, 900.0, 9.0, 9.0)] * number], client.at(number)
-        )
-        levels.append(client.show(images[number], client.at(number)).level)
-    assert levels.count("WARN") == 1
-
-
-def pause(client, *, paused):
-    client.ask(SetBool, "enable", data=not paused)
-
-
-def test_detections_during_a_long_pause_are_no_fault(client, start_detector, walkers):
-    images, boxes = walkers
-    detector, _ = start_detector()
-    show_with_detections(client, detector, walkers, range(5))
-    pause(client, paused=True)
-    now = client.at(5)
-    for second in range(0, 100, 20):
-        now = client.at(5) + second * 10**9
-        detector.publish(boxes[5], now)
-        status = client.show(images[5], now)
-        assert (status.level, status.values["last_error"]) == ("OK", "")
-    pause(client, paused=False)
-    for number in range(6, 9):
-        now += client.at(1) - client.at(0)
-        detector.publish(boxes[number], now)
-        status = client.show(images[number], now)
-        assert (status.level, status.values["last_error"]) == ("OK", "")
-        assert "0.0" in [one.values["unconfirmed_for"] for one in status.targets]
-    assert len(status.targets) == 2
-
-
-def test_a_detector_at_best_effort_is_reported(client, graph, detector):
-    node = graph.tracker(client, **MULTI_TARGET)
-    profile = rclpy.qos.QoSProfile(depth=1, reliability=rclpy.qos.ReliabilityPolicy.BEST_EFFORT)
-    client.create_publisher(detector.kind(), "detections", profile)
-    image = np.zeros((20, 20), np.uint8)
-    frame = 0
-
-    def last_error():
-        nonlocal frame
-        frame += 1
-        return client.show(image, client.at(frame), "mono8").values["last_error"]
-
-    assert "nothing arrives on /detections" in client.wait_for(
-        last_error, "a report of the mismatch"
-    )
-    assert node.count_subscribers("/detections") == 1

@@ -5,16 +5,13 @@ from itertools import count
 
 import pytest
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
-from rclpy.parameter import Parameter
+from nodes import DEADLINE, SpunNode, overrides
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 
 from pf_tracker_ros.node.tracker import image_subscription
 from pf_tracker_ros.node.tracker.image_subscription import ImageSubscription
 
-DEADLINE = 60.0
 BUSY = 0.02
 PAIRS = 8
 
@@ -28,7 +25,7 @@ class Overload:
     """
 
     def __init__(self, context, overrides):
-        self.node = Node("overloaded", context=context, parameter_overrides=overrides)
+        self.node = SpunNode("overloaded", context, parameter_overrides=overrides)
         self.published, self.processed = [], []
         profile = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         self._images = self.node.create_publisher(Image, "image", profile)
@@ -36,25 +33,13 @@ class Overload:
         self._last = 0
         self.input = ImageSubscription(self.node, self._process, pytest.fail)
         self.input.open("raw", "auto")
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
 
     def run(self):
-        self.wait_for(self._images.get_subscription_count)
+        self.node.wait_for(self._images.get_subscription_count)
         (subscription,) = self.node.subscriptions
-        self.wait_for(subscription.get_publisher_count)
+        self.node.wait_for(subscription.get_publisher_count)
         self._publish()
-        self.wait_for(lambda: len(self.processed) == PAIRS)
-
-    def wait_for(self, condition):
-        end = time.monotonic() + DEADLINE
-        while not condition():
-            assert time.monotonic() < end
-            self.executor.spin_once(timeout_sec=0.02)
-
-    def close(self):
-        self.executor.shutdown()
-        self.node.destroy_node()
+        self.node.wait_for(lambda: len(self.processed) == PAIRS)
 
     def _process(self, image):
         self.published.append(self._last)
@@ -74,14 +59,13 @@ class Overload:
 def overload(graph):
     overloads = []
 
-    def make(**overrides):
-        given = [Parameter(name, value=value) for name, value in overrides.items()]
-        overloads.append(Overload(graph.context(), given))
+    def make(**given):
+        overloads.append(Overload(graph.context(), overrides(given)))
         return overloads[-1]
 
     yield make
     for one in overloads:
-        one.close()
+        one.node.close()
 
 
 def test_the_newest_pending_image_is_processed(overload, monkeypatch):

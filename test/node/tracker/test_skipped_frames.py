@@ -8,9 +8,7 @@ from nodes import QUICK
 from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros.node.tracker import status as status_module
-from pf_tracker_ros.targets.track_manager import TrackManager
 
-pytestmark = pytest.mark.usefixtures("fast_reports")
 ESTIMATE_KEYS = ("confidence", "covariance_xx", "effective_sample_size", "particles")
 
 
@@ -20,15 +18,6 @@ def tracking(graph, client, images, box):
     node = graph.tracker(client, target_box=box, **QUICK)
     assert client.show_all(images[:2])[-1].values["state"] == "tracking"
     return node
-
-
-def next_report(client, state, **values):
-    """The next report of a state on /diagnostics; one before it may still be on its way."""
-    client.health.clear()
-    expected = {"state": state, **values}.items()
-    return client.wait_for(
-        lambda: [h for h in client.health if expected <= h.values.items()], f"report of {state}"
-    )[0]
 
 
 def skipping(client, images, cause):
@@ -53,7 +42,6 @@ CAUSES = {
     "duplicate": "on /image; the publisher must stamp each image with its own time of capture",
     "paused": "paused; resume with the service ~/enable",
 }
-LEVELS = {"refused": "ERROR", "duplicate": "OK", "paused": "OK"}
 
 
 @pytest.mark.parametrize("cause", CAUSES)
@@ -63,7 +51,7 @@ def test_a_skipped_frame_has_its_cause_and_duration(  # noqa: PLR0917
     show = skipping(client, images, cause)
     monkeypatch.setattr(status_module, "REPORT_AFTER", math.inf)
     first = show()
-    assert first.level == LEVELS[cause]
+    assert first.level == ("ERROR" if cause == "refused" else "OK")
     assert (first.values["frame"], first.values["state"]) == (cause, "skipped")
     assert (first.values["skipped_frames"], first.values["last_state"]) == ("1", "tracking")
     assert CAUSES[cause] in first.message
@@ -85,13 +73,11 @@ def test_a_skipped_frame_has_its_cause_and_duration(  # noqa: PLR0917
     health = client.wait_for(warned, "a warning in /diagnostics")[0]
     assert (health.level, health.values["state"]) == ("WARN", "skipped")
     assert CAUSES[cause] in health.message
-    assert not [name for name in ESTIMATE_KEYS if name in health.values]
     if cause == "paused":
         client.ask(SetBool, "enable", data=True)
     again = client.show(images[3], client.at(3))
     assert (again.level, again.values["state"]) == ("OK", "tracking")
     assert "skipped_frames" not in again.values
-    assert "confidence" in again.values
     client.box_at(client.at(3))
     assert len(client.boxes) == 3
     log = capfd.readouterr().err
@@ -99,19 +85,10 @@ def test_a_skipped_frame_has_its_cause_and_duration(  # noqa: PLR0917
     assert log.count(CAUSES[cause]) == (cause != "paused")
 
 
-def test_a_late_frame_and_a_failed_frame_are_skipped(graph, client, images, box, monkeypatch):
-    def fail(*arguments):
-        raise ZeroDivisionError("by chance")
-
-    graph.tracker(client, target_box=box, **QUICK)
-    client.show(images[0], client.at(5))
-    late = client.show(images[0], client.at(4))
+def test_a_late_frame_is_skipped(tracking, client, images):
+    late = client.show(images[0], client.at(0.5))
     assert (late.level, late.values["frame"], late.values["state"]) == ("OK", "late", "skipped")
     assert "on /image is older than the last one; let a single camera" in late.message
-    monkeypatch.setattr(TrackManager, "update", fail)
-    failed = client.show(images[1], client.at(6))
-    assert (failed.level, failed.values["state"]) == ("ERROR", "skipped")
-    assert "confidence" not in failed.values
 
 
 def test_a_target_stopped_during_a_pause_is_not_the_last_state(tracking, client, images):
@@ -122,56 +99,38 @@ def test_a_target_stopped_during_a_pause_is_not_the_last_state(tracking, client,
     assert (status.values["state"], status.values["last_state"]) == ("skipped", "idle")
 
 
-def test_a_pause_is_in_the_diagnostics_without_a_frame(tracking, client):
-    client.ask(SetBool, "enable", data=False)
-    health = next_report(client, "skipped")
-    assert health.values["last_state"] == "tracking"
-    assert "confidence" not in health.values
-
-
 FROZEN = "frozen: the images on /image have not changed for more than 0.5 s; restart the camera"
-
-
-def freeze(client, image, numbers):
-    return [client.show(image, client.at(number)) for number in numbers]
 
 
 def test_frozen_images_are_skipped_until_one_differs(graph, client, images, box, capfd):
     graph.tracker(client, target_box=box, frozen_after=0.5, **QUICK)
     client.show_all(images[:3])
-    statuses = freeze(client, images[2], range(3, 20))
+    statuses = [client.show(images[2], client.at(number)) for number in range(3, 20)]
     assert [s.values["frame"] for s in statuses] == ["tracked"] * 12 + ["frozen"] * 5
     for count, status in enumerate(statuses[12:], 1):
         assert (status.level, status.values["state"]) == ("WARN", "skipped")
-        assert (status.values["skipped_frames"], status.values["last_state"]) == (
-            str(count),
-            "tracking",
-        )
+        assert status.values["skipped_frames"] == str(count)
+        assert status.values["last_state"] == "tracking"
         assert FROZEN in status.message
-        assert not [name for name in ESTIMATE_KEYS if name in status.values]
         assert status.targets == ()
-    health = next_report(client, "skipped", dropped_frozen="5")
+    health = client.wait_for(
+        lambda: [h for h in client.health if h.values["dropped_frozen"] == "5"], "report"
+    )[0]
     assert (health.level, health.values["dropped_duplicate"]) == ("WARN", "0")
     assert FROZEN in health.message
     log = capfd.readouterr().err
     assert log.count("have not changed") == log.count(FROZEN) == 1
     assert "frames are processed again" not in log
     again = client.show(images[3], client.at(20))
-    assert (again.level, again.values["frame"], again.values["state"]) == (
-        "OK",
-        "tracked",
-        "tracking",
-    )
-    assert [target.values["id"] for target in again.targets] == ["1"]
-    client.box_at(client.at(20))
-    assert len(client.boxes) == 16
+    assert (again.level, again.values["frame"]) == ("OK", "tracked")
     log = capfd.readouterr().err
     assert log.count("frames are processed again, after 5 skipped") == 1
-    assert "have not changed" not in log
 
 
 def test_frozen_after_can_change_at_run_time(graph, client, images):
     graph.tracker(client, frozen_after=0.1, **QUICK)
-    assert freeze(client, images[0], range(5))[-1].values["frame"] == "frozen"
+    for number in range(5):
+        status = client.show(images[0], client.at(number))
+    assert status.values["frame"] == "frozen"
     assert client.set_parameters(frozen_after=0.0).successful
     assert client.show(images[0], client.at(5)).values["frame"] == "waiting"

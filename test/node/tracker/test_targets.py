@@ -7,8 +7,6 @@ from geometry_msgs.msg import Point, PointStamped
 from nodes import NEVER_OCCLUDED as QUICK
 from std_srvs.srv import SetBool, Trigger
 
-from pf_tracker_ros import Tracker
-
 
 @pytest.fixture
 def boxes(moving_square):
@@ -26,15 +24,6 @@ def click(client, send):
 def corners(message):
     first, _, opposite, _ = message.polygon.points
     return first.x, first.y, opposite.x - first.x, opposite.y - first.y
-
-
-def library(images, box):
-    values = {"particles": 20, "track.wrong_box_cost": 0.0}
-    tracker = Tracker.from_preset("li2007", parameters=values)
-    estimate = tracker.start(images[0], box)
-    for image in images[1:]:
-        estimate = tracker.update(image, 0.04)
-    return estimate.box
 
 
 def test_a_click_starts_on_the_square_around_it(graph, client, images, click):
@@ -57,22 +46,6 @@ def test_an_invalid_click_is_refused(graph, client, images, click):
         assert (status.level, status.values["state"]) == ("WARN", "idle")
         assert status.message.startswith("target refused: ")
         assert reason in status.message
-
-
-def test_a_pause_skips_frames_and_keeps_the_target(graph, client, images, boxes):
-    graph.tracker(client, target_box=list(boxes[0]), **QUICK)
-    client.show(images[0], client.at(0))
-    assert client.ask(SetBool, "enable", data=False).success
-    # Not even decoded: its encoding is invalid.
-    status = client.show(images[1], client.at(1), "no_encoding")
-    assert (status.level, status.values["frame"]) == ("OK", "paused")
-    assert status.message == "paused; resume with the service ~/enable"
-    assert client.ask(SetBool, "enable", data=True).success
-    status = client.show(images[1], client.at(1))
-    assert (status.values["frame"], status.message) == ("tracked", "tracking")
-    assert corners(client.box_at(client.at(1))) == pytest.approx(
-        library(images[:2], boxes[0]), rel=1e-5
-    )
 
 
 def test_services_work_before_the_first_image(graph, client, images, boxes):

@@ -1,27 +1,31 @@
 """Stamps that jump or repeat, and simulated time, in a live node."""
 
-import pytest
 from nodes import NEVER_OCCLUDED as QUICK
-from nodes import corner
 from rosgraph_msgs.msg import Clock
-
-pytestmark = pytest.mark.usefixtures("fast_reports")
 
 
 def test_a_restarted_bag_follows_the_policy(graph, client, images, box):
     graph.tracker(client, target_box=box, time_jump="restart", **QUICK)
-    # Away from the box, where a restart would show.
-    client.show_all(images[:10])
-    for index in range(30, 33):
-        client.show(images[9], client.at(index))
+    client.show(images[0], client.at(0))
+    client.show(images[1], client.at(30))
     status = client.show(images[0], client.at(0))
     assert (status.values["frame"], status.values["state"]) == ("started", "tracking")
-    at_start = tuple(box[:2])
-    client.wait_for(
-        lambda: [corner(message) for message in client.boxes].count(at_start) == 2, "boxes"
-    )
     client.wait_for(
         lambda: [h for h in client.health if h.values["time_jumps"] == "1"], "diagnostics"
+    )
+
+
+def test_a_time_jump_is_a_warning_only_with_a_target(graph, client, images, box, capfd):
+    graph.tracker(client, **QUICK)
+    client.show(images[0], client.at(30))
+    client.show(images[0], client.at(0))
+    assert "time went back by 1.200 s\n" in capfd.readouterr().err
+    client.point_at(box)
+    client.show(images[0], client.at(1))
+    client.show(images[0], client.at(31))
+    client.show(images[0], client.at(1))
+    assert (
+        "time went back by 1.200 s; 'time_jump' is 'keep'; use 'restart'" in capfd.readouterr().err
     )
 
 

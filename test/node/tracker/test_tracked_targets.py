@@ -1,23 +1,15 @@
 """The command `track` gives the results of the node in lockstep, for several targets."""
 
-import csv
-
 import numpy as np
 import pytest
+from nodes import read_boxes
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
-from pf_tracker_ros.recordings import open_recording
 from pf_tracker_ros.recordings.__main__ import main
-from pf_tracker_ros.targets.built_in_detectors import DetectorThread
 
 # The default maximum of `track`.
-MULTI_TARGET = {
-    "max_targets": 32,
-    "image_reliability": "reliable",
-    "seed": 3,
-    "preset": "li2007",
-}
+MULTI_TARGET = {"max_targets": 32, "image_reliability": "reliable", "seed": 3, "preset": "li2007"}
 GIVEN = ("--seed", "3", "--preset", "li2007")
 # Values that differ between runs.
 TIMES = {"processing_time_ms"}
@@ -33,7 +25,7 @@ def lockstep(graph, client):
 
     def run(folder, images, given=(), **parameters):
         graph.tracker(client, **MULTI_TARGET, **parameters)
-        stamps = sorted({int(row["stamp"]) for row in rows(folder)})
+        stamps = sorted({int(row["stamp"]) for row in read_boxes(folder)})
         assert len(stamps) == len(images)
         for number, (image, stamp) in enumerate(zip(images, stamps, strict=True)):
             for box, frame in given:
@@ -43,18 +35,6 @@ def lockstep(graph, client):
         return client, received
 
     return run
-
-
-@pytest.fixture
-def connected_client(graph, client):
-    """A client that is connected to a tracker of several targets."""
-    graph.tracker(client, **MULTI_TARGET)
-    return client
-
-
-def rows(folder):
-    with (folder / "boxes.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture
@@ -99,7 +79,7 @@ def test_manual_targets_and_the_bag_equal_those_of_the_node(
     output = source.parent / "out"
     assert main([str(source), "--output", str(output), *GIVEN, "--bag"]) == 0
     client, received = lockstep(output, images, entries)
-    found = rows(output)
+    found = read_boxes(output)
     assert_same(found, client, received["boxes"])
     assert [row["id"] for row in found] == [""] * 2 + ["1"] * 3 + ["1", "2"] * 11
     recorded = {}
@@ -124,77 +104,3 @@ def test_manual_targets_and_the_bag_equal_those_of_the_node(
             values = {pair.key: pair.value for pair in one.values}
             assert (one.name, values.keys()) == (published.name, published.values.keys())
             assert {key for key in values if values[key] != published.values[key]} <= TIMES
-
-
-@pytest.mark.slow
-def test_real_footage_gives_the_same(lockstep, sequences_directory, tmp_path):
-    source = sequences_directory / "video" / "TUD-Stadtmitte.mp4"
-    boxes = [(340.5, 79.5, 87.5, 244.0), (570.25, 80.75, 68.0, 203.5), (181.0, 89.0, 76.0, 246.0)]
-    given = [text for box in boxes for text in ("--box", ",".join(map(str, box)))]
-    output = tmp_path / "out"
-    assert main([str(source), "--output", str(output), *GIVEN, *given]) == 0
-    images = [frame.image for frame in open_recording(source).frames()]
-    client, received = lockstep(output, images, [(box, 0) for box in boxes])
-    found = rows(output)
-    assert_same(found, client, received["boxes"])
-    assert len(found) > 2 * len(images)
-
-
-def test_skipped_frames_are_the_same(connected_client, walkers, make_stamped, write_bag, tmp_path):
-    client = connected_client
-    images, boxes = walkers
-    shown = [(image, client.at(number)) for number, image in enumerate(images)]
-    # A duplicate, a late frame, and one of another size.
-    shown[8:8] = [(images[7], client.at(7)), (images[6], client.at(6) + 5)]
-    shown.insert(12, (images[0][:50], client.at(9) + 5))
-    messages = []
-    for order, (image, stamp) in enumerate(shown):
-        height, width = image.shape[:2]
-        message = make_stamped(
-            "sensor_msgs/msg/Image", stamp, height=height, width=width, encoding="bgr8",
-            is_bigendian=0, step=3 * width, data=image.reshape(-1),
-        )  # fmt: skip
-        messages.append(("/eye", "sensor_msgs/msg/Image", order + 1, message))
-    bag = write_bag(tmp_path / "bag", messages)
-    output = tmp_path / "out"
-    given = [text for box in boxes[0] for text in ("--box", ",".join(map(str, box)))]
-    arguments = [str(bag), "--output", str(output), *GIVEN, "--as-recorded", *given]
-    assert main(arguments) == 0
-    for box in boxes[0]:
-        client.point_at(box, client.at(0))
-    statuses = [client.show(image, stamp) for image, stamp in shown]
-    found = rows(output)
-    for number, status in enumerate(statuses):
-        own = [row for row in found if row["frame"] == str(number)]
-        if status.values["state"] == "skipped":
-            assert [(row["id"], row["state"]) for row in own] == [("", "skipped")]
-        else:
-            published = [one.values for one in status.targets]
-            assert [(row["id"], row["confidence"]) for row in own] == [
-                (values["id"], values["confidence"]) for values in published
-            ]
-    assert [status.values["state"] for status in statuses].count("skipped") == 3
-
-
-def test_a_built_in_detector_gives_the_same(lockstep, write_sequence, monkeypatch, tmp_path):
-    images = [moving_block(number) for number in range(50)]
-    source = write_sequence("block", images, np.zeros((50, 4))) / "img"
-    output = tmp_path / "out"
-    given = ("--detector", "motion", "--detector-rate", "25")
-    assert main([str(source), "--output", str(output), *GIVEN, *given]) == 0
-    take = DetectorThread.take
-    # As on an idle machine.
-    monkeypatch.setattr(DetectorThread, "take", lambda self, **_: take(self, wait=True))
-    client, received = lockstep(
-        output, images, built_in_detector="motion", built_in_detector_rate=25.0
-    )
-    assert_same(rows(output), client, received["boxes"])
-    assert any(row["id"] for row in rows(output))
-
-
-def moving_block(number):
-    """A block that moves over a still ground."""
-    noise = np.random.default_rng(0).integers(172, 188, (150, 200, 1))
-    image = np.repeat(noise, 3, axis=2).astype(np.uint8)
-    image[60:100, 10 + 2 * number : 35 + 2 * number] = (20, 20, 60)
-    return image

@@ -1,3 +1,5 @@
+"""Boxes, images and statuses as messages, and back."""
+
 import math
 import tracemalloc
 from array import array
@@ -147,16 +149,13 @@ def test_numbers_of_a_status_read_back_unchanged(header):
     assert (status.name, status.level, status.message) == ("/pf_tracker", b"\x01", "text")
 
 
-def test_the_status_tells_how_long_ago_the_target_was_found_again():
+def test_what_not_every_estimate_has_is_in_the_status_where_it_is():
     estimate = make_estimate([(0, 0, 1, 1)], [1.0])
-    assert "reacquired_for" not in estimate_values(estimate)
-    assert estimate_values(replace(estimate, reacquired_for=0.0))["reacquired_for"] == 0.0
-
-
-def test_the_status_has_the_state_of_a_background_model():
-    estimate = make_estimate([(0, 0, 1, 1)], [1.0])
-    assert "background" not in estimate_values(estimate)
-    ready = replace(estimate, background=BackgroundState("ready"))
-    assert estimate_values(ready)["background"] == "ready"
-    off = replace(estimate, background=BackgroundState("off", "the camera moves"))
-    assert estimate_values(off)["background"] == "off: the camera moves"
+    assert not {"reacquired_for", "background"} & estimate_values(estimate).keys()
+    off = BackgroundState("off", "the camera moves")
+    for given_value, key, text in (
+        (0.0, "reacquired_for", 0.0),
+        (BackgroundState("ready"), "background", "ready"),
+        (off, "background", "off: the camera moves"),
+    ):
+        assert estimate_values(replace(estimate, **{key: given_value}))[key] == text
