@@ -344,3 +344,6 @@ def test_other_sequences_are_evaluated_after_a_failure(two_sequences, jobs):
     assert "whole, frame 1: " in str(results[0].error)
     (alone,) = evaluate_sequences(two_sequences[1:], make_tracker, [0])
     assert np.array_equal(results[1].boxes, alone.boxes)
+    # Without the other results, the error reaches the caller.
+    with pytest.raises(EvaluationError, match=r"whole, frame 1: .*outside the image"):
+        evaluate_sequences(two_sequences, make_tracker, [0], jobs)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.evaluation.__main__ import main
-from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, forward_fill
 from pf_tracker_ros.evaluation.reports.page import Report, Section, changes, read_results, render
 from pf_tracker_ros.evaluation.results import EvaluationError, Scores
 
@@ -239,6 +239,10 @@ def test_lost_ranges_and_worst_frames_which_are_sorted_and_not_neighbors():
     assert len(worst) == 10
     assert not {20, 21, 22, 23, 24, 50} & {*worst}
     assert min(np.diff(sorted(worst))) >= 5
+    # Gaps have the last box.
+    kept = forward_fill([None, (1, 2, 3, 4), None, (5, 6, 7, 8)])
+    assert np.isnan(kept[0]).all()
+    assert kept[1:].tolist() == [[1, 2, 3, 4], [1, 2, 3, 4], [5, 6, 7, 8]]
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@ import pytest
 
 from pf_tracker_ros.evaluation import EvaluationError, find_sequences, read_sequences
 from pf_tracker_ros.evaluation.sequences import open_sequences
+from pf_tracker_ros.footage import FootageError
 
 
 def test_sequences_in_a_folder_are_found_one_level_deep(write_short, tmp_path):
@@ -29,6 +30,8 @@ def test_what_cannot_be_opened_leaves_the_others(write_short, tmp_path, make_unr
     assert failure.name == name
     reason = "groundtruth.txt" if name == "lacking" else "may not be read by this user"
     assert reason in str(failure.error)
+    with pytest.raises(FootageError, match=reason):
+        read_sequences([tmp_path])
 
 
 def test_missing_folders_and_sequences_of_one_name_are_refused(write_short, tmp_path):
