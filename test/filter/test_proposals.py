@@ -1,8 +1,5 @@
 """Proposals: the weights correct for the proposal."""
 
-import importlib
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -17,8 +14,6 @@ from pf_tracker_ros.filter import (
     propose_from_transition,
 )
 from pf_tracker_ros.filter.resampling import SystematicResampler
-
-BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 
 
 class Walk:
@@ -151,23 +146,6 @@ def test_invalid_arguments_are_rejected():
         propose_from_prediction(states, Walk(), Gaussian([0.0, 0.0], np.eye(2)), 0.5, generator)
     with pytest.raises(ValueError, match="positive definite"):
         propose_from_prediction(states, Walk(), Gaussian([0.0], [[0.0]]), 0.5, generator)
-
-
-def test_growth_model_filters_beat_the_papers_error_and_the_extended_kalman_filter(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    growth_model = importlib.import_module("growth_model")
-    outcomes = {outcome.name: outcome for outcome in growth_model.run_all(15)}
-    for name in ("bootstrap", "Kalman proposal"):
-        assert outcomes[name].errors.mean() < growth_model.PAPER_RMSE
-        assert outcomes[name].errors.mean() < outcomes["extended Kalman"].errors.mean()
-
-
-def test_growth_model_slope_is_the_derivative(monkeypatch):
-    monkeypatch.syspath_prepend(str(BENCHMARKS))
-    growth_model = importlib.import_module("growth_model")
-    for state in (-3.0, 0.0, 0.7, 12.0):
-        ahead, behind = (growth_model.growth(np.array(state + h), 4) for h in (1e-5, -1e-5))
-        assert growth_model.growth_slope(state) == pytest.approx((ahead - behind) / 2e-5, rel=1e-6)
 
 
 def propose_on_grid(share, log_likelihood, count=40_000, seed=0):

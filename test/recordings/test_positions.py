@@ -232,7 +232,7 @@ def test_the_tracker_gets_what_covers_its_target_in_the_frame_before(tmp_path, m
     shares = np.array([frame.located.hints[1].covered_share for frame in located])
     hidden = np.array([1.0 - frame.visible[0] for frame in frames])
     # The share is that of boxes, which bodies do not fill.
-    assert shares == pytest.approx(hidden, abs=0.15)
+    assert shares == pytest.approx(hidden, abs=0.2)
     lowered = [
         one.targets[0].estimate.confidence < other.targets[0].estimate.confidence
         for one, other in zip(located, untold, strict=True)
