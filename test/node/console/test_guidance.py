@@ -158,6 +158,13 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     page.get_by_role("button", name="Set particles to 60").click()
     client.wait_for(lambda: client.get_parameters("particles") == [60], "the step's value")
 
+    # Opened again, it begins anew.
+    choices.nth(1).click()
+    page.wait_until(lambda: page.text("step-count") == "1 of 2", "first step")
+    page.wait_until(ghost.count, "suggestion anew")
+    assert page.locator("#target-list li").count() == 0
+    page.locator("#step-next").click()
+
     # One that cannot be played leaves the present one.
     page.get_by_role("button", name="Next: missing.mcap").click()
     page.wait_until(lambda: "cannot be played: there is no" in page.text("note"), "reason")

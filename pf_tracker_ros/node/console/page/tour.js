@@ -16,9 +16,9 @@ export function setRecordings(recordings) {
   if (shown !== null) draw();
 }
 
-// The recording that is played; returns whether it is another one than before.
+// The recording that is played; returns whether it has just been opened.
 export function show(index) {
-  if (index === shown) return false;
+  if (index === shown && index !== opening) return false;
   [shown, step] = [index, 0];
   draw();
   plots.clear();
