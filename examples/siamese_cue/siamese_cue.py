@@ -30,7 +30,7 @@ from pf_tracker_ros.cues import CUES, Cue, CueParameters
 from pf_tracker_ros.cues.cue import declared_weight
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.networks.engines import engine_name, load_network
-from pf_tracker_ros.parameters import declared
+from pf_tracker_ros.parameters import ParameterError, declared
 
 Floats = NDArray[np.float64]
 
@@ -95,13 +95,18 @@ class Siamese(Cue):
         parameters: Folder and sharpness.
 
     Raises:
-        ParameterError: The network cannot be read.
+        ParameterError: No folder is given, or the network cannot be read.
     """
 
     # Its likelihood is cheap on the whole search grid, once the network has run.
     joins_search = True
 
     def __init__(self, parameters: SiameseParameters) -> None:
+        if not parameters.folder:
+            raise ParameterError(
+                "parameter 'siamese.folder' is empty; allowed: a folder with "
+                f"{_TEMPLATE_FILE} and {_SEARCH_FILE}"
+            )
         self._parameters = parameters
         # On ONNX Runtime where it is installed, else on OpenCV.
         self._template_network, self._search_network = (

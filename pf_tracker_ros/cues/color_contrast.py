@@ -103,14 +103,15 @@ class ColorContrast(SearchableCue):
         bins = region.color_bins(_LEVELS)
         top, _, left, _ = region.padding
         start = nearest_pixel(region.region_points(box[:2])) - (left, top)
-        side, margin = self._whole_sides(region, box)
-        inside, whole = (
-            np.bincount(bins[slice(*rows), slice(*columns)].ravel(), minlength=_LEVELS**3)
-            for columns, rows in (
-                np.maximum([start - outside, start + side + outside], 0).T.tolist()
-                for outside in (0, margin)
-            )
-        )
+        sides, margins = self._whole_sides(region, box)
+
+        def counts(first: NDArray[np.intp], last: NDArray[np.intp]) -> NDArray[np.intp]:
+            """Of the colors from the first pixel (x, y) to before the last one."""
+            (left, top), (right, bottom) = np.maximum([first, last], 0).tolist()
+            return np.bincount(bins[top:bottom, left:right].ravel(), minlength=_LEVELS**3)
+
+        inside = counts(start, start + sides)
+        whole = counts(start - margins, start + sides + margins)
         return ContrastTemplate(_shares(inside), _shares(whole - inside))
 
     def response(
@@ -171,6 +172,7 @@ class ColorContrast(SearchableCue):
                 )
             )
             outer_area = outer_width * outer_height
+            # The ring's mean is (outer_area both - area inside) / (outer_area - area).
             return (inside - both) * np.float32(outer_area / (outer_area - width * height))
 
         return region.cached((self, template), compute)

@@ -115,15 +115,16 @@ class Windows(NamedTuple):
         spectra: (windows, channels, cells, cells // 2 + 1) spectra of their features.
         center: (2,) common center, image pixels.
         sides: Side of each window, image pixels, ascending.
-        features: (channels, cells, cells) of the window from which they are interpolated.
-        side: Its side, image pixels.
+        source: (channels, cells, cells) features of the window that was read, of which the others
+            are interpolated.
+        source_side: Its side, image pixels.
     """
 
     spectra: Spectrum
     center: NDArray[np.float64]
     sides: Sequence[float]
-    features: NDArray[np.float32]
-    side: float
+    source: NDArray[np.float32]
+    source_side: float
 
 
 class ResponseMaps(NamedTuple):
@@ -240,24 +241,23 @@ _LOBES = 3
 _TARGETS = 8
 
 
-def spectra_of(features: NDArray[np.float32], size: float = 1.0) -> Spectrum:
+def spectra_of(features: NDArray[np.float32], scale: float = 1.0) -> Spectrum:
     """(K, channels, cells, cells // 2 + 1) spectra of (K, channels, cells, cells) features.
 
-    Those of windows of almost the same size are interpolated from the same cells, which is cheaper
-    than other features. Each channel's mean is subtracted: it is similar in every window, so a
-    filter trained with it would respond to any window. A cosine window lets the features fall to 0
-    at the borders. All channels together are scaled to a fixed energy. A window without contrast
-    has the spectrum 0.
+    Each channel's mean is subtracted: it is similar in every window, so a filter trained with it
+    would respond to any window. A cosine window lets the features fall to 0 at the borders. All
+    channels together are scaled to a fixed energy. A window without contrast has the spectrum 0.
 
     Args:
         features: Of K windows.
-        size: Side of the windows in question over the side of these, near 1.
+        scale: Near 1. The spectra are those of windows whose sides are so many times as long, with
+            features interpolated between these: cheaper than to read other windows.
 
     Source of the interpolation: Dollár, Appel, Belongie and Perona 2014, "Fast feature pyramids for
     object detection".
     """
     cells = features.shape[-1]
-    windowed, flat = _windowed(cells, size)
+    windowed, flat = _windowed(cells, scale)
     spectra = windowed.apply(features)
     means = spectra[..., :1, :1] / flat[0, 0]
     spectra -= means * flat
@@ -267,8 +267,8 @@ def spectra_of(features: NDArray[np.float32], size: float = 1.0) -> Spectrum:
         if energy <= _NO_CONTRAST * flat_energy * _energy(its_means):
             spectrum[:] = 0.0
             continue
-        scale = _FEATURE_SCALE * cells * cells / math.sqrt(energy)
-        np.multiply(spectrum, np.float32(scale), out=spectrum)
+        factor = _FEATURE_SCALE * cells * cells / math.sqrt(energy)
+        np.multiply(spectrum, np.float32(factor), out=spectrum)
     return spectra
 
 
@@ -367,16 +367,16 @@ def _energy(spectrum: Spectrum) -> float:
 
 
 @cache
-def _windowed(cells: int, size: float) -> tuple[SquareTransform, Spectrum]:
-    """The transform with a cosine window of another size, and its result for a square of ones."""
-    windowed = SquareTransform(np.hanning(cells + 2)[1:-1, None] * _interpolation(cells, size))
+def _windowed(cells: int, scale: float) -> tuple[SquareTransform, Spectrum]:
+    """The transform with a cosine window, and its result for a square of ones."""
+    windowed = SquareTransform(np.hanning(cells + 2)[1:-1, None] * _interpolation(cells, scale))
     return windowed, windowed.apply(np.ones((cells, cells), dtype=np.float32))
 
 
-def _interpolation(cells: int, size: float) -> NDArray[np.float64]:
-    """(cells, cells) Lanczos weights of the cells of a row in those of one `size` times as long."""
+def _interpolation(cells: int, scale: float) -> NDArray[np.float64]:
+    """(cells, cells) Lanczos weights of the cells of a row in one `scale` times as long."""
     position = np.arange(cells) - (cells - 1) / 2
-    distance = size * position[:, None] - position
+    distance = scale * position[:, None] - position
     weights = np.sinc(distance) * np.sinc(distance / _LOBES) * (np.abs(distance) < _LOBES)
     return weights / weights.sum(axis=1, keepdims=True)
 

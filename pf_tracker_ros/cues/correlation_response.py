@@ -29,6 +29,7 @@ from pf_tracker_ros.cues.correlation_filter import (
     ResponseMaps,
     Spectrum,
     Windows,
+    mean_of,
     peak_to_sidelobe,
     response,
     response_at_center,
@@ -148,7 +149,9 @@ class CorrelationResponse(SearchableCue):
             which does not measure the size.
         size_bias: Logarithm of the response to the smaller window over that to the larger one, for
             a target of the size in which it was learned: interpolation favors the smaller one.
-            Measured on sequences, where sizes are right on average.
+            Of two values between which sizes on sequences change from too small to too large.
+        size_gain: Factor of the difference between the responses to both windows: interpolated ones
+            differ less than two that are read from the frame.
         memory: Weight of the filter's change from frame to frame (mu); more adapts more slowly.
         training_interval: Frames from one training to the next.
         settling_frames: Number of first frames that are all trained with; over these, the memory
@@ -163,6 +166,7 @@ class CorrelationResponse(SearchableCue):
         cells: int = 40,
         size_span: float = 1.04,
         size_bias: float = 0.007,
+        size_gain: float = 2.0,
         memory: float = 300.0,
         training_interval: int = 3,
         settling_frames: int = 25,
@@ -175,9 +179,11 @@ class CorrelationResponse(SearchableCue):
         self._cells = cells
         self._windows_at_once = max(_CELLS_AT_ONCE // cells**2, 1)
         self._log_span = math.log(size_span)
-        signs = (-0.5, 0.5) if self._log_span else (0.0,)
-        # Of the windows: sides over that of the predicted size, and what makes responses equal.
-        self._sizes = [(math.exp(x * self._log_span), math.exp(x * size_bias)) for x in signs]
+        # Sides of the windows over that of the predicted size.
+        ends = np.array([-0.5, 0.5]) if self._log_span else np.zeros(1)
+        self._scales = tuple(np.exp(ends * self._log_span).tolist())
+        self._corrections = np.exp(ends * size_bias).astype(np.float32)[:, None, None]
+        self._size_gain = size_gain
         self._interval = training_interval
         self._settling = settling_frames
         self._memory = memory
@@ -216,7 +222,7 @@ class CorrelationResponse(SearchableCue):
             predicted_targets, windows, _split(maps, counts), strict=True
         ):
             one.region.store((self, colored), its_windows)
-            one.region.store(_key(one.template), ResponseMaps.of(its_maps, its_windows))
+            one.region.store(_key(one.template), self._maps_of(its_maps, its_windows))
 
     def observe(self, region: Region, box: NDArray[np.float64]) -> DeferredObservation:
         """See `Cue.observe`."""
@@ -304,7 +310,7 @@ class CorrelationResponse(SearchableCue):
         def compute() -> ResponseMaps:
             windows = self._windows(region, template.colored)
             maps = response(template.filter, windows.spectra, _REFINEMENT * self._cells)
-            return ResponseMaps.of(maps, windows)
+            return self._maps_of(maps, windows)
 
         return region.cached(_key(template), compute)
 
@@ -318,15 +324,18 @@ class CorrelationResponse(SearchableCue):
         for region, patch, features in zip(
             regions, patches, self._features_of(patches, colored), strict=True
         ):
-            sizes = self._sizes if region.estimates_size else [(1.0, 1.0)]
-            spectra = [
-                spectra_of(features[None], size) * np.float32(unbias) for size, unbias in sizes
-            ]
-            sides = [patch.side * size for size, _ in sizes]
-            windows.append(
-                Windows(np.concatenate(spectra), patch.center, sides, features, patch.side)
-            )
+            scales = self._scales if region.estimates_size else (1.0,)
+            spectra = np.concatenate([spectra_of(features[None], scale) for scale in scales])
+            sides = [patch.side * scale for scale in scales]
+            windows.append(Windows(spectra, patch.center, sides, features, patch.side))
         return windows
+
+    def _maps_of(self, maps: NDArray[np.float32], windows: Windows) -> ResponseMaps:
+        """Response maps of (windows, S, S) responses, as if each window had been read."""
+        if len(maps) > 1:
+            maps = maps * self._corrections
+            maps += np.float32(self._size_gain - 1.0) * (maps - mean_of(maps))
+        return ResponseMaps.of(maps, windows)
 
     def blend(
         self, template: CorrelationTemplate, observation: DeferredObservation
@@ -360,11 +369,12 @@ class CorrelationResponse(SearchableCue):
     ) -> Spectrum | None:
         """Spectrum of a patch from the window of the frame; None where they are too different."""
         windows = self._windows(region, template.colored)
-        shift = (patch.center - windows.center) * (self._cells / windows.side)
-        growth = abs(patch.side / windows.side - 1.0)
+        shift = (patch.center - windows.center) * (self._cells / windows.source_side)
+        growth = abs(patch.side / windows.source_side - 1.0)
         if np.abs(shift).max() > _LARGEST_SHIFT or growth > _LARGEST_GROWTH:
             return None
-        return shifted(spectra_of(windows.features[None])[0], shift)
+        # Those of the windows are of other sizes.
+        return shifted(spectra_of(windows.source[None])[0], shift)
 
     def _features_of(self, patches: Sequence[Patch], colored: bool) -> NDArray[np.float32]:
         """(K, channels, cells, cells) features of K patches."""

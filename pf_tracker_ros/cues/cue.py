@@ -1,13 +1,9 @@
-"""The interface of a cue, and sums over boxes from an integral image.
+"""The interface of a cue.
 
 A cue models the likelihood of the image given a box. Most compute a distance d between the box's
 descriptor and the template's, and the likelihood exp(-sharpness * d^2).
 
-The sum over a box of an integral image I, which holds at each place the sum of all pixels above and
-left, takes four values: I(bottom, right) - I(top, right) - I(bottom, left) + I(top, left).
-
-Source: Li et al. 2007, section 2.2; Viola, Jones 2001, "Rapid object detection using a boosted
-cascade of simple features" (integral images).
+Source: Li et al. 2007, section 2.2.
 """
 
 from __future__ import annotations
@@ -15,7 +11,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,39 +20,6 @@ from pf_tracker_ros.boxes import BoxGrid
 from pf_tracker_ros.frames import Region
 from pf_tracker_ros.parameters import declared
 from pf_tracker_ros.registry import Registry
-
-Value = TypeVar("Value", np.int32, np.float64)
-
-
-def box_sums(
-    integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
-) -> NDArray[Value]:
-    """(..., N) sums over boxes.
-
-    Args:
-        integral: (h + 1, w + 1) integral image.
-        columns: (..., 2, N) left and right edges of the boxes, 0 to w.
-        rows: (..., 2, N) top and bottom edges, 0 to h.
-    """
-    starts = rows * integral.shape[1]
-    corners = integral.ravel().take(starts[..., :, None, :] + columns[..., None, :, :])
-    across = corners[..., 1, :] - corners[..., 0, :]
-    return across[..., 1, :] - across[..., 0, :]
-
-
-def box_sums_on_grid(
-    integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
-) -> NDArray[Value]:
-    """(R, C) sums over the boxes of a grid.
-
-    Args:
-        integral: (h + 1, w + 1) integral image.
-        columns: (2, C) left and right edges of each column of boxes.
-        rows: (2, R) top and bottom edges of each row of boxes.
-    """
-    down = integral.take(rows[1], axis=0)
-    down -= integral.take(rows[0], axis=0)
-    return down.take(columns[1], axis=1) - down.take(columns[0], axis=1)
 
 
 def declared_weight(default: float) -> float:

@@ -6,28 +6,60 @@
 
 The cue has no template and responds to every moving object. Another cue must distinguish them.
 
-Source: Zhang Bo, sections 2 and 3.3 (the background is extracted before the target is measured).
+The sum over a box of an integral image I, which holds at each place the sum of all pixels above and
+left, takes four values: I(bottom, right) - I(top, right) - I(bottom, left) + I(top, left).
+
+Sources: Zhang Bo, sections 2 and 3.3 (the background is extracted before the target is measured);
+Viola, Jones 2001, "Rapid object detection using a boosted cascade of simple features" (integral
+images).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import BoxGrid
-from pf_tracker_ros.cues.cue import (
-    CUES,
-    Cue,
-    CueParameters,
-    box_sums,
-    box_sums_on_grid,
-    declared_weight,
-)
+from pf_tracker_ros.cues.cue import CUES, Cue, CueParameters, declared_weight
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.parameters import declared
+
+Value = TypeVar("Value", np.int32, np.float64)
+
+
+def box_sums(
+    integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
+) -> NDArray[Value]:
+    """(..., N) sums over boxes.
+
+    Args:
+        integral: (h + 1, w + 1) integral image.
+        columns: (..., 2, N) left and right edges of the boxes, 0 to w.
+        rows: (..., 2, N) top and bottom edges, 0 to h.
+    """
+    starts = rows * integral.shape[1]
+    corners = integral.ravel().take(starts[..., :, None, :] + columns[..., None, :, :])
+    across = corners[..., 1, :] - corners[..., 0, :]
+    return across[..., 1, :] - across[..., 0, :]
+
+
+def box_sums_on_grid(
+    integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
+) -> NDArray[Value]:
+    """(R, C) sums over the boxes of a grid.
+
+    Args:
+        integral: (h + 1, w + 1) integral image.
+        columns: (2, C) left and right edges of each column of boxes.
+        rows: (2, R) top and bottom edges of each row of boxes.
+    """
+    down = integral.take(rows[1], axis=0)
+    down -= integral.take(rows[0], axis=0)
+    return down.take(columns[1], axis=1) - down.take(columns[0], axis=1)
 
 
 @dataclass(frozen=True)

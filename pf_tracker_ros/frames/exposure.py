@@ -279,13 +279,14 @@ def _change(before: Thumbnail, now: Thumbnail) -> float:
     is_reliable = (darkest > _DARKEST) & (brightest < _BRIGHTEST)
     if np.count_nonzero(is_reliable) < _MIN_RELIABLE_SHARE * is_reliable.size:
         return 1.0
-    before, now = before[is_reliable], now[is_reliable]
-    # Whether the median is below the least change, without the logarithms of most images.
+    pixels_before, pixels_now = before[is_reliable], now[is_reliable]
+    # At most half of the pixels changed by the least that counts: most images need no logarithms.
     least = np.float32(math.exp(_MIN_CHANGE))
-    is_brighter, is_darker = now >= before * least, now <= before / least
-    if max(np.count_nonzero(is_brighter), np.count_nonzero(is_darker)) <= len(now) // 2:
+    brighter = np.count_nonzero(pixels_now >= pixels_before * least)
+    darker = np.count_nonzero(pixels_now <= pixels_before / least)
+    if max(brighter, darker) <= len(pixels_now) // 2:
         return 1.0
-    logs = np.log([before, now])
+    logs = np.log([pixels_before, pixels_now])
     log_ratio = logs[1] - logs[0]
     change = float(np.median(log_ratio))
     unexplained = np.median(np.abs(log_ratio - change))

@@ -1,1 +1,1 @@
-"""Small networks in the ONNX format, which tell targets apart."""
+"""Small networks in the ONNX format, as those that tell targets apart."""

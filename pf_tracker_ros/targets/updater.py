@@ -269,6 +269,9 @@ class Updater:
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)
                 is_occluded_by_other = not is_clear and _is_on_any(box, boxes)
+                is_on_distractor = _is_on_any(box, boxes[[one.is_distractor for one in front]])
+                known = (stepped if is_on_distractor else filter_state).known_distractor
+                filter_state = replace(filter_state, known_distractor=known)
         if is_occluded_by_other:
             operations = self._target_filter.operations
             filter_state = operations.coast(filter_state, frame, interval)

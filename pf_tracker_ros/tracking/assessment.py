@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.boxes import as_box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import CueWeights, Templates
 from pf_tracker_ros.filter import ParticleSet
@@ -109,6 +109,7 @@ class Assessment(NamedTuple):
         particles: Particles that the estimate reports.
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
+        known_distractor: See `FilterState.known_distractor`.
         challenger: See `FilterState.challenger`.
     """
 
@@ -118,6 +119,7 @@ class Assessment(NamedTuple):
     particles: ParticleSet
     boxes: NDArray[np.float64]
     learns: bool = True
+    known_distractor: Box | None = None
     challenger: Challenger | None = None
 
     def to_estimate(

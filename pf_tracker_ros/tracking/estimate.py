@@ -2,9 +2,8 @@
 
 1. A target is "tracking" while its confidence is at least `TrackThresholds.tracked_above`.
 2. Below, it is "occluded".
-3. Occluded for `lost_after`, it is "lost". A single frame that is similar enough restarts the time.
-4. A lost target that is seen again is on probation for two seconds. It is lost at once if its
-   confidence falls in that time, and nothing is learned.
+3. Occluded for `lost_after`, it is "lost".
+4. A frame that is similar enough restarts the time, and makes a lost target occluded.
 """
 
 from __future__ import annotations

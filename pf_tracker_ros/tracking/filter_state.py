@@ -139,6 +139,10 @@ class FilterState:
         distractor_ratios: Smoothed ratio of each cue.
         status: Track state and its timers.
         last_seen_box: Last box with the state "tracking", pixels.
+        second_peak: Likeliest box beside the target in the last frame, pixels; None without a
+            search.
+        known_distractor: Box of a distractor that was seen beside the target, pixels; kept while
+            the target is out of sight.
         frames_since_seen: Consecutive frames without the state "tracking".
         followed_frames: Frames since the first one.
         generator_state: The target's own source of random numbers.
@@ -166,6 +170,8 @@ class FilterState:
     distractor_ratios: DistractorRatios
     status: TrackStatus
     last_seen_box: Box
+    second_peak: Box | None
+    known_distractor: Box | None
     frames_since_seen: int
     followed_frames: int
     generator_state: GeneratorState

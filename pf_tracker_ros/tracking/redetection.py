@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import are_same_place, as_box
+from pf_tracker_ros.boxes import Box, are_same_place, as_box
 from pf_tracker_ros.cues import CueFusion
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import declared
@@ -32,8 +32,8 @@ from pf_tracker_ros.tracking.measurement import Measurement, SearchingMeasurer
 
 # Overlap of neighboring windows, so that the target is near the center of one of them.
 _OVERLAP = 0.5
-# Confidence below which a box is too unlike the target to be taken for it.
-_DOUBTFUL_BELOW = 0.3
+DOUBTFUL_BELOW = 0.3
+"""Confidence below which a box is too unlike the target to be taken for it."""
 # Seconds out of sight before another box can challenge the current one, and of the time constant of
 # its lead; lead with which it wins; largest change of odds by one frame.
 _CHALLENGED_AFTER, _LEAD_TIME, _WINS_ABOVE, _LARGEST_LEAD = 0.5, 0.5, 1.0, 4.0
@@ -174,7 +174,7 @@ class Redetector:
         self,
         state: FilterState,
         measurement: Measurement,
-        box: NDArray[np.float64],
+        assessment: Assessment,
         *,
         searches_everywhere: bool,
     ) -> list[Candidate]:
@@ -183,12 +183,12 @@ class Redetector:
         Args:
             state: State before this frame.
             measurement: Measurement of this frame.
-            box: (4,) current box, pixels.
+            assessment: Assessment of this frame, with the current box and the known distractor.
             searches_everywhere: Search all over the image, too.
         """
         if self._windows == 0:
             return []
-        last_seen = np.array(state.last_seen_box)
+        box, last_seen = assessment.box, np.array(state.last_seen_box)
         size = last_seen[2:]
         boxes: NDArray[np.float64] = np.empty((0, 4))
         has_moved = (np.abs(box[:2] - last_seen[:2]) > size / 2).any()
@@ -197,18 +197,23 @@ class Redetector:
         if searches_everywhere:
             everywhere = self._windows_everywhere(state, measurement.frame.size, size)
             boxes = np.vstack([boxes, everywhere])
-        return self._search_in(state, measurement, boxes)
+        return self._search_in(state, measurement, assessment, boxes)
 
     def _search_in(
-        self, state: FilterState, measurement: Measurement, boxes: NDArray[np.float64]
+        self,
+        state: FilterState,
+        measurement: Measurement,
+        assessment: Assessment,
+        boxes: NDArray[np.float64],
     ) -> list[Candidate]:
         """The likeliest box of each window with one of the (K, 4) boxes in its middle."""
         frame, cue_weights = measurement.frame, measurement.cue_weights
+        excluded = assessment.known_distractor
         candidates = []
         for window_box in boxes:
-            candidate = self.search_around(state, frame, cue_weights, window_box)
-            if candidate.confidence >= _DOUBTFUL_BELOW:
-                candidate = self.search_around(state, frame, cue_weights, candidate.box)
+            candidate = self.search_around(state, frame, cue_weights, window_box, excluded)
+            if candidate.confidence >= DOUBTFUL_BELOW:
+                candidate = self.search_around(state, frame, cue_weights, candidate.box, excluded)
             candidates.append(candidate)
         return candidates
 
@@ -229,7 +234,7 @@ class Redetector:
         Args:
             state: State before this frame.
             measurement: Measurement of this frame.
-            assessment: Assessment of this frame, with the current box.
+            assessment: Assessment of this frame, with the current box and the known distractor.
             candidates: From `search`.
             confidence: Confidence of this frame in the current box, 0 to 1.
             interval: Seconds since the last frame.
@@ -242,7 +247,7 @@ class Redetector:
         boxes = _boxes_around(at[:, :2] + at[:, 2:] / 2, size)
         if last:
             boxes = np.vstack([boxes, last.box])
-        others = [*candidates, *self._search_in(state, measurement, boxes)]
+        others = [*candidates, *self._search_in(state, measurement, assessment, boxes)]
         others = [one for one in others if not are_same_place(one.box, assessment.box)]
         rate = min(interval / _LEAD_TIME, 1.0)
         if not others:
@@ -252,7 +257,7 @@ class Redetector:
         log_ratio = float(log_odds(best.confidence) - log_odds(confidence))
         log_ratio = min(max(log_ratio, -_LARGEST_LEAD), _LARGEST_LEAD)
         lead += rate * (log_ratio - lead)
-        wins = lead >= _WINS_ABOVE and best.confidence >= _DOUBTFUL_BELOW
+        wins = lead >= _WINS_ABOVE and best.confidence >= DOUBTFUL_BELOW
         return Challenger(as_box(best.box), lead, wins=wins)
 
     def _windows_everywhere(
@@ -277,6 +282,7 @@ class Redetector:
         frame: Frame,
         cue_weights: Mapping[str, float],
         box: NDArray[np.float64],
+        excluded: Box | None = None,
     ) -> Candidate:
         """The likeliest box in a window.
 
@@ -285,6 +291,7 @@ class Redetector:
             frame: The frame.
             cue_weights: Weights of the cues.
             box: (4,) box at the center of the window, pixels.
+            excluded: Box of a distractor, pixels, which is no candidate.
         """
         search, region = self._measurer.search_window(frame, box)
         responses = self._fusion.responses_on_grid(region, search.grid, state.templates)
@@ -293,7 +300,12 @@ class Redetector:
         likelihood = self._fusion.search(
             region, search.grid, responses, state.templates, cue_weights
         )
-        likeliest = search.boxes[int(np.argmax(likelihood))]
+        if excluded is not None:
+            likelihood[are_same_place(search.boxes, excluded)] = -np.inf
+        best = int(np.argmax(likelihood))
+        if likelihood[best] == -np.inf:
+            return Candidate(box, 0.0)
+        likeliest = search.boxes[best]
         seen = self._fusion.observe(region, likeliest)
         match = self._fusion.match(seen, state.templates)
         rival = search.second_peak(likeliest, likelihood)

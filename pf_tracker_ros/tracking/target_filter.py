@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
 from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.cues.hog import direction_table
@@ -178,6 +178,8 @@ class TargetFilter:
             distractor_ratios=distractor_ratios,
             status=status,
             last_seen_box=first_box,
+            second_peak=None,
+            known_distractor=None,
             frames_since_seen=0,
             followed_frames=0,
             generator_state=GeneratorState.of(generator),
@@ -318,6 +320,7 @@ class TargetFilter:
         estimate = assessment.to_estimate(
             measurement.frame, measurement.cue_weights, covariance, self._calibration
         )
+        second_peak = measurement.second_peak
         return replace(
             state,
             kalman_filter=kalman_filter,
@@ -327,6 +330,8 @@ class TargetFilter:
             distractor_ratios=measurement.distractor_ratios,
             status=assessment.status,
             last_seen_box=estimate.box if is_seen else state.last_seen_box,
+            second_peak=None if second_peak is None else as_box(second_peak),
+            known_distractor=assessment.known_distractor,
             frames_since_seen=0 if is_seen else state.frames_since_seen + 1,
             followed_frames=state.followed_frames + 1,
             generator_state=GeneratorState.of(frame_prediction.generator),

@@ -1,6 +1,7 @@
 """Assessment step: whether the target is tracked, occluded or lost, and its redetection.
 
-1. Compute the confidence of the frame.
+1. Compute the confidence of the frame. It is 0 at a known distractor, and where the estimate has
+   jumped to the second peak of the last frame.
 2. Smooth the confidence over time and advance the track state with it.
 3. While the target is not tracked, let the occlusion policy choose the reported box.
 4. Search for the target where it was last seen and, once it is lost, all over the image.
@@ -14,12 +15,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from pf_tracker_ros.boxes import are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
-from pf_tracker_ros.tracking.redetection import Redetector
+from pf_tracker_ros.tracking.redetection import DOUBTFUL_BELOW, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer
 
 # Least confidence of a single frame for learning, whatever the similarity to the templates.
@@ -78,6 +80,11 @@ class TrackAssessor:
                 targets, whose boxes would challenge it.
         """
         frame_confidence = self._confidence.assess(state, measurement.assessed)
+        known_distractor = state.known_distractor
+        if frame_confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
+            known_distractor = as_box(measurement.box)
+        if known_distractor is not None and are_same_place(measurement.box, known_distractor):
+            frame_confidence = 0.0
         confidence = self._confidence.update(state.confidence, frame_confidence)
         status = self._status(state, measurement, confidence, frame_confidence, interval)
         assessment = Assessment(
@@ -91,6 +98,7 @@ class TrackAssessor:
         )
         if status.state == "tracking":
             return assessment
+        assessment = assessment._replace(known_distractor=known_distractor)
         is_lost = status.state == "lost"
         is_size_free = is_challenged and state.standing is not None
         assessment = self._occlusion_policy.assess(state, measurement, assessment)
@@ -109,7 +117,7 @@ class TrackAssessor:
             candidates = self._redetector.search(
                 state,
                 measurement,
-                assessment.box,
+                assessment,
                 searches_everywhere=searches_everywhere and is_lost,
             )
             best = max(candidates, key=lambda one: one.confidence, default=None)
@@ -163,3 +171,13 @@ class TrackAssessor:
             # Hidden by other evidence than the image's, it was looked for nowhere else.
             status = status._replace(hidden_for=state.status.hidden_for)
         return status
+
+
+def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:
+    """Whether the estimate is at the second peak of the last frame, and clear of the last box."""
+    return (
+        state.status.state == "tracking"
+        and state.second_peak is not None
+        and bool(are_same_place(measurement.box, state.second_peak))
+        and bool(relative_center_distances(measurement.box, state.estimate.box) >= 1.0)
+    )

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pf_tracker_ros.cues.cue import box_sums, box_sums_on_grid
+from pf_tracker_ros.cues.foreground import box_sums, box_sums_on_grid
 
 DRAW = np.random.default_rng(5)
 PIXELS = DRAW.integers(0, 256, (40, 60)).astype(np.uint8)

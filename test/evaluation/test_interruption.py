@@ -6,7 +6,7 @@ import signal
 from pathlib import Path
 
 import pytest
-from processes import is_running, processes_below, wait_until
+from subprocesses import is_running, processes_below, wait_until
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="looks at /proc")
 

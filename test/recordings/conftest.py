@@ -15,7 +15,7 @@ import pytest
 from archives import TARGET
 from common import QUICK, run_command
 from make_vision_msgs import DEFINITIONS
-from processes import processes_below, wait_until
+from subprocesses import processes_below, wait_until
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame

@@ -10,7 +10,7 @@ import cv2
 import pytest
 from archives import TARGET
 from common import QUICK, one_sentence
-from processes import wait_until
+from subprocesses import wait_until
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError

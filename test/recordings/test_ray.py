@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from archives import options_of
 from common import QUICK
-from processes import processes_below
+from subprocesses import processes_below
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError

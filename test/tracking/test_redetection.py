@@ -107,7 +107,8 @@ def test_a_window_with_something_similar_is_searched_twice(make_target_filter, c
     monkeypatch.setattr(
         redetector, "search_around", lambda *_: Candidate(box + 50.0, next(confidences))
     )
-    candidates = redetector.search(state, measurement, box, searches_everywhere=True)
+    assessment = SimpleNamespace(box=box, known_distractor=None)
+    candidates = redetector.search(state, measurement, assessment, searches_everywhere=True)
     assert [one.confidence for one in candidates] == [0.5, 0.7, 0.1]
 
 
@@ -127,7 +128,7 @@ def challenge(make_target_filter, couple, monkeypatch):
         monkeypatch.setattr(redetector, "search_around", lambda *_: found)
         measurement = SimpleNamespace(frame=None, cue_weights={}, second_peak=found.box)
         status = state.status._replace(hidden_for=hidden_for)
-        assessment = SimpleNamespace(box=box, status=status)
+        assessment = SimpleNamespace(box=box, known_distractor=None, status=status)
         return redetector.challenger(
             replace(state, challenger=before),
             measurement,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from processes import wait_until
+from subprocesses import wait_until
 
 from pf_tracker_ros.parameter_files import read_parameter_file
 from pf_tracker_ros.tuning import __main__

@@ -114,6 +114,11 @@ def tour(tmp_path, moving_square):
     return str(path), box
 
 
+def draw(page, box):
+    page.drag(box)
+    page.wait_until(lambda: page.box, "box")
+
+
 @pytest.mark.usefixtures("tracker")
 def test_another_recording_is_opened_from_the_page(client, start_console, open_page, bags, tour):
     path, box = tour
@@ -124,8 +129,7 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     assert choices.all_inner_texts() == ["Square", "tall", "missing.mcap"]
     assert page.size == (160, 120)
     assert page.locator("#steps").is_hidden()
-    page.drag(box)
-    page.wait_until(lambda: page.box, "box")
+    draw(page, box)
 
     choices.nth(1).click()
     page.wait_until(lambda: page.size == (90, 120) and page.shows(stamp_at(0)), "other recording")
@@ -150,8 +154,7 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     page.wait_until(lambda: page.box, "box")
     page.keyboard.press("s")
     page.wait_until(ghost.count, "suggestion again")
-    page.drag(box)
-    page.wait_until(lambda: page.box, "box")
+    draw(page, box)
     assert page.locator("#step-back").is_disabled()
     page.locator("#step-next").click()
     assert page.text("step-count") == "2 of 2"
