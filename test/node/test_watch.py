@@ -72,8 +72,8 @@ def test_it_prints_each_frame_of_a_real_tracker(watch, client, images):
         client.show(image, client.at(index))
         # It keeps few messages that it has not printed yet.
         client.wait_for(lambda count=index + 1: len(printed) == count, "line")
-    first = f"{client.at(0) / 1e9:.3f}  target 1  tracking 1.00  box 24.0 x 24.0 px, top left at 20.0, 30.0"
-    assert printed[0] == first
+    place = "box 24.0 x 24.0 px, top left at 20.0, 30.0"
+    assert printed[0] == f"{client.at(0) / 1e9:.3f}  target 1  tracking 1.00  {place}"
 
 
 def test_it_prints_so_many_lines_a_second(watch, graph, client, images):
