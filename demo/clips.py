@@ -41,8 +41,9 @@ CLIPS = (
     Clip(
         name="hidden",
         title="Hidden and found again",
-        description="A person in red walks behind a parked van, out of sight for three seconds. "
-        "The tracker says so, and finds the same person again on the other side.",
+        description="A person in red walks behind a parked van: hidden for three seconds, and "
+        "partly for longer. The tracker says so, and is sure of the same person again once they "
+        "are in full view.",
         box=(42.0, 188.0, 44.0, 132.0),
     ),
     Clip(

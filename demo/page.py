@@ -64,6 +64,7 @@ def write_page(
         version=__version__,
         clips=[(result.clip, result.summary, _commands(result, folder)) for result in results],
         follower=follower,
+        how_to_follow=os.path.relpath(_REPOSITORY / "docs" / "follow_a_person.md", folder),
         wide=WIDE,
         narrow=NARROW,
         view_from_above=Markup(follower.view_from_above if follower else ""),

@@ -49,7 +49,8 @@ html_copy_source = False
 html_search_scorer = str(Path(__file__).with_name("search_scorer.js"))
 html_show_sphinx = False
 
-_SOURCES = f"https://github.com/pf-tracker-ros/pf_tracker_ros/blob/{release}/"
+# Not the tag of the release, which lacks what was added since.
+_SOURCES = "https://github.com/pf-tracker-ros/pf_tracker_ros/blob/main/"
 _HELP_WIDTH = "88"
 _HELP_TIMEOUT = 60.0
 

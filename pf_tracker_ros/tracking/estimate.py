@@ -183,7 +183,7 @@ DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
     {
         "idle": "waiting for a target",
         "tracking": "tracking",
-        "occluded": "the target is occluded; its box is uncertain",
+        "occluded": "hidden, or not certain yet: just found again, or a similar object is near",
         "lost": "the target is lost",
     }
 )

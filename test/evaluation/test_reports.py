@@ -222,14 +222,15 @@ def test_shares_of_a_target_that_ended_and_returned():
     ]
     assert [float(share) for _, share in found[5:]] == 2 * [1, 0, 0, 0, 0]
     text = " ".join(re.sub("<[^>]*>", " ", page).split())
-    assert "Tracked in frames 4 to 11. Lost in frame 8. Absent in frames 5 to 6." in text
-    assert "Tracked in frames 0 to 1. Never lost." in text
-    assert "Tracked in frames 3 to 4, where it ended. Never lost." in text
+    assert "Frames 4 to 11: lost in 8; absent in 5 to 6; skipped in 7; otherwise tracking." in text
+    assert "Frames 0 to 1: tracking." in text
+    assert "Frames 3 to 4, where it ended: tracking." in text
 
 
 def test_lost_ranges_and_worst_frames_which_are_sorted_and_not_neighbors():
     states = ("tracking", "lost", "lost", "occluded", "lost", "tracking")
-    assert content(states=states).lost_ranges == [(1, 2), (4, 4)]
+    assert content(states=states).frame_ranges("lost") == [(1, 2), (4, 4)]
+    assert content(states=("lost",) * 2).states_in_words == "lost in 0 to 1"
     assert content(states=states).share_by_state["lost"] == 0.5
     confidence = np.full(60, 0.4)
     confidence[20:25] = 0.5

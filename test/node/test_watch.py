@@ -22,13 +22,20 @@ BOX = {"box_x": "20.0", "box_y": "30.04", "box_width": "24", "box_height": "25.5
 
 
 def test_a_line_has_state_confidence_and_box_or_position():
-    target = status(id="3", label="person", state="tracking", confidence="0.938", **BOX)
+    target = status("tracking", id="3", label="person", state="tracking", confidence="0.938", **BOX)
     assert texts(status(), target) == [
-        "target 3 person  tracking 0.94  box at 20.0, 30.0, 24.0 x 25.5 px"
+        "target 3 person  tracking 0.94  box 24.0 x 25.5 px, top left at 20.0, 30.0"
     ]
     place = {"x": "2.312", "y": "-0.4", "velocity_x": "0.8", "velocity_y": "0"}
-    located = status(id="3", label="", state="occluded", confidence="0.5", **place)
+    located = status("located", id="3", label="", state="occluded", confidence="0.5", **place)
     assert texts(status(), located) == ["target 3  occluded 0.50  at 2.31, -0.40 m, 0.80, 0.00 m/s"]
+
+
+def test_a_state_has_its_reason():
+    hidden = status("the box is uncertain", id="3", state="occluded", confidence="0.91", **BOX)
+    assert texts(status(), hidden) == [
+        "target 3  occluded 0.91  box 24.0 x 25.5 px, top left at 20.0, 30.0; the box is uncertain"
+    ]
 
 
 def test_without_a_target_or_a_position_the_line_has_the_reason():
@@ -65,8 +72,8 @@ def test_it_prints_each_frame_of_a_real_tracker(watch, client, images):
         client.show(image, client.at(index))
         # It keeps few messages that it has not printed yet.
         client.wait_for(lambda count=index + 1: len(printed) == count, "line")
-    first = f"{client.at(0) / 1e9:.3f}  target 1  tracking 1.00  box at 20.0, 30.0, 24.0 x 24.0 px"
-    assert printed[0] == first
+    place = "box 24.0 x 24.0 px, top left at 20.0, 30.0"
+    assert printed[0] == f"{client.at(0) / 1e9:.3f}  target 1  tracking 1.00  {place}"
 
 
 def test_it_prints_so_many_lines_a_second(watch, graph, client, images):

@@ -67,7 +67,8 @@ def test_a_target_is_drawn_on_a_picture(send_stream, start_track, wait_for_rows,
     newer, _ = ask("/frame?number=1")
     assert (headers["X-Frame"], newer["X-Frame"], newer["X-Size"]) == ("0", "0", "64 48")
     target = {"frame": 0, "box": [10, 10, 24, 24]}
-    assert ask("/targets", "POST", json.dumps({"targets": [target]}))[1] == b"tracking begins"
+    answer = ask("/targets", "POST", json.dumps({"targets": [target]}))[1]
+    assert answer == b"tracking; the outcome comes here"
     wait_for_rows(process, output, 5)
     process.send_signal(signal.SIGINT)
     printed, errors = process.communicate(timeout=DEADLINE)

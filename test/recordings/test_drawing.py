@@ -168,7 +168,7 @@ def test_the_note_offers_another_target_if_there_may_be_one(
     page.keyboard.press("Escape")
     # The kept targets are tracked without another box.
     page.keyboard.press("Enter")
-    page.get_by_text("tracking begins").wait_for()
+    page.get_by_text("tracking; the outcome comes here").wait_for()
     assert command.end()[0] == 0
     assert {row["id"] for row in rows(output)} == {"1"}
 
@@ -186,7 +186,7 @@ def test_a_box_is_drawn_on_another_frame_by_keys(start_draw, open_page, rows, im
     for name, value in zip(("x", "y", "width", "height"), (32, 36, 24, 24), strict=True):
         page.locator(f"#box-{name}").fill(str(value))
     page.locator("#send").click()
-    page.get_by_text("tracking begins").wait_for()
+    page.get_by_text("tracking; the outcome comes here").wait_for()
     assert command.end()[0] == 0
     assert first_box(rows, tmp_path / "out") == (3, [32.0, 36.0, 24.0, 24.0])
     assert [row["state"] for row in rows(tmp_path / "out")[:4]] == ["idle"] * 3 + ["tracking"]
@@ -225,7 +225,7 @@ def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, row
     page.keyboard.press("r")
     page.keyboard.press("ArrowRight")
     page.keyboard.press("Enter")
-    page.get_by_text("tracking begins").wait_for()
+    page.get_by_text("tracking; the outcome comes here").wait_for()
     code, output, errors = command.end()
     assert (code, errors) == (0, "")
     file = images.parent / "img.target.yaml"
@@ -339,7 +339,7 @@ def test_a_target_is_drawn_by_http_and_its_tracking_told(start_draw, rows, image
     assert json.loads(events.readline().removeprefix(b"data: ")) == {"frame": None}
     # The request comes in several pieces.
     status, text = command.send("/targets", " " * 2**18 + json.dumps({"targets": [FIRST]}))
-    assert (status, text) == (200, "tracking begins")
+    assert (status, text) == (200, "tracking; the outcome comes here")
     code, printed, _ = command.end()
     lines = [line for line in events.read().splitlines() if line.startswith(b"data: ")]
     last = json.loads(lines[-1].removeprefix(b"data: "))

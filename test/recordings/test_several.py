@@ -52,8 +52,9 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     assert page.count('<section class="sequence"') == 2
     assert "target 1 red" in page
     assert "target 2 blue" in page
-    assert f"Tracked in frames 2 to {COUNT - 1}." in page
-    assert f"Tracked in frames 6 to {COUNT - 1}." in page
+    assert f"Frames 2 to {COUNT - 1}:" in page
+    assert f"Frames 6 to {COUNT - 1}:" in page
+    assert '<span class="mark unreported"></span> not reported: ' in page
 
 
 @pytest.mark.parametrize(

@@ -132,9 +132,16 @@ class SequenceContent:
         return self._compared(metrics.center_errors)
 
     @property
-    def lost_ranges(self) -> list[FrameRange]:
-        """Ranges of frames in the state lost."""
-        return self.frame_ranges("lost")
+    def states_in_words(self) -> str:
+        """The frames of each state; those of tracking are the others."""
+        parts = [
+            f"{state} in {', '.join(map(_listed, self.frame_ranges(state)))}"
+            for state in (*_STANDARD_STATES, *_OTHER_STATES)
+            if state != "tracking" and state in self.states
+        ]
+        if "tracking" in self.states:
+            parts.append("otherwise tracking" if parts else "tracking")
+        return "; ".join(parts)
 
     def frame_ranges(self, state: str) -> list[FrameRange]:
         """Ranges of frames in a state."""
@@ -183,6 +190,11 @@ def frame_ranges(states: Sequence[str], state: str, first: int = 0) -> list[Fram
             ranges.append(FrameRange(begin, end - 1))
         begin = end
     return ranges
+
+
+def _listed(frames: FrameRange) -> str:
+    first, last = frames
+    return f"{first} to {last}" if last > first else str(first)
 
 
 def state_columns(states: Collection[str]) -> tuple[str, ...]:

@@ -405,12 +405,12 @@ class TrackerNode(ManagedNode):
             self._state_log.update(outcome.selected, outcome.estimate)
 
     def _log_time_jump(self, outcome: Outcome) -> None:
-        """Log that time jumped back; without a target to lose, without advice."""
+        """Log that time jumped back; with advice where a target may be lost unasked."""
         text = f"time went back by {outcome.jumped_back:.3f} s"
-        if outcome.frame == "started" or not self._has_target:
+        choice = self._values["time_jump"]
+        if choice == "restart" or outcome.frame == "started" or not self._has_target:
             self._log.info(text, throttle_duration_sec=LOG_INTERVAL)
             return
-        choice = self._values["time_jump"]
         advice = "; use 'restart' for recordings that start again" if choice == "keep" else ""
         self._log.warning(
             f"{text}; 'time_jump' is '{choice}'{advice}", throttle_duration_sec=LOG_INTERVAL

@@ -21,6 +21,8 @@ _TRACKER, _LOCALIZER = "pf_tracker/status", "localizer/status"
 # Seconds until a missing tracker is reported, and again.
 _SILENCE = 5.0
 _NO_TARGET = "no target"
+# Messages of a target without a reason for its state.
+_FINE = ("tracking", "located")
 
 
 class WatchNode(Node):
@@ -83,20 +85,22 @@ def lines(message: DiagnosticArray) -> Iterator[tuple[str, str, str]]:
         name = f"target {values.get('id', '?')} {values.get('label', '')}".rstrip()
         state = values.get("state", "")
         head = f"{name}  {state} {_number(values, 'confidence', 2)}"
-        yield name, state, f"{head}  {_place(values, target.message)}"
+        place = _place(values)
+        reason = target.message if not place or target.message not in _FINE else ""
+        yield name, state, f"{head}  {'; '.join(filter(None, (place, reason)))}"
 
 
-def _place(values: Mapping[str, str], message: str) -> str:
-    """The box or the position of a target."""
+def _place(values: Mapping[str, str]) -> str:
+    """The box or the position of a target, empty without one."""
     if "box_x" in values:
         corner = ", ".join(_number(values, f"box_{name}", 1) for name in ("x", "y"))
         size = " x ".join(_number(values, f"box_{name}", 1) for name in ("width", "height"))
-        return f"box at {corner}, {size} px"
+        return f"box {size} px, top left at {corner}"
     if "x" in values:
         place = ", ".join(_number(values, name, 2) for name in ("x", "y"))
         velocity = ", ".join(_number(values, f"velocity_{name}", 2) for name in ("x", "y"))
         return f"at {place} m, {velocity} m/s"
-    return message
+    return ""
 
 
 def _number(values: Mapping[str, str], key: str, digits: int) -> str:

@@ -173,7 +173,7 @@ class TargetPage:
             self._targets = await self._read_targets(await request.read())
         except (ValueError, LookupError) as error:
             raise web.HTTPUnprocessableEntity(text=str(error)) from error
-        return self._decide("tracking begins")
+        return self._decide("tracking; the outcome comes here")
 
     async def _read_targets(self, text: bytes) -> tuple[Target, ...]:
         """The targets of a request.

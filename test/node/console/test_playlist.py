@@ -126,5 +126,11 @@ def test_the_tour_of_the_demo_sets_what_it_promises():
         values = [one.parameters, *(parameters for _, parameters in one.steps)]
         assert known.issuperset(name for each in values for name in each)
         assert {"preset", "max_targets", "built_in_detector"} <= one.parameters.keys()
+    # What the tour switches off for the first steps, its third one sets to the preset's own value.
+    name = "redetection.windows"
+    text, own = listed[0].steps[2]
+    assert "switched off" in text
+    assert listed[0].parameters[name] == 0
+    assert own == {name: preset_parameters("default")[name]}
     texts = " ".join(text for one in listed for text, _ in one.steps)
     assert all(author in texts for author in ("Li, Zhang and Li", "Zhang, Hu and Shi", "Bo Zhang"))

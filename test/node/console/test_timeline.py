@@ -81,6 +81,7 @@ def test_earlier_frames_are_shown_as_they_were_without_tracking_them_again(playe
 def test_it_is_tracked_again_from_the_frame_that_is_looked_at(player, requests):
     click_at(player, 7)
     at_frame(player, 7)
+    assert player.text("again") == "Track again from here"
     player.locator("#again").click()
     player.wait_until(lambda: player.locator("#past").is_hidden(), "newest frame")
     at_frame(player, 7)
@@ -175,6 +176,7 @@ def test_where_a_detector_starts_the_targets_a_missing_frame_is_stepped_over(pla
         at_frame(player, index)
     player.keyboard.press("ArrowLeft")
     at_frame(player, 9)
+    assert player.text("again") == "Track again from here (forgets detected targets)"
     player.keyboard.press("ArrowRight")
     at_frame(player, 11)
     assert player.locator("#past").is_hidden()

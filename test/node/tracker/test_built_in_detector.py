@@ -133,6 +133,19 @@ def test_detections_of_frames_before_a_time_jump_are_discarded(graph, client, mo
         gates[1].set()
 
 
+def test_a_start_over_that_was_asked_for_is_no_warning(graph, client, monkeypatch, capfd):
+    class Still:
+        def detect(self, image, interval):
+            return Detections([[100.0, 10.0, 30.0, 30.0]])
+
+    monkeypatch.setattr(session_manager, "DETECTORS", registered(motion=Still))
+    graph.tracker(client, built_in_detector="motion", time_jump="restart", **MULTI_TARGET)
+    show_until(client, lambda status: status.values["targets"] != "0", first=50)
+    client.show(moving_block(0), client.at(0))
+    (line,) = [one for one in capfd.readouterr().err.splitlines() if "time went back" in one]
+    assert "INFO" in line
+
+
 @pytest.mark.skipif(DETECTIONS_CLASS is not None, reason="vision_msgs is installed")
 def test_without_vision_msgs_the_log_names_the_alternatives(graph):
     process = graph.process("-p", "max_targets:=3")

@@ -43,6 +43,7 @@ const frame = () => timeline.looked()?.index ?? state.frame;
 export function showPosition() {
   if (!state || seeking) return;
   const moment = timeline.looked(), since = moment ? timeline.last().time - moment.time : 0;
+  at("again").textContent = `Track again from here${targets.hasDetector() ? " (forgets detected targets)" : ""}`;
   at("seek").value = frame();
   showFrame(frame());
   at("time").textContent = time(state.seconds - since / 1000);
