@@ -166,7 +166,7 @@ class CorrelationResponse(SearchableCue):
         cells: int = 40,
         size_span: float = 1.04,
         size_bias: float = 0.007,
-        size_gain: float = 2.0,
+        size_gain: float = 1.5,
         memory: float = 300.0,
         training_interval: int = 3,
         settling_frames: int = 25,
