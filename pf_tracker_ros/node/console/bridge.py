@@ -116,11 +116,14 @@ class ConsoleBridge:
             self._health.take_diagnostics(content, now)
             self._link.set_image_topic(str(content["values"].get("image_topic", "")))
             self._requester.check_diagnostics(content, now)
+        elif kind == "status" and self._player and content["values"].get("frame") == "duplicate":
+            # Of a frame that the player has repeated for a target: its first result holds.
+            self._requester.check_status(content)
         else:
             self._synchronizer.add_result(stamp, kind, content, now)
-        if kind == "status":
-            self._health.take_status(content, now)
-            self._requester.check_status(content)
+            if kind == "status":
+                self._health.take_status(content, now)
+                self._requester.check_status(content)
         self._run_soon(self._poll())
 
     async def _poll(self) -> None:
