@@ -218,6 +218,16 @@ def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_s
     page.wait_until(lambda: shows_both(3), "frame after")
     page.locator("#seek").fill("1")
     page.wait_until(lambda: shows_both(1), "sought frame")
+    # An earlier moment has its own message.
+    page.locator("#forward").click()
+    page.wait_until(lambda: shows_both(2), "next frame")
+    page.keyboard.press("s")
+    page.wait_until(lambda: page.text("health").startswith("waiting for a target"), "news")
+    page.keyboard.press("ArrowLeft")
+    page.wait_until(lambda: page.text("health") == "tracking 2 targets", "message of that moment")
+    assert shows_both(1)
+    page.keyboard.press("Escape")
+    page.wait_until(lambda: page.text("health").startswith("waiting for a target"), "the newest")
 
 
 def test_in_a_paused_recording_a_click_selects_at_once(player_of_several):
