@@ -68,6 +68,8 @@ class Player:
         self._is_single_target = is_single_target
         self._last_state: Json = {}
         self._show_first_after = float("-inf")
+        # Until the page has a picture of the recording that was asked for.
+        self._is_opening = False
         self._seeking = asyncio.Lock()
         self._repeating: asyncio.Future[None] | None = None
         # Requests during a seek, which is paused; carried out after it.
@@ -98,6 +100,7 @@ class Player:
             "problem": self._recording.wait_reason(self._link.image_topic),
             **self._recording.state,
             "playing": self._is_playing,
+            "opening": self._is_opening,
         }
 
     @property
@@ -107,8 +110,9 @@ class Player:
 
     @property
     def recording_paused(self) -> bool:
-        """Whether the recording is paused, so that no images come."""
-        return self._playback.paused and not self._recording.wait_reason("")
+        """Whether the recording is paused or being opened, so that no images come."""
+        is_paused = self._playback.paused and not self._recording.wait_reason("")
+        return self._is_opening or is_paused
 
     def index_of(self, stamp: int) -> int | None:
         """Index of a frame by its stamp, nanoseconds; None if it is not of the recording."""
@@ -136,13 +140,15 @@ class Player:
             now: Seconds by a monotonic clock.
             shown: Stamp of the page's picture, nanoseconds; None without one.
         """
+        has_picture = shown is not None and self._recording.replay.index_of(shown) is not None
+        if has_picture and not self._seeking.locked():
+            self._is_opening = False
         state = self.state
         if state != self._last_state:
             self._last_state = state
             await self._broadcast(state)
         # The first frame may be lost before the console is discovered as a subscriber.
         is_idle = self._playback.paused and not self._seeking.locked()
-        has_picture = shown is not None and self._recording.replay.index_of(shown) is not None
         if not has_picture and is_idle and now > self._show_first_after:
             self._show_first_after = now + _FIRST_FRAME_INTERVAL
             if self._recording.replay.position < 0:
@@ -218,6 +224,7 @@ class Player:
         if index >= len(self._recording.listed):
             raise RequestError(f"there is no recording {index}")
         async with self._paused(plays=False):
+            self._is_opening = True
             # Without a tracker there is nothing to stop.
             with contextlib.suppress(TrackerError):
                 await self._link.services.stop()

@@ -1,10 +1,14 @@
 """What a new user needs: what to do, what is shown, and recordings to try it with."""
 
+from threading import Event
+
 import numpy as np
 import pytest
 import yaml
 from console_pages import WATCH_SHIFTS, stamp_at
 from rclpy.parameter import Parameter
+
+from pf_tracker_ros.node.console.played_recording import PlayedRecording
 
 LAYERS = {"box": "#box", "particles": "#particles", "ellipse": "#covariance", "trail": "#trail"}
 TOPS = """() => Object.fromEntries([...document.querySelectorAll('main [id]')]
@@ -115,7 +119,9 @@ def tour(tmp_path, moving_square):
 
 
 @pytest.mark.usefixtures("tracker")
-def test_another_recording_is_opened_from_the_page(client, start_console, open_page, bags, tour):
+def test_another_recording_is_opened_from_the_page(
+    client, start_console, open_page, bags, tour, monkeypatch
+):
     path, box = tour
     missing = str(bags[0].parent / "missing.mcap")
     page = open_page(start_console(tour=path, recordings=[missing, str(bags[0])]).url)
@@ -127,11 +133,25 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     page.drag(box)
     page.wait_until(lambda: page.box, "box")
 
+    # Until its first picture there is nothing to draw on, and missing images are expected.
+    client.set_parameters(image_timeout=0.5)
+    may_open, open_recording = Event(), PlayedRecording.open
+    monkeypatch.setattr(
+        PlayedRecording, "open", lambda *given: may_open.wait() and open_recording(*given)
+    )
     choices.nth(1).click()
+    page.wait_until(lambda: page.text("state") == "opening", "state")
+    page.drag(box)
+    page.keyboard.press("r")
+    assert page.text("note") == "there is no picture to draw on"
+    page.wait_for_timeout(1600)
+    assert page.text("health") == "the recording is being opened"
+    assert page.text("state") == "opening"
+    may_open.set()
     page.wait_until(lambda: page.size == (90, 120) and page.shows(stamp_at(0)), "other recording")
     assert page.text("frame") == "0 / 11"
     assert page.locator("#speed").input_value() == "0.5"
-    assert page.text("state") == "idle"
+    page.wait_until(lambda: page.text("state") == "idle", "its state")
     assert page.locator("#target-list li").count() == 0
     # The suggested box is drawn as a ghost.
     names = ("x", "y", "width", "height")

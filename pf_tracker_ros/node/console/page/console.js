@@ -85,7 +85,11 @@ const handlers = {
     note(message.text, message.ok);
     if (!message.ok && ["target", "click"].includes(message.about)) stage.showOutcome("refused");
   },
-  recording(message) { recording.show(message); },
+  recording(message) {
+    const wasOpening = recording.isOpening();
+    recording.show(message);
+    if (recording.isOpening() !== wasOpening) { showState(health.state); showHealth(); }
+  },
   parameters(message) {
     tune.show(message.parameters);
     const value = (name) => message.parameters.find((one) => one.name === name)?.value;
@@ -219,8 +223,8 @@ const isStatusOld = () => performance.now() - lastStatus > 1000 || lastStatus ==
 const lacksImages = () => health.tracker === "alive" && isStatusOld() && health.text.startsWith("no image for");
 
 function showState(state) {
-  const isPaused = state === "skipped" && health.text.startsWith("paused");
-  const shown = health.tracker === "alive" ? (isPaused ? "paused" : state ?? "no status") : health.tracker === "absent" ? "no tracker" : "silent";
+  const now = recording.isOpening() ? "opening" : state === "skipped" && health.text.startsWith("paused") ? "paused" : state ?? "no status";
+  const shown = health.tracker === "alive" ? now : health.tracker === "absent" ? "no tracker" : "silent";
   text("state", shown);
   at("state-card").dataset.state = health.tracker !== "alive" ? "none" : lacksImages() ? "old" : shown;
 }
@@ -261,6 +265,7 @@ function showMessage() {
   const { message, level } = isPast ? told : { message: health.text, level: health.level };
   at("health").dataset.level = level;
   if (health.tracker !== "alive") { text("health", message); return; }
+  if (recording.isOpening()) { text("health", "the recording is being opened"); return; }
   const isPlain = ["tracking", "occluded", "lost"].includes(message);
   const advice = message === "waiting for a target" && lastStatus ? (targets.hasDetector() ? DETECTOR : HOW) : "";
   text("health", [isPlain ? "" : message + advice, why].filter(Boolean).join("; "));
