@@ -230,6 +230,11 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     page.keyboard.press("Home")
     page.wait_until(lambda: page.text("frame") == "0 / 19", "first frame")
     assert page.evaluate("() => window.shifted") == []
+    # Without a keyboard, its keys are not named. The picture to draw on comes into sight.
+    assert page.locator("kbd:visible").count() == 0
+    page.locator("#draw").click()
+    assert page.locator("#stage").bounding_box()["y"] >= 0
+    assert page.text("note") == "drag a box, or move this one by its corners"
 
 
 def test_a_detector_needs_no_hand(camera, page, tracker):
@@ -251,5 +256,8 @@ def test_parameters_are_found_and_tell_what_they_are_on_demand(page):
     assert about.is_hidden()
     page.get_by_role("button", name="What is motion.size_noise?").click()
     assert about.is_visible()
+    page.locator("#find").fill("color xyz")
+    assert page.text("unfound") == 'no parameter has "color xyz" in its name or description'
     page.locator("#find").fill("")
+    assert page.locator("#unfound").is_hidden()
     assert page.locator(".parameter:visible").count() == 0

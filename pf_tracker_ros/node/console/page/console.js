@@ -93,6 +93,7 @@ const handlers = {
   parameters(message) {
     tune.show(message.parameters);
     const value = (name) => message.parameters.find((one) => one.name === name)?.value;
+    plots.setCues(value("cues") ?? ["correlation_response"]);
     targets.setMaxTargets(value("max_targets") ?? 1);
     targets.setDetector((value("built_in_detector") ?? "none") !== "none");
     showHealth();

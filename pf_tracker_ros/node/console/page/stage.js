@@ -123,9 +123,9 @@ export const isEditing = () => mode === "editing";
 // The outcome of the box that was sent; "unanswered" if the console has been restarted.
 export function showOutcome(outcome, text = "") {
   if (mode !== "sent") return;
-  if (outcome === "unanswered") note("the console restarted before its response; press Enter to send the box again", false);
+  if (outcome === "unanswered") note("the console restarted before its response; send the box again", false);
   // The node reports the wrong stamp; the advice depends on this page.
-  if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; press Escape, pause with space, then draw`, false);
+  if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; discard it, pause, then draw`, false);
   if (["refused", "unanswered"].includes(outcome) && editor.box()) edit(editor.box());
   else live();
 }
@@ -266,7 +266,9 @@ function startDrawing() {
   if (mode === "editing") { live(); return; }
   if (mode !== "live") return;
   edit((boxIn(frame) ?? last)?.map(Math.round) ?? editor.centeredBox([frame.width, frame.height]));
-  note("drag a box, or move this one with the arrow keys (shift: resize, alt: by a pixel); Enter sends it", true, true);
+  note(matchMedia("(pointer: coarse)").matches ? "drag a box, or move this one by its corners" :
+    "drag a box, or move this one with the arrow keys (shift: resize, alt: by a pixel); Enter sends it", true, true);
+  at("stage").scrollIntoView({ block: "nearest" });
 }
 
 function onKey(event) {
@@ -316,8 +318,8 @@ function pause() {
 }
 
 function discard() {
+  if (mode !== "sent") note("the box is discarded");
   live();
-  note("nothing was sent");
 }
 
 function showMore() {
