@@ -119,38 +119,20 @@ def tour(tmp_path, moving_square):
 
 
 @pytest.mark.usefixtures("tracker")
-def test_another_recording_is_opened_from_the_page(
-    client, start_console, open_page, bags, tour, monkeypatch
-):
+def test_another_recording_is_opened_from_the_page(client, start_console, open_page, bags, tour):
     path, box = tour
     missing = str(bags[0].parent / "missing.mcap")
     page = open_page(start_console(tour=path, recordings=[missing, str(bags[0])]).url)
     choices = page.locator("#choices button")
     page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
     assert choices.all_inner_texts() == ["Square", "tall", "missing.mcap"]
-    assert page.size == (160, 120)
-    assert page.locator("#steps").is_hidden()
+    assert (page.size, page.locator("#steps").is_hidden()) == ((160, 120), True)
     page.drag(box)
     page.wait_until(lambda: page.box, "box")
 
-    # Until its first picture there is nothing to draw on, and missing images are expected.
-    client.set_parameters(image_timeout=0.5)
-    may_open, open_recording = Event(), PlayedRecording.open
-    monkeypatch.setattr(
-        PlayedRecording, "open", lambda *given: may_open.wait() and open_recording(*given)
-    )
     choices.nth(1).click()
-    page.wait_until(lambda: page.text("state") == "opening", "state")
-    page.drag(box)
-    page.keyboard.press("r")
-    assert page.text("note") == "there is no picture to draw on"
-    page.wait_for_timeout(1600)
-    assert page.text("health") == "the recording is being opened"
-    assert page.text("state") == "opening"
-    may_open.set()
     page.wait_until(lambda: page.size == (90, 120) and page.shows(stamp_at(0)), "other recording")
-    assert page.text("frame") == "0 / 11"
-    assert page.locator("#speed").input_value() == "0.5"
+    assert (page.text("frame"), page.locator("#speed").input_value()) == ("0 / 11", "0.5")
     page.wait_until(lambda: page.text("state") == "idle", "its state")
     assert page.locator("#target-list li").count() == 0
     # The suggested box is drawn as a ghost.
@@ -196,6 +178,32 @@ def test_another_recording_is_opened_from_the_page(
     page.locator("#play").click()
     page.wait_until(lambda: page.text("frame") == "11 / 11", "end")
     page.wait_until(lambda: page.stamp == stamp_at(0), "beginning")
+
+
+@pytest.mark.usefixtures("tracker")
+def test_nothing_is_drawn_on_a_recording_that_is_being_opened(
+    client, start_console, open_page, bags, monkeypatch
+):
+    page = open_page(start_console(recordings=[str(bag) for bag in bags]).url)
+    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    # Missing images are expected meanwhile.
+    client.set_parameters(image_timeout=0.5)
+    may_open, open_recording = Event(), PlayedRecording.open
+    monkeypatch.setattr(
+        PlayedRecording, "open", lambda *given: may_open.wait() and open_recording(*given)
+    )
+    page.locator("#choices button").nth(1).click()
+    page.wait_until(lambda: page.text("state") == "opening", "state")
+    page.drag((20, 30, 24, 24))
+    page.keyboard.press("r")
+    assert page.text("note") == "there is no picture to draw on"
+    page.wait_for_timeout(1600)
+    assert page.text("health") == "the recording is being opened"
+    assert page.text("state") == "opening"
+    may_open.set()
+    page.wait_until(lambda: page.size == (90, 120) and page.text("state") == "idle", "it")
+    page.drag((20, 30, 24, 24))
+    page.wait_until(lambda: page.box, "box")
 
 
 @pytest.mark.usefixtures("tracker")
