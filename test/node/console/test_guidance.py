@@ -239,9 +239,11 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     page.wait_until(lambda: page.text("frame") == "0 / 19", "first frame")
     assert page.evaluate("() => window.shifted") == []
     # Without a keyboard, its keys are not named. The picture to draw on comes into sight.
-    assert page.locator("kbd:visible").count() == 0
+    assert page.locator("kbd:visible, #keys-button:visible").count() == 0
+    page.locator("#draw").evaluate("it => it.scrollIntoView()")
+    assert page.locator("#stage").bounding_box()["y"] < 0
     page.locator("#draw").click()
-    assert page.locator("#stage").bounding_box()["y"] >= 0
+    assert page.locator("#stage").bounding_box()["y"] >= -1
     assert page.text("note") == "drag a box, or move this one by its corners"
 
 
