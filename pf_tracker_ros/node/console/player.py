@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 
@@ -29,6 +30,8 @@ from pf_tracker_ros.recordings import RecordingError, Target
 from pf_tracker_ros.stamps import NANOSECONDS
 
 _FIRST_FRAME_INTERVAL = 1.0
+# Seconds for the discovery of an opened recording; what is missing later is a problem.
+_DISCOVERY = 5.0
 # The tracker refuses targets that are a minute ahead of its last image.
 _MAX_AHEAD = 30 * NANOSECONDS
 # Of two seconds each.
@@ -70,6 +73,7 @@ class Player:
         self._show_first_after = float("-inf")
         # Until the page has a picture of the recording that was asked for.
         self._is_opening = False
+        self._opened_at = float("-inf")
         self._seeking = asyncio.Lock()
         self._repeating: asyncio.Future[None] | None = None
         # Requests during a seek, which is paused; carried out after it.
@@ -97,7 +101,9 @@ class Player:
         return {
             "type": "recording",
             "can_save": bool(self.targets),
-            "problem": self._recording.wait_reason(self._link.image_topic),
+            "problem": ""
+            if self._is_opening
+            else self._recording.wait_reason(self._link.image_topic),
             **self._recording.state,
             "playing": self._is_playing,
             "opening": self._is_opening,
@@ -141,7 +147,8 @@ class Player:
             shown: Stamp of the page's picture, nanoseconds; None without one.
         """
         has_picture = shown is not None and self._recording.replay.index_of(shown) is not None
-        if has_picture and not self._seeking.locked():
+        is_opened = has_picture or now - self._opened_at > _DISCOVERY
+        if is_opened and not self._seeking.locked():
             self._is_opening = False
         state = self.state
         if state != self._last_state:
@@ -232,6 +239,8 @@ class Player:
                 await asyncio.to_thread(self._recording.open, index)
             except RecordingError as error:
                 raise RequestError(str(error)) from error
+            finally:
+                self._opened_at = time.monotonic()
             self.targets, self._due = [], []
             self._show_first_after = float("-inf")
 
