@@ -116,11 +116,14 @@ class ConsoleBridge:
             self._health.take_diagnostics(content, now)
             self._link.set_image_topic(str(content["values"].get("image_topic", "")))
             self._requester.check_diagnostics(content, now)
+        elif kind == "status" and self._player and content["values"].get("frame") == "duplicate":
+            # Of a frame that the player has repeated for a target: its first result holds.
+            self._requester.check_status(content)
         else:
             self._synchronizer.add_result(stamp, kind, content, now)
-        if kind == "status":
-            self._health.take_status(content, now)
-            self._requester.check_status(content)
+            if kind == "status":
+                self._health.take_status(content, now)
+                self._requester.check_status(content)
         self._run_soon(self._poll())
 
     async def _poll(self) -> None:
@@ -244,7 +247,7 @@ class ConsoleBridge:
             elif status and status["targets"] and not status["selected"]:
                 text = "the heat map shows the selected target; click a target to select it"
             elif self._recording_paused:
-                text = "the heat map comes with the next frame: press N, or play"
+                text = "the heat map comes with the next frame: go one frame on, or play"
             if text:
                 await browser.send_json(note("heatmap", text))
         else:
@@ -289,7 +292,7 @@ class ConsoleBridge:
         """Refuse a target for a silent tracker; DDS may still list a node that has ended."""
         if self._last_health.get("tracker") == "silent":
             raise RequestError(
-                "nothing was sent: the tracker is silent; press Enter to send it again"
+                "nothing was sent: the tracker is silent; send it again once it is back"
             )
 
     async def _on_stop(self, message: Json) -> None:

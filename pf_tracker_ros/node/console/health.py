@@ -79,8 +79,11 @@ class TrackerHealth:
                 "continues as soon as it is back"
             )
             return {"type": "health", "tracker": "silent", "level": "error", "text": text}
-        values = source["values"]
-        if self._status and self._state not in (values.get("state"), "skipped"):
+        values, state = source["values"], self._state
+        if recording_paused and self._status and "duplicate stamp" in source["message"]:
+            # The frame was repeated for a target that was refused: its first result holds.
+            source, state = self._status, self._status["values"].get("state")
+        elif self._status and state not in (values.get("state"), "skipped"):
             # The state has changed since the last diagnostics. A single skipped frame is no news.
             source = self._status
         text, level = str(source["message"]), source["level"]
@@ -93,4 +96,4 @@ class TrackerHealth:
         if faults:
             text, level = f"{text}; the console: {'; '.join(faults)}", "error"
         health = {"type": "health", "tracker": "alive", "level": level, "text": text}
-        return health | {name: values.get(name) for name in _SHOWN_VALUES} | {"state": self._state}
+        return health | {name: values.get(name) for name in _SHOWN_VALUES} | {"state": state}

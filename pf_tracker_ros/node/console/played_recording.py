@@ -21,8 +21,7 @@ from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets, save_targets
 
 _IDLE_TIMEOUT = 30.0
-# Seconds to wait for a status. Resending a frame too early makes it a duplicate, which clears its
-# box on the page; no frame is lost on the way, so a late status means a slow tracker.
+# Seconds to wait for a status. No frame is lost on the way, so a late status means a slow tracker.
 _STATUS_TIMEOUT = 5.0
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from functools import partial
 
@@ -29,6 +30,8 @@ from pf_tracker_ros.recordings import RecordingError, Target
 from pf_tracker_ros.stamps import NANOSECONDS
 
 _FIRST_FRAME_INTERVAL = 1.0
+# Seconds for the discovery of an opened recording; what is missing later is a problem.
+_DISCOVERY = 5.0
 # The tracker refuses targets that are a minute ahead of its last image.
 _MAX_AHEAD = 30 * NANOSECONDS
 # Of two seconds each.
@@ -68,6 +71,9 @@ class Player:
         self._is_single_target = is_single_target
         self._last_state: Json = {}
         self._show_first_after = float("-inf")
+        # Until the page has a picture of the recording that was asked for.
+        self._is_opening = False
+        self._opened_at = float("-inf")
         self._seeking = asyncio.Lock()
         self._repeating: asyncio.Future[None] | None = None
         # Requests during a seek, which is paused; carried out after it.
@@ -95,9 +101,12 @@ class Player:
         return {
             "type": "recording",
             "can_save": bool(self.targets),
-            "problem": self._recording.wait_reason(self._link.image_topic),
+            "problem": ""
+            if self._is_opening
+            else self._recording.wait_reason(self._link.image_topic),
             **self._recording.state,
             "playing": self._is_playing,
+            "opening": self._is_opening,
         }
 
     @property
@@ -107,8 +116,9 @@ class Player:
 
     @property
     def recording_paused(self) -> bool:
-        """Whether the recording is paused, so that no images come."""
-        return self._playback.paused and not self._recording.wait_reason("")
+        """Whether the recording is paused or being opened, so that no images come."""
+        is_paused = self._playback.paused and not self._recording.wait_reason("")
+        return self._is_opening or is_paused
 
     def index_of(self, stamp: int) -> int | None:
         """Index of a frame by its stamp, nanoseconds; None if it is not of the recording."""
@@ -136,13 +146,16 @@ class Player:
             now: Seconds by a monotonic clock.
             shown: Stamp of the page's picture, nanoseconds; None without one.
         """
+        has_picture = shown is not None and self._recording.replay.index_of(shown) is not None
+        is_opened = has_picture or now - self._opened_at > _DISCOVERY
+        if is_opened and not self._seeking.locked():
+            self._is_opening = False
         state = self.state
         if state != self._last_state:
             self._last_state = state
             await self._broadcast(state)
         # The first frame may be lost before the console is discovered as a subscriber.
         is_idle = self._playback.paused and not self._seeking.locked()
-        has_picture = shown is not None and self._recording.replay.index_of(shown) is not None
         if not has_picture and is_idle and now > self._show_first_after:
             self._show_first_after = now + _FIRST_FRAME_INTERVAL
             if self._recording.replay.position < 0:
@@ -218,6 +231,7 @@ class Player:
         if index >= len(self._recording.listed):
             raise RequestError(f"there is no recording {index}")
         async with self._paused(plays=False):
+            self._is_opening = True
             # Without a tracker there is nothing to stop.
             with contextlib.suppress(TrackerError):
                 await self._link.services.stop()
@@ -225,6 +239,8 @@ class Player:
                 await asyncio.to_thread(self._recording.open, index)
             except RecordingError as error:
                 raise RequestError(str(error)) from error
+            finally:
+                self._opened_at = time.monotonic()
             self.targets, self._due = [], []
             self._show_first_after = float("-inf")
 

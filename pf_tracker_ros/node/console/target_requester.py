@@ -140,7 +140,7 @@ class TargetRequester:
         timeout = _TIMEOUT_PAUSED if recording_paused else _TIMEOUT
         if not pending.is_waiting and now - pending.sent_at > timeout:
             pending.is_waiting = True
-            hint = ": press N, or play" if recording_paused else ""
+            hint = ": go one frame on, or play" if recording_paused else ""
             self._report(
                 TargetResponse("waiting", f"sent; the tracker starts it on the next image{hint}")
             )

@@ -1,10 +1,14 @@
 """What a new user needs: what to do, what is shown, and recordings to try it with."""
 
+from threading import Event
+
 import numpy as np
 import pytest
 import yaml
 from console_pages import WATCH_SHIFTS, stamp_at
 from rclpy.parameter import Parameter
+
+from pf_tracker_ros.node.console.played_recording import PlayedRecording
 
 LAYERS = {"box": "#box", "particles": "#particles", "ellipse": "#covariance", "trail": "#trail"}
 TOPS = """() => Object.fromEntries([...document.querySelectorAll('main [id]')]
@@ -127,15 +131,13 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     choices = page.locator("#choices button")
     page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
     assert choices.all_inner_texts() == ["Square", "tall", "missing.mcap"]
-    assert page.size == (160, 120)
-    assert page.locator("#steps").is_hidden()
+    assert (page.size, page.locator("#steps").is_hidden()) == ((160, 120), True)
     draw(page, box)
 
     choices.nth(1).click()
     page.wait_until(lambda: page.size == (90, 120) and page.shows(stamp_at(0)), "other recording")
-    assert page.text("frame") == "0 / 11"
-    assert page.locator("#speed").input_value() == "0.5"
-    assert page.text("state") == "idle"
+    assert (page.text("frame"), page.locator("#speed").input_value()) == ("0 / 11", "0.5")
+    page.wait_until(lambda: page.text("state") == "idle", "its state")
     assert page.locator("#target-list li").count() == 0
     # The suggested box is drawn as a ghost.
     names = ("x", "y", "width", "height")
@@ -182,6 +184,32 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
 
 
 @pytest.mark.usefixtures("tracker")
+def test_nothing_is_drawn_on_a_recording_that_is_being_opened(
+    client, start_console, open_page, bags, monkeypatch
+):
+    page = open_page(start_console(recordings=[str(bag) for bag in bags]).url)
+    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    # Missing images are expected meanwhile.
+    client.set_parameters(image_timeout=0.5)
+    may_open, open_recording = Event(), PlayedRecording.open
+    monkeypatch.setattr(
+        PlayedRecording, "open", lambda *given: may_open.wait() and open_recording(*given)
+    )
+    page.locator("#choices button").nth(1).click()
+    page.wait_until(lambda: page.text("state") == "opening", "state")
+    page.drag((20, 30, 24, 24))
+    page.keyboard.press("r")
+    assert page.text("note") == "there is no picture to draw on"
+    page.wait_for_timeout(1600)
+    assert page.text("health") == "the recording is being opened"
+    assert page.text("state") == "opening"
+    may_open.set()
+    page.wait_until(lambda: page.size == (90, 120) and page.text("state") == "idle", "it")
+    page.drag((20, 30, 24, 24))
+    page.wait_until(lambda: page.box, "box")
+
+
+@pytest.mark.usefixtures("tracker")
 def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     start_console, open_page, bags, moving_square
 ):
@@ -213,6 +241,13 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     page.keyboard.press("Home")
     page.wait_until(lambda: page.text("frame") == "0 / 19", "first frame")
     assert page.evaluate("() => window.shifted") == []
+    # Without a keyboard, its keys are not named. The picture to draw on comes into sight.
+    assert page.locator("kbd:visible, #keys-button:visible").count() == 0
+    page.locator("#draw").evaluate("it => it.scrollIntoView()")
+    assert page.locator("#stage").bounding_box()["y"] < 0
+    page.locator("#draw").click()
+    assert page.locator("#stage").bounding_box()["y"] >= -1
+    assert page.text("note") == "drag a box, or move this one by its corners"
 
 
 def test_a_detector_needs_no_hand(camera, page, tracker):
@@ -234,5 +269,8 @@ def test_parameters_are_found_and_tell_what_they_are_on_demand(page):
     assert about.is_hidden()
     page.get_by_role("button", name="What is motion.size_noise?").click()
     assert about.is_visible()
+    page.locator("#find").fill("color xyz")
+    assert page.text("unfound") == 'no parameter has "color xyz" in its name or description'
     page.locator("#find").fill("")
+    assert page.locator("#unfound").is_hidden()
     assert page.locator(".parameter:visible").count() == 0

@@ -272,7 +272,7 @@ def test_a_box_without_a_response_can_be_sent_to_the_next_console(camera, killab
     console.kill()
     console.wait()
     restart()
-    page.wait_until(lambda: "press Enter to send the box again" in page.text("note"), "what to do")
+    page.wait_until(lambda: "send the box again" in page.text("note"), "what to do")
     page.keyboard.press("Enter")
     show_until_accepted(page, camera)
     camera.show_on(page)

@@ -54,6 +54,8 @@ def test_a_box_without_area_is_refused_with_the_nodes_reason(shown):
     # The box stays, for correction.
     assert shown.locator("#drawn:not([hidden])").count() == 1
     assert shown.locator("#handles circle:visible").count() == 4
+    shown.keyboard.press("Escape")
+    assert shown.text("note") == "the box is discarded"
 
 
 @pytest.mark.parametrize(
@@ -76,7 +78,7 @@ def test_a_target_on_a_frame_of_long_ago_is_refused_with_advice(
     shown.mouse.up()
     camera.show_until(lambda: "refused" in shown.text("note"), "refusal")
     assert reason in shown.text("note")
-    assert shown.text("note").endswith("press Escape, pause with space, then draw")
+    assert shown.text("note").endswith("discard it, pause, then draw")
 
 
 def test_a_click_tracks_a_square_around_it(shown, camera, client, sent):

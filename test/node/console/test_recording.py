@@ -218,6 +218,16 @@ def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_s
     page.wait_until(lambda: shows_both(3), "frame after")
     page.locator("#seek").fill("1")
     page.wait_until(lambda: shows_both(1), "sought frame")
+    # An earlier moment has its own message.
+    page.locator("#forward").click()
+    page.wait_until(lambda: shows_both(2), "next frame")
+    page.keyboard.press("s")
+    page.wait_until(lambda: page.text("health").startswith("waiting for a target"), "news")
+    page.keyboard.press("ArrowLeft")
+    page.wait_until(lambda: page.text("health") == "tracking 2 targets", "message of that moment")
+    assert shows_both(1)
+    page.keyboard.press("Escape")
+    page.wait_until(lambda: page.text("health").startswith("waiting for a target"), "the newest")
 
 
 def test_in_a_paused_recording_a_click_selects_at_once(player_of_several):
@@ -274,6 +284,15 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
         (2, stamp_at(2)),
     ]
     assert [one["target_box"][0] for one in saved["targets"]] == pytest.approx([40, 90], abs=0.5)
+    # A third one is refused, on the same frame once more, whose result stays.
+    page.drag((5.0, 80.0, 24.0, 24.0))
+    page.wait_until(lambda: "target refused" in page.text("note"), "refusal")
+    # Until the next diagnostics.
+    page.wait_for_timeout(1200)
+    assert (page.text("target-count"), page.text("state")) == ("2 of 2", "tracking")
+    assert page.text("health") == "tracking 2 targets"
+    assert page.locator("#targets rect").count() == 2
+    page.keyboard.press("Escape")
     page.keyboard.press("s")
     page.wait_until(lambda: "stopped 2 targets" in page.text("note"), "response")
     page.locator("#load").click()

@@ -74,5 +74,5 @@ def test_a_target_that_waits_for_a_paused_recording_says_how_to_continue():
     assert responses == []
     requester.poll(0.0, now + 2.0, may_resend=False, recording_paused=True)
     assert [one.text for one in responses] == [
-        "sent; the tracker starts it on the next image: press N, or play"
+        "sent; the tracker starts it on the next image: go one frame on, or play"
     ]

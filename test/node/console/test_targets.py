@@ -220,6 +220,8 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
     # Each target has its line of confidence.
     show_until(lambda: page.locator("#plot-confidence path").count() == 3, "lines")
     assert page.locator("img, script:not([src])").count() == 0
+    about = page.locator("#plot-effective .slot p")
+    show_until(lambda: about.inner_text().endswith("a selected target; a click selects."), "wait")
     # No target is selected, so there is no likelihood.
     assert page.box is None
     page.keyboard.press("h")

@@ -90,7 +90,10 @@ def test_a_slider_sets_its_value(tuned, client):
 
 def test_a_preset_changes_the_active_parameters_and_reset_restores_it(tuned, client):
     assert group_of(tuned, "proposal.share") == "Proposal"
+    confidence = tuned.locator("#plot-confidence .slot p")
+    assert confidence.inner_text().startswith("The probability that the box is on the target.")
     field(tuned, "preset").select_option("li2007")
+    tuned.wait_until(lambda: "no probability" in confidence.inner_text(), "what it is then")
     tuned.wait_until(
         lambda: group_of(tuned, "color_histogram.sharpness") == "Color histogram", "its group"
     )

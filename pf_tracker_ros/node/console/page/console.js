@@ -22,7 +22,7 @@ let drawing = Promise.resolve();  // resolves once all received frames are drawn
 let drawOnRequest = false, draw = () => {};  // whether frames wait for a request, and the function that draws the newest
 let healthDue = null;  // timer; the next frame shows it, so that the browser lays out once
 let socket = null, health = {}, lastStatus = null, drawn = [];  // [time, bytes] of the last frames
-let why = "";  // why the selected or only target is out of sight
+let told = null, why = "";  // status of the displayed frame, and why its selected or only target is out of sight
 let noteTimer = null;  // clears the note
 let failed = "";  // error of the last frame
 let accepted = "", isTracked = false;  // note about an accepted target, and whether a frame has shown the target
@@ -85,10 +85,15 @@ const handlers = {
     note(message.text, message.ok);
     if (!message.ok && ["target", "click"].includes(message.about)) stage.showOutcome("refused");
   },
-  recording(message) { recording.show(message); },
+  recording(message) {
+    const wasOpening = recording.isOpening();
+    recording.show(message);
+    if (recording.isOpening() !== wasOpening) { showState(health.state); showHealth(); }
+  },
   parameters(message) {
     tune.show(message.parameters);
     const value = (name) => message.parameters.find((one) => one.name === name)?.value;
+    plots.setCues(value("cues") ?? ["correlation_response"]);
     targets.setMaxTargets(value("max_targets") ?? 1);
     targets.setDetector((value("built_in_detector") ?? "none") !== "none");
     showHealth();
@@ -197,11 +202,12 @@ function showStatus(frame) {
 }
 
 const showEstimate = throttle(FIGURES, (frame) => {
-  const { targets: found, selected, values } = frame.status;
+  told = frame.status;
+  const { targets: found, selected, values } = told;
   showConfidence(values.confidence);
   const own = found.find(({ id }) => id === selected) ?? (found.length === 1 ? found[0] : null);
   why = own ? targets.reason(own, frame) : "";
-  if (!healthDue) text("health", healthText());
+  if (!healthDue) showMessage();
   text("count", number(values.particles, 0));
   text("now-effective", number(values.effective_sample_size, 0));
   text("now-processing", typeof values.processing_time_ms === "number" ? `${number(values.processing_time_ms, 1)} ms` : "–");
@@ -218,8 +224,8 @@ const isStatusOld = () => performance.now() - lastStatus > 1000 || lastStatus ==
 const lacksImages = () => health.tracker === "alive" && isStatusOld() && health.text.startsWith("no image for");
 
 function showState(state) {
-  const isPaused = state === "skipped" && health.text.startsWith("paused");
-  const shown = health.tracker === "alive" ? (isPaused ? "paused" : state ?? "no status") : health.tracker === "absent" ? "no tracker" : "silent";
+  const now = recording.isOpening() ? "opening" : state === "skipped" && health.text.startsWith("paused") ? "paused" : state ?? "no status";
+  const shown = health.tracker === "alive" ? now : health.tracker === "absent" ? "no tracker" : "silent";
   text("state", shown);
   at("state-card").dataset.state = health.tracker !== "alive" ? "none" : lacksImages() ? "old" : shown;
 }
@@ -240,8 +246,7 @@ function showHealth() {
   // An old picture is gray.
   at("stage").classList.toggle("old", lacksImages() || !alive);
   if (lacksImages() || !alive) text("age", "–");
-  text("health", healthText());
-  at("health").dataset.level = health.level;
+  showMessage();
   const advice = health.text.startsWith("no image for") ? `\n\nStart a camera that publishes on ${health.image_topic}, or play a recording here: console drive.mcap` : "";
   text("missing", `No picture yet: ${health.text}${advice}`);
   text("topic", alive && health.image_topic ? `${health.image_topic} · ${(health.image_reliability ?? "").replace("_", " ")}` : "");
@@ -254,12 +259,17 @@ function showHealth() {
   stage.setPaused(alive && health.text.startsWith("paused"));
 }
 
-// What the state, which is shown large, does not tell; and why the shown target is out of sight.
-function healthText() {
-  if (health.tracker !== "alive") return health.text;
-  const isPlain = ["tracking", "occluded", "lost"].includes(health.text);
-  const advice = health.text === "waiting for a target" && lastStatus ? (targets.hasDetector() ? DETECTOR : HOW) : "";
-  return [isPlain ? "" : health.text + advice, why].filter(Boolean).join("; ");
+// What the state, which is shown large, does not tell; and why the shown target is out of sight. A frame that is looked
+// back at has its own message.
+function showMessage() {
+  const isPast = stage.isPast() && told && health.tracker === "alive";
+  const { message, level } = isPast ? told : { message: health.text, level: health.level };
+  at("health").dataset.level = level;
+  if (health.tracker !== "alive") { text("health", message); return; }
+  if (recording.isOpening()) { text("health", "the recording is being opened"); return; }
+  const isPlain = ["tracking", "occluded", "lost"].includes(message);
+  const advice = message === "waiting for a target" && lastStatus ? (targets.hasDetector() ? DETECTOR : HOW) : "";
+  text("health", [isPlain ? "" : message + advice, why].filter(Boolean).join("; "));
 }
 
 // Reports the width of the picture, which limits the pixels sent.

@@ -37,6 +37,12 @@ export function clear() {
   }
 }
 
+// Only cues with log odds give a probability.
+export function setCues(cues) {
+  const { about, aboutSimilarity } = at("plot-confidence").dataset, isProbability = cues.some((cue) => cue.endsWith("correlation_response"));
+  parts.get("confidence").text.firstChild.data = isProbability ? about : aboutSimilarity;
+}
+
 function put(lines, name, now, value) {
   if (!lines.has(name)) lines.set(name, []);
   const line = lines.get(name), slot = line.at(-1);
@@ -55,7 +61,7 @@ const draw = throttle(INTERVAL, (values, hasTargets) => {
     const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
     const { svg, top: label, wait } = parts.get(id);
     at(`plot-${id}`).classList.toggle("empty", !all.some((line) => line.length > 1));
-    wait.textContent = all.length ? " Waits for more frames." : hasTargets ? " Waits for the selected target: click one." : " Waits for a target.";
+    wait.textContent = all.length ? " Waits for more frames." : hasTargets ? " Waits for a frame with a selected target; a click selects." : " Waits for a target.";
     const paths = fit(svg, lines.size, () => document.createElementNS(SVG, "path"));
     all.forEach((line, i) => paths[i].setAttribute("d", path(line, now, highest)));
     label.textContent = unit ? unit(highest) : highest.toFixed(0);
@@ -95,5 +101,5 @@ const parts = new Map(plots.map(({ id }) => {
   slot.append(svg, top, text);
   plot.classList.add("empty");
   plot.append(head, slot);
-  return [id, { svg, top, wait }];
+  return [id, { svg, top, text, wait }];
 }));

@@ -10,6 +10,7 @@ const at = (id) => document.getElementById(id);
 let send, showMoment, state = null, seeking = false, loops = false;
 
 export const isOpen = () => state !== null;
+export const isOpening = () => Boolean(state?.opening);
 export const isPaused = () => state?.playing === false;
 
 export function show(next) {
@@ -19,6 +20,7 @@ export function show(next) {
   at("recording").hidden = at("files").hidden = at("again").hidden = false;
   at("pause").hidden = true;
   if (tour.show(next.index)) { timeline.clear(); setLoop(tour.hasSteps()); }
+  stage.setOpening(next.opening);
   timeline.setRecording(next.frame_count ?? null, 1000 * next.seconds / next.frame);
   at("play-word").textContent = next.playing ? "Pause" : "Play";
   at("play").dataset.playing = next.playing;

@@ -21,6 +21,7 @@ let mode = "live";       // live, drawing (the pointer is down), editing, or sen
 let last = null;         // the last box sent, [x, y, width, height]
 let trail = [], selected = "";  // path of the selected target, and its id
 let paused = false;
+let opening = false;     // a recording is being opened: nothing can be drawn
 let blank = false;       // no overlay, as there is no current status
 let blankState = "";     // the state while blank
 let suggested = null;    // box to suggest for the first target, null for one in the middle
@@ -82,7 +83,7 @@ export function begin(box, hasHint) {
 // Shows what to do, and a ghost of the box to draw. A suggested box is of the first frame, and shown there each time.
 function showHint(state) {
   hadTarget ||= Boolean(state) && !["idle", "skipped"].includes(state);
-  const isSuggested = Boolean(suggested) && frame.index === 0, isIdle = mode === "live" && state === "idle";
+  const isSuggested = Boolean(suggested) && frame.index === 0, isIdle = mode === "live" && state === "idle" && !opening;
   const shown = isIdle && (isSuggested || (!hadTarget && !targets.hasDetector())), hasGhost = shown && (isSuggested || !suggested);
   at("hint").hidden = !shown;
   at("ghost").toggleAttribute("hidden", !hasGhost);
@@ -109,15 +110,22 @@ export function setPaused(now) {
   at("pause-word").textContent = paused ? "Resume" : "Pause";
 }
 
+// What was drawn on the last recording is discarded.
+export function setOpening(now) {
+  if (now === opening) return;
+  opening = now;
+  live();
+}
+
 // Whether there is a box that has not been sent, or was refused.
 export const isEditing = () => mode === "editing";
 
 // The outcome of the box that was sent; "unanswered" if the console has been restarted.
 export function showOutcome(outcome, text = "") {
   if (mode !== "sent") return;
-  if (outcome === "unanswered") note("the console restarted before its response; press Enter to send the box again", false);
+  if (outcome === "unanswered") note("the console restarted before its response; send the box again", false);
   // The node reports the wrong stamp; the advice depends on this page.
-  if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; press Escape, pause with space, then draw`, false);
+  if (outcome === "refused" && /stamp 0|time went back/.test(text)) note(`${text}; discard it, pause, then draw`, false);
   if (["refused", "unanswered"].includes(outcome) && editor.box()) edit(editor.box());
   else live();
 }
@@ -211,7 +219,7 @@ function request(message) {
 }
 
 function onDown(event) {
-  if (!frame || event.button || mode === "sent" || !event.isPrimary) return;
+  if (!frame || opening || event.button || mode === "sent" || !event.isPrimary) return;
   event.preventDefault();
   before = [mode, editor.box()];
   editor.grab(event);
@@ -254,11 +262,13 @@ function click(point, on) {
 }
 
 function startDrawing() {
-  if (!frame) { note("there is no picture to draw on", false); return; }
+  if (!frame || opening) { note("there is no picture to draw on", false); return; }
   if (mode === "editing") { live(); return; }
   if (mode !== "live") return;
   edit((boxIn(frame) ?? last)?.map(Math.round) ?? editor.centeredBox([frame.width, frame.height]));
-  note("drag a box, or move this one with the arrow keys (shift: resize, alt: by a pixel); Enter sends it", true, true);
+  note(matchMedia("(pointer: coarse)").matches ? "drag a box, or move this one by its corners" :
+    "drag a box, or move this one with the arrow keys (shift: resize, alt: by a pixel); Enter sends it", true, true);
+  at("stage").scrollIntoView({ block: "nearest" });
 }
 
 function onKey(event) {
@@ -308,8 +318,8 @@ function pause() {
 }
 
 function discard() {
+  if (mode !== "sent") note("the box is discarded");
   live();
-  note("nothing was sent");
 }
 
 function showMore() {

@@ -169,6 +169,8 @@ function find() {
     details.hidden = rows.every((row) => row.hidden);
     details.open = words.length > 0 && !details.hidden;
   }
+  at("unfound").hidden = !fields.size || [...fields.values()].some(({ row }) => !row.hidden);
+  at("unfound").textContent = `no parameter has "${at("find").value.trim()}" in its name or description`;
 }
 
 export function init(sender) {
