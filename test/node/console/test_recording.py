@@ -287,10 +287,8 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
     # A third one is refused, on the same frame once more, whose result stays.
     page.drag((5.0, 80.0, 24.0, 24.0))
     page.wait_until(lambda: "target refused" in page.text("note"), "refusal")
-    # Until the next diagnostics.
-    page.wait_for_timeout(1200)
+    page.wait_until(lambda: page.text("health") == "tracking 2 targets", "message")
     assert (page.text("target-count"), page.text("state")) == ("2 of 2", "tracking")
-    assert page.text("health") == "tracking 2 targets"
     assert page.locator("#targets rect").count() == 2
     page.keyboard.press("Escape")
     page.keyboard.press("s")
