@@ -99,12 +99,10 @@ def makes_a_difference(scene, other_values):
 
 @pytest.mark.parametrize("preset", PRESETS)
 def test_the_scene_covers_all_states(scene, preset):
-    states = [
-        [estimate.state for estimate in estimates_of(scene, preset, {}, seed)] for seed in SEEDS
-    ]
-    assert any(set(one[:18]) == set(one[35:44]) == {"tracking"} for one in states)
-    assert any("occluded" in one[18:22] for one in states)
-    assert any("lost" in one[44:] for one in states)
+    states = [estimate.state for estimate in estimates_of(scene, preset, {}, seed=0)]
+    assert set(states[:18]) == set(states[35:44]) == {"tracking"}
+    assert "occluded" in states[18:22]
+    assert "lost" in states[44:]
 
 
 @pytest.mark.parametrize(

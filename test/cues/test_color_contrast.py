@@ -73,7 +73,7 @@ def test_contrast_equals_a_loop_over_pixels(reduction):
         inside = target[y : y + height, x : x + width]
         ring = (whole.sum() - inside.sum()) / (whole.size - inside.size)
         expected.append(inside.mean() - ring)
-    np.testing.assert_allclose(CUE.response(region, boxes, template), expected, atol=1e-5)
+    np.testing.assert_allclose(CUE.response(region, boxes, template), expected, atol=1e-6)
     between = (boxes[:-1] + boxes[1:]) / 2
     shift = np.array([0.5 * reduction, 0.0, 0.0, 0.0])
     pair = [CUE.response(region, between[:1] + k * shift, template)[0] for k in (0, 1, 2)]

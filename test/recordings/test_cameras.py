@@ -29,7 +29,7 @@ def test_ctrl_c_ends_it_well_with_all_results(
     assert printed.startswith("opening rtsp://127.0.0.1:")
     found = rows(output)
     # A busy machine may skip some.
-    assert f"live: {len(found)} frames (" in printed
+    assert f"live: {len(found)} frames (100% tracking)" in printed
     stamps = [int(row["stamp"]) for row in found]
     assert before < stamps[0] < stamps[-1] < time.time_ns()
     assert (output / "overlay.mp4").stat().st_size > 0

@@ -94,7 +94,7 @@ def test_shares_without_ids_are_refused(moving_square):
 def test_frames_with_it_are_no_looks_at_other_places(moving_square):
     """A wrong share hides the target for a moment, and costs it no trust after that."""
     images, boxes = moving_square.images, moving_square.boxes
-    thresholds = {"track.wrong_box_cost": 100.0}
+    thresholds = {"track.wrong_box_cost": 20.0}
     tracker = Tracker.from_preset("default", seed=0, parameters=thresholds)
     tracker.start(images[0], boxes[0])
     for image in images[1:6]:
