@@ -122,6 +122,7 @@ class MultiTargetStandIn(Node):
         targets: Label and state by id; those that are not lost have a box.
         stopped: Ids received on `~/stop_target`.
         selected: Last id received on `~/select`, 0 for none.
+        is_late: Whether no results come.
     """
 
     def __init__(self, context):
@@ -130,6 +131,7 @@ class MultiTargetStandIn(Node):
         self.declare_parameter("detector.labels", ["person", "car"])
         self.targets = {1: ("car", "tracking"), 2: (HOSTILE, "occluded"), 3: ("", "lost")}
         self.stopped, self.selected = [], 0
+        self.is_late = False
         self._status = self.create_publisher(DiagnosticArray, "~/status", LATCHED)
         self._boxes = self.create_publisher(MarkerArray, "~/boxes", 10)
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -143,6 +145,8 @@ class MultiTargetStandIn(Node):
         return [10.0 * id, 5.0 * id, 30.0, 20.0]
 
     def _on_image(self, image):
+        if self.is_late:
+            return
         markers = [Marker(header=image.header, action=Marker.DELETEALL)]
         own = {"state": "tracking", "frame": "tracked", "selected": str(self.selected)}
         statuses = [status("/pf_tracker", **own)]
@@ -236,6 +240,16 @@ def test_no_row_of_five_targets_is_cut(shown, multi_tracker):
     show_until(lambda: rows.count() == 5 and "occluded" in rows.last.inner_text(), "targets")
     hidden = page.locator("#target-list").evaluate("list => list.scrollHeight - list.clientHeight")
     assert hidden <= 0
+
+
+def test_the_list_stays_while_pictures_come_without_results(shown, multi_tracker):
+    page, show_until = shown
+    rows = page.locator("#target-list li")
+    multi_tracker.is_late = True
+    show_until(lambda: page.locator("#targets rect").count() == 0, "picture without results")
+    assert rows.count() == 3
+    multi_tracker.is_late, multi_tracker.targets = False, {}
+    show_until(lambda: rows.count() == 0, "end of all targets")
 
 
 def test_labels_stay_inside_the_picture(shown, multi_tracker):
