@@ -1,5 +1,6 @@
 """Several targets: their messages as JSON, and a page that shows, selects and stops them."""
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -123,6 +124,7 @@ class MultiTargetStandIn(Node):
         stopped: Ids received on `~/stop_target`.
         selected: Last id received on `~/select`, 0 for none.
         is_late: Whether no results come.
+        is_slow: Whether the next frame takes long.
     """
 
     def __init__(self, context):
@@ -131,7 +133,7 @@ class MultiTargetStandIn(Node):
         self.declare_parameter("detector.labels", ["person", "car"])
         self.targets = {1: ("car", "tracking"), 2: (HOSTILE, "occluded"), 3: ("", "lost")}
         self.stopped, self.selected = [], 0
-        self.is_late = False
+        self.is_late = self.is_slow = False
         self._status = self.create_publisher(DiagnosticArray, "~/status", LATCHED)
         self._boxes = self.create_publisher(MarkerArray, "~/boxes", 10)
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -149,6 +151,8 @@ class MultiTargetStandIn(Node):
             return
         markers = [Marker(header=image.header, action=Marker.DELETEALL)]
         own = {"state": "tracking", "frame": "tracked", "selected": str(self.selected)}
+        own["processing_time_ms"] = "900" if self.is_slow else "5"
+        self.is_slow = False
         statuses = [status("/pf_tracker", **own)]
         for id, (label, state) in self.targets.items():
             name = f"/pf_tracker: target {id}"
@@ -250,6 +254,33 @@ def test_the_list_stays_while_pictures_come_without_results(shown, multi_tracker
     assert rows.count() == 3
     multi_tracker.is_late, multi_tracker.targets = False, {}
     show_until(lambda: rows.count() == 0, "end of all targets")
+
+
+def test_a_single_long_frame_does_not_flatten_the_processing_times(
+    shown, multi_tracker, client, images
+):
+    page, show_until = shown
+    paths, top = page.locator("#plot-processing path"), page.locator("#plot-processing .slot span")
+    stamps = map(client.at, itertools.count(100_000))
+
+    def line():
+        return "".join(paths.evaluate_all("all => all.map(path => path.getAttribute('d'))"))
+
+    def show(stamp):
+        client.images.publish(client.message(images[0], stamp))
+        page.wait_until(lambda: page.stamp == stamp, "picture")
+
+    def shows_peak():
+        show(next(stamps))
+        return "V9.0" in line()
+
+    show_until(lambda: "L" in line(), "line")
+    assert "9.0" not in line()
+    multi_tracker.is_slow = True
+    show(next(stamps))
+    # The peak is cut off at the top.
+    page.wait_until(shows_peak, "peak")
+    assert top.text_content() == "10 ms"
 
 
 def test_labels_stay_inside_the_picture(shown, multi_tracker):

@@ -215,7 +215,7 @@ const showEstimate = throttle(FIGURES, (frame) => {
 
 const showPicture = throttle(FIGURES, (frame) => {
   if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
-  text("age", Math.abs(frame.age) < 60000 ? `${Math.max(0, frame.age)} ms` : "–");
+  text("age", Math.abs(frame.age) < 60000 ? `${Math.max(0, frame.age)} ms` : "other clock");
   showRate();
 });
 
