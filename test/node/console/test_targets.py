@@ -123,6 +123,7 @@ class MultiTargetStandIn(Node):
         targets: Label and state by id; those that are not lost have a box.
         stopped: Ids received on `~/stop_target`.
         selected: Last id received on `~/select`, 0 for none.
+        message: Of the status and of the diagnostics.
         is_late: Whether no results come.
         is_slow: Whether the next frame takes long.
     """
@@ -133,6 +134,7 @@ class MultiTargetStandIn(Node):
         self.declare_parameter("detector.labels", ["person", "car"])
         self.targets = {1: ("car", "tracking"), 2: (HOSTILE, "occluded"), 3: ("", "lost")}
         self.stopped, self.selected = [], 0
+        self.message = "tracking 3 targets"
         self.is_late = self.is_slow = False
         self._status = self.create_publisher(DiagnosticArray, "~/status", LATCHED)
         self._boxes = self.create_publisher(MarkerArray, "~/boxes", 10)
@@ -153,7 +155,7 @@ class MultiTargetStandIn(Node):
         own = {"state": "tracking", "frame": "tracked", "selected": str(self.selected)}
         own["processing_time_ms"] = "900" if self.is_slow else "5"
         self.is_slow = False
-        statuses = [status("/pf_tracker", **own)]
+        statuses = [status("/pf_tracker", self.message, **own)]
         for id, (label, state) in self.targets.items():
             name = f"/pf_tracker: target {id}"
             statuses.append(status(name, id=str(id), label=label, state=state, confidence="0.5"))
@@ -170,7 +172,7 @@ class MultiTargetStandIn(Node):
         self.selected = message.data
 
     def _publish_diagnostics(self):
-        health = status("pf_tracker: tracker", "tracking 3 targets", image_topic="/image")
+        health = status("pf_tracker: tracker", self.message, image_topic="/image")
         self._health.publish(DiagnosticArray(status=[health]))
 
 
@@ -234,6 +236,16 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
     assert page.box is None
     page.keyboard.press("h")
     page.wait_until(lambda: "click a target to select it" in page.text("note"), "hint")
+
+
+def test_the_reason_stands_for_the_words_of_the_state(shown, multi_tracker):
+    page, show_until = shown
+    multi_tracker.targets = {3: ("", "lost")}
+    multi_tracker.message = "the target is lost"
+    show_until(lambda: page.text("health") == "not seen any more", "reason alone")
+    multi_tracker.targets = {2: ("", "lost"), 3: ("", "lost")}
+    multi_tracker.message = "tracking 2 targets"
+    show_until(lambda: page.text("health") == "tracking 2 targets", "words")
 
 
 def test_no_row_of_five_targets_is_cut(shown, multi_tracker):
