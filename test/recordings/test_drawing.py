@@ -315,6 +315,8 @@ def test_the_page_goes_from_the_box_to_the_report(start_draw, open_page, images,
     assert command.ask(addresses[2], Host="attacker.example")[0] == 403
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    header = page.locator("header")
+    assert header.evaluate("it => it.scrollHeight <= it.clientHeight")
     assert command.process.poll() is None
     page.close()
     code, printed, errors = command.end()
