@@ -1,6 +1,7 @@
 """Several targets: their messages as JSON, and a page that shows, selects and stops them."""
 
 import itertools
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -278,16 +279,19 @@ def test_a_single_long_frame_does_not_flatten_the_processing_times(
     def line():
         return "".join(paths.evaluate_all("all => all.map(path => path.getAttribute('d'))"))
 
+    def touches_top():
+        return re.search(r"[ V]9\.0(?!\d)", line())
+
     def show(stamp):
         client.images.publish(client.message(images[0], stamp))
         page.wait_until(lambda: page.stamp == stamp, "picture")
 
     def shows_peak():
         show(next(stamps))
-        return "V9.0" in line()
+        return touches_top()
 
     show_until(lambda: "L" in line(), "line")
-    assert "9.0" not in line()
+    assert not touches_top()
     multi_tracker.is_slow = True
     show(next(stamps))
     # The peak is cut off at the top.
