@@ -94,8 +94,8 @@ class FrameSynchronizer:
         required_parts: Parts that a result needs besides status and boxes.
 
     Args:
-        status_timeout: Seconds in which an image of a recording in lockstep gets its status, from
-            the first status on; None for a camera, of which a tracker may drop images.
+        status_timeout: Seconds in which an image of a recording in lockstep gets its status, after
+            the recording's first status; None for a camera, of which a tracker may drop images.
     """
 
     def __init__(self, status_timeout: float | None = None) -> None:
@@ -114,6 +114,7 @@ class FrameSynchronizer:
     def clear(self) -> None:
         """Discard all images and results, before those of another recording."""
         self.latest, self._latest_results = None, _Results()
+        self._last_status_at = None
         self._images.clear()
         self._results.clear()
 
@@ -125,8 +126,9 @@ class FrameSynchronizer:
             image: The message.
             now: Time of arrival, seconds by a monotonic clock.
         """
-        self._images.pop(stamp, None)
-        self._images[stamp] = image, now
+        # One that is sent again has waited since it came first.
+        _, arrival = self._images.pop(stamp, (None, now))
+        self._images[stamp] = image, arrival
         while self._are_too_many():
             self._images.popitem(last=False)
 

@@ -99,9 +99,14 @@ def test_a_picture_of_a_recording_in_lockstep_waits_for_a_late_status():
     synchronizer.add_result(2, "boxes", BOXES, now=65.1)
     assert synchronizer.choose(now=65.1)
     assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
-    synchronizer.add_image(3, "of a tracker that has ended", now=66.0)
-    assert not synchronizer.choose(now=70.9)
+    for now in (66.0, 71.0):
+        # The tracker has ended, so the recording sends the image again.
+        synchronizer.add_image(3, "picture", now)
+        assert not synchronizer.choose(now)
     assert synchronizer.choose(now=71.1)
+    synchronizer.clear()
+    synchronizer.add_image(1, "of another recording", now=72.0)
+    assert synchronizer.choose(now=72.0)
 
 
 def test_boxes_that_come_after_a_late_status_are_waited_for(synchronizer):
