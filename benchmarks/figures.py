@@ -106,7 +106,7 @@ PARTS: Mapping[str, Part] = {
     "cost of several targets": _always("multi_target_cost.py"),
     "node": _always("node.py"),
     "umbrellas": _always("umbrellas.py"),
-    "infrared": _always("infrared.py"),
+    "infrared": _on_sequences("infrared.py", seeds=3),
     "families": _always("families.py"),
     "growth model": _always("growth_model.py"),
 }

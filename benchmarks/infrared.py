@@ -1,9 +1,9 @@
 """The experiment of Zhang, Hu, Shi 2015: HOG against a color histogram in infrared footage.
 
-`zhang2015`, and `li2007` with color alone, track the same targets: generated infrared scenes, with
-and without a flip of polarity, and recorded sequences. The paper's figures are the share of frames
-that overlap the true box by more than 60 % of its area, and the frame after which the overlap stays
-0. As the first favors boxes that are too large, the success AUC is reported as well.
+`zhang2015`, and `li2007` with color alone, track the same targets of recorded sequences. The
+paper's figures are the share of frames that overlap the true box by more than 60 % of its area, and
+the frame after which the overlap stays 0. As the first favors boxes that are too large, the success
+AUC is reported as well.
 
     python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3
 
@@ -15,13 +15,11 @@ from __future__ import annotations
 import functools
 import sys
 from collections.abc import Mapping, Sequence
-from itertools import product
 from typing import Any
 
 import arguments as options_of
 import numpy as np
 from numpy.typing import NDArray
-from scenes import InfraredScene
 from tables import Table, publish
 
 from pf_tracker_ros import Tracker
@@ -84,18 +82,11 @@ TITLES = ["sequence", "tracker", "overlap > 60 %", "lost", "frame of loss", "AUC
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the experiment, print the table and write it."""
-    parser = options_of.parser(__doc__)
-    parser.add_argument("sequences", nargs="*", metavar="SEQUENCE_DIR", help="recorded sequences")
-    options_of.add_seeds(parser, 3, "of the trackers")
-    at_least = options_of.at_least
-    parser.add_argument("--scenes", type=at_least(0), default=3, help="generated scenes [3]")
-    options_of.add_folder(parser)
+    parser = options_of.sequence_parser(__doc__)
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
-        recorded = read_sequences(options.sequences) if options.sequences else []
-        scenes = [InfraredScene(*one) for one in product(range(options.scenes), (False, True))]
         rows = []
-        for one in (*scenes, *recorded):
+        for one in read_sequences(options.sequences):
             for name, (preset, parameters) in TRACKERS.items():
                 make = functools.partial(Tracker.from_preset, preset, parameters=parameters)
                 rows.append(row(name, evaluate_sequence(one, make, range(options.seeds))))

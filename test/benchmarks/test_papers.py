@@ -83,7 +83,7 @@ def test_the_loss_is_the_first_frame_of_those_without_cover_at_the_end(shares, f
 
 
 def test_infrared_runs_on_sequences(moving_square_sequence, tmp_path):
-    arguments = [moving_square_sequence, "--seeds", 1, "--scenes", 0, "--output", tmp_path]
+    arguments = [moving_square_sequence, "--seeds", 1, "--output", tmp_path]
     assert infrared.main(list(map(str, arguments))) == 0
     table = (tmp_path / "infrared.md").read_text()
     assert "| moving_square | zhang2015 | 100% | 0 of 1 | - |" in table

@@ -4,13 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scenes import ClutteredStreet, InfraredScene, UmbrellaScene
+from scenes import ClutteredStreet, UmbrellaScene
 from scenes.camera import HandheldCamera
 from scenes.clutter import MOST_DISTRACTORS, MOST_PATCHES
-from scenes.infrared import FLIP
 from scenes.sprites import Drawing, Placement, Sprite
 
-SCENES = (ClutteredStreet, InfraredScene, UmbrellaScene)
+SCENES = (ClutteredStreet, UmbrellaScene)
 
 
 @pytest.mark.parametrize("scene", SCENES)
@@ -53,12 +52,6 @@ def test_more_clutter_has_more_patches_and_people():
     for street, further in pairwise(streets):
         np.testing.assert_array_equal(street.ground_truth, further.ground_truth)
         assert street.stage.backdrop.std() < further.stage.backdrop.std()
-
-
-def test_the_polarity_flips():
-    flipping, plain = InfraredScene(0), InfraredScene(0, flips=False)
-    np.testing.assert_array_equal(flipping.render(FLIP - 1), plain.render(FLIP - 1))
-    np.testing.assert_array_equal(flipping.render(FLIP), 255 - plain.render(FLIP))
 
 
 def test_umbrellas_cross_near_frame_96():
