@@ -47,7 +47,8 @@ _DUPLICATE_AFTER = 0.2
 # Confidence from which on the estimate of an undetected target counts fully for its Kalman filter;
 # the least that it counts.
 _FULL_CONFIDENCE, _MIN_COUNT = 0.85, 0.05
-# Frames from one size estimate in the image to the next: sizes change slowly.
+# Frames from one size estimate in the image to the next: sizes change slowly, but that of a target
+# that a robot follows is its distance.
 _SIZE_EVERY = 2
 # Seconds between two template updates by detections.
 _LEARN_EVERY = 0.4
@@ -401,7 +402,7 @@ def _needs_size(track: Track, detection: Detection | None, is_silent: bool) -> b
 
 def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> bool:
     """Whether its size is estimated in this frame."""
-    is_due = track.filter_state.followed_frames % _SIZE_EVERY == 0
+    is_due = track.is_selected or track.filter_state.followed_frames % _SIZE_EVERY == 0
     return is_due and _needs_size(track, detection, is_silent)
 
 
