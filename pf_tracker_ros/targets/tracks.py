@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box, pairwise_iou
+from pf_tracker_ros.boxes import SAME_OBJECT_ABOVE, Box, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import GROWTH_VARIANCE, BoxKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -43,8 +43,8 @@ _MIN_BLEND_RATE = 0.05
 _REPORTED_ABOVE = 0.5
 # Seconds times targets over which the variance of growth is learned.
 _GROWTH_LEARNED_OVER = 30.0
-# A track replaces another one above this intersection over union.
-_SAME_ABOVE = 0.5
+NO_DETECTOR_AFTER = 10.0
+"""Seconds without detections after which there is no detector."""
 
 
 class TrackKey(NamedTuple):
@@ -375,7 +375,7 @@ def _replacement_key(stopped: Track, others: Sequence[Track]) -> TrackKey:
         return stopped.key
     overlaps = pairwise_iou(stopped.box[None], np.array([one.box for one in started]))[0]
     best = int(overlaps.argmax())
-    return started[best].key if overlaps[best] > _SAME_ABOVE else stopped.key
+    return started[best].key if overlaps[best] > SAME_OBJECT_ABOVE else stopped.key
 
 
 # Ids from which on those of ended tracks are pruned.
@@ -440,7 +440,7 @@ class TrackIds:
                 continue
             overlaps = pairwise_iou(track.box[None], np.array([one.box for _, one in lost]))[0]
             best = int(overlaps.argmax())
-            if overlaps[best] > _SAME_ABOVE:
+            if overlaps[best] > SAME_OBJECT_ABOVE:
                 id, before = lost.pop(best)
                 # The next reprocessing may bring the old key back, as another target.
                 del self._ids[before.key]
