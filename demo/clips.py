@@ -42,8 +42,9 @@ CLIPS = (
         name="hidden",
         title="Hidden and found again",
         description="A person in red walks behind a parked van: hidden for three seconds, and "
-        "partly for longer. The tracker says so, and is sure of the same person again once they "
-        "are in full view.",
+        "partly for longer. The tracker says so. Its search first tries a man in yellow: the box "
+        "is orange and the confidence below 0.5, so this is a guess. It is sure of the person in "
+        "red again once they are in full view.",
         box=(42.0, 188.0, 44.0, 132.0),
     ),
     Clip(

@@ -55,6 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             with tracker:
                 domain = os.environ["ROS_DOMAIN_ID"]
                 print(f"other nodes and commands join by ROS_DOMAIN_ID={domain}", flush=True)
+                print("Ctrl-C ends tracker and console", flush=True)
                 return _serve(recording, given.port)
     except StepFailed as failure:
         print(f"error: {failure.step}: {failure}", file=sys.stderr)

@@ -154,8 +154,8 @@ def errors_in_words(rows: Sequence[Row]) -> str:
         return "no position was published"
     middle, most = np.percentile(errors[posed], (50, 90))
     return (
-        f"the published positions are {middle:.2f} m off the true ones in the median, 90 % less "
-        f"than {most:.2f} m; {100.0 * posed.mean():.0f} % of the frames have one"
+        f"the published positions are {middle:.2f} m off the true ones in the median, "
+        f"{most:.2f} m at 90 %; {100.0 * posed.mean():.0f} % of the frames have one"
     )
 
 

@@ -98,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.print("interrupted")
         return 130
     console.print(table)
-    console.print(f"{followed.name}: {followed.errors}", markup=False)
+    console.print(f"{followed.name}: {followed.errors}", markup=False, soft_wrap=True)
     console.print(f"all of it: {time.monotonic() - began:.0f} s", style="dim")
     print(f"videos, reports and bags on one page: {page.as_uri()}")
     return 0

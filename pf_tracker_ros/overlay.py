@@ -110,13 +110,10 @@ def draw_multi_target(
         particles = _particle_boxes(target.estimate, 0.5 * scale)
         _draw_boxes(canvas, particles, target_color(target.id), 1)
     for target in targets:
-        color, box = target_color(target.id), np.array(target.estimate.box)
         width = thickness if target.estimate.state == "tracking" else 1
         width += thickness if target.id == selected else 0
-        draw_box(canvas, box, color, width)
-        x, y = np.clip(box[:2], 0.0, canvas.shape[1::-1])
-        baseline = round(y - 4 * scale) if y > 20 * scale else round(y + 20 * scale)
-        _write(canvas, target_caption(target), (round(x), baseline), color, 0.8 * scale)
+        draw_box(canvas, np.array(target.estimate.box), target_color(target.id), width)
+    _write_captions(canvas, targets, scale)
     return canvas
 
 
@@ -124,6 +121,26 @@ def draw_box(canvas: NDArray[Any], box: NDArray[np.float64], color: Color, thick
     """Draw a (4,) box into a BGR image, with a dark outline of one pixel on both sides."""
     _draw_boxes(canvas, box[None], _OUTLINE, thickness + 2)
     _draw_boxes(canvas, box[None], color, thickness)
+
+
+def _write_captions(
+    canvas: NDArray[np.uint8], targets: Sequence[TrackedTarget], scale: float
+) -> None:
+    """Write id and label above each box, one that would cover another caption above that."""
+    line = 20 * scale
+    taken: list[tuple[float, float, float]] = []
+    for target in targets:
+        text = _drawable(target_caption(target))
+        x, y = np.clip(target.estimate.box[:2], 0.0, canvas.shape[1::-1])
+        baseline = y - 4 * scale if y > line else y + line
+        (width, _), _ = cv2.getTextSize(text, _FONT, 0.8 * _FONT_SCALE * scale, 1)
+        # From the lowest caption up, so that one step leaves it for good.
+        for left, right, other in sorted(taken, key=lambda caption: -caption[2]):
+            if x < right and left < x + width and abs(baseline - other) < line:
+                baseline = other - line
+        taken.append((x, x + width, baseline))
+        origin = round(x), round(max(baseline, line))
+        _write(canvas, text, origin, target_color(target.id), 0.8 * scale)
 
 
 def target_color(id: int) -> Color:
@@ -142,12 +159,16 @@ def _write(
     canvas: NDArray[Any], text: str, origin: tuple[int, int], color: Color, scale: float
 ) -> None:
     thickness = max(1, round(2 * scale))
-    # OpenCV aborts the process on a text that cannot be encoded.
-    text = text.encode("utf-8", "replace").decode("utf-8")
+    text = _drawable(text)
     for text_color, width in ((_OUTLINE, thickness + 2), (color, thickness)):
         cv2.putText(
             canvas, text, origin, _FONT, _FONT_SCALE * scale, text_color, width, cv2.LINE_AA
         )
+
+
+def _drawable(text: str) -> str:
+    """The text without what cannot be encoded, on which OpenCV aborts the process."""
+    return text.encode("utf-8", "replace").decode("utf-8")
 
 
 def _canvas(image: NDArray[Any]) -> NDArray[Any]:

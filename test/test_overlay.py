@@ -1,9 +1,13 @@
+import itertools
+
+import cv2
 import numpy as np
 import pytest
 from common import run_python
 
 from pf_tracker_ros import Estimate
-from pf_tracker_ros.overlay import STATE_COLORS, draw_overlay
+from pf_tracker_ros.overlay import STATE_COLORS, draw_multi_target, draw_overlay
+from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
 HEIGHT, WIDTH = 288, 384
 GRAY = 90
@@ -85,6 +89,28 @@ drawn = draw_overlay(image, None, "car \\ud800")
 assert (drawn == draw_overlay(image, None, "car ?")).all()
 """
     run_python(program, check=True)
+
+
+def test_captions_of_neighbors_do_not_cover_each_other(monkeypatch, plain):
+    written = []
+    monkeypatch.setattr(cv2, "putText", lambda canvas, text, *rest: written.append((text, rest)))
+    boxes = [(100.0, 200.0, 20.0, 40.0), (110.0, 195.0, 20.0, 40.0), (105.0, 205.0, 20.0, 40.0)]
+    labels = ["person", "person", "\udc80"]
+    targets = [
+        TrackedTarget(id, label, make_estimate(box=box), 1.0, 0.0)
+        for id, (label, box) in enumerate(zip(labels, boxes, strict=True), start=1)
+    ]
+    draw_multi_target(plain, targets)
+    areas = {}
+    for text, (origin, font, size, *_) in written:
+        (width, height), _ = cv2.getTextSize(text, font, size, 1)
+        areas[text] = (origin[0], origin[0] + width, origin[1] - height, origin[1])
+    assert list(areas) == ["1 person", "2 person", "3 ?"]
+    for (left, right, top, bottom), other in itertools.combinations(areas.values(), 2):
+        assert right <= other[0] or other[1] <= left or bottom <= other[2] or other[3] <= top
+    # The first one stays above its box.
+    assert areas["1 person"][0] == 100
+    assert 190 < areas["1 person"][3] < 200
 
 
 def test_gray_becomes_the_same_gray_in_color():

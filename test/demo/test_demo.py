@@ -222,6 +222,10 @@ def test_somebody_hidden_is_found_again(demo, clip):
     hidden = slice(100, 160)
     assert "tracking" not in states[hidden]
     assert states[-40:] == ["tracking"] * 40
+    # As the page says: the man in yellow, right of the person in red, is a guess of the search.
+    guesses = [frame for frame in frames[100:180] if frame["box"] and frame["box"][0] > 600]
+    assert {frame["state"] for frame in guesses} == {"occluded"}
+    assert max(frame["confidence"] for frame in guesses) < 0.5
 
 
 def test_the_demo_ends_with_a_robot_that_follows(demo):

@@ -7,7 +7,11 @@ import re
 import signal
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from queue import Queue
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -20,7 +24,8 @@ from pf_tracker_ros.pages.access import HEADERS
 
 pytest.importorskip("aiohttp", reason="the page needs the extra 'console'")
 from pf_tracker_ros.recordings import RecordingError, open_recording
-from pf_tracker_ros.recordings.drawing import server
+from pf_tracker_ros.recordings.drawing import progress, server
+from pf_tracker_ros.recordings.drawing.progress import Progress, WrittenFiles
 from pf_tracker_ros.recordings.drawing.server import TargetPage
 from pf_tracker_ros.recordings.target import Target
 
@@ -310,6 +315,8 @@ def test_the_page_goes_from_the_box_to_the_report(start_draw, open_page, images,
     assert command.ask(addresses[2], Host="attacker.example")[0] == 403
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    header = page.locator("header")
+    assert header.evaluate("it => it.scrollHeight <= it.clientHeight")
     assert command.process.poll() is None
     page.close()
     code, printed, errors = command.end()
@@ -323,6 +330,39 @@ def test_a_signal_ends_the_page_with_the_report(start_draw, open_page, images, t
     command.process.send_signal(signal.SIGINT)
     assert command.end()[::2] == (0, "")
     page.close()
+
+
+def test_a_page_that_is_closed_during_tracking_does_not_hold_its_end(
+    open_page, images, monkeypatch, tmp_path
+):
+    is_noticed = threading.Event()
+
+    class WatchedProgress(Progress):
+        async def on_request(self, request):
+            try:
+                return await super().on_request(request)
+            finally:
+                is_noticed.set()
+
+    monkeypatch.setattr(server, "Progress", WatchedProgress)
+    monkeypatch.setattr(progress, "_GONE_AFTER", 0.0)
+    addresses = Queue()
+    target_page = TargetPage(addresses.put)
+    with ThreadPoolExecutor(1) as tracking:
+        try:
+            asked = tracking.submit(target_page.ask, open_recording(images), 1)
+            page = open_page(SimpleNamespace(address=addresses.get(timeout=DEADLINE)))
+            drag(page, (20, 30), (44, 54))
+            with page.expect_response("**/progress"):
+                page.keyboard.press("Enter")
+            assert len(asked.result(DEADLINE)) == 1
+            page.close()
+            assert is_noticed.wait(DEADLINE)
+            report = tmp_path / "report.html"
+            finished = tracking.submit(target_page.finish, "", WrittenFiles([report], report))
+            finished.result(DEADLINE)
+        finally:
+            target_page.close()
 
 
 def test_a_target_is_drawn_by_http_and_its_tracking_told(start_draw, rows, images, tmp_path):

@@ -109,6 +109,9 @@ def test_the_names_of_targets_beside_the_timeline_are_not_cut(
         (name,) = page.locator("#timeline a").all()
         assert name.inner_text() == "target 1 person with an umbrella"
         assert name.evaluate("it => it.scrollWidth <= it.clientWidth")
+        # Nor a column of the table.
+        table = page.locator(".scrolling:has(#sequences)")
+        assert table.evaluate("it => it.scrollWidth <= it.clientWidth")
     finally:
         page.close()
 

@@ -17,7 +17,7 @@ from pf_tracker_ros.node.console.browsers import Browser, Browsers
 from pf_tracker_ros.node.console.frame_synchronizer import FrameSynchronizer
 from pf_tracker_ros.node.console.health import TrackerHealth
 from pf_tracker_ros.node.console.json_conversions import Json, note
-from pf_tracker_ros.node.console.played_recording import PlayedRecording
+from pf_tracker_ros.node.console.played_recording import STATUS_TIMEOUT, PlayedRecording
 from pf_tracker_ros.node.console.player import Player
 from pf_tracker_ros.node.console.requests import (
     RequestError,
@@ -53,7 +53,7 @@ class ConsoleBridge:
 
     def __init__(self, link: TrackerLink, recording: PlayedRecording | None = None) -> None:
         self._link = link
-        self._synchronizer = FrameSynchronizer()
+        self._synchronizer = FrameSynchronizer(STATUS_TIMEOUT if recording else None)
         self._browsers = Browsers(lambda: self._synchronizer.latest, self._index_of)
         self._heatmap_browsers: set[Browser] = set()
         self._last_watched_at = float("-inf")

@@ -16,7 +16,8 @@ _MAX_BYTES = 2**26
 _MAX_LARGE_IMAGES = 8
 _MAX_RESULTS = 32
 # An image is shown without results after so long, in seconds, or after this multiple of the
-# tracker's latency. That is a maximum which decays by this factor with each result.
+# tracker's latency. That is a maximum which decays by this factor with each result. One with a part
+# of its results waits as long from its status on.
 _TIMEOUT = 0.25
 _LATENCY_FACTOR = 2.0
 _LATENCY_DECAY = 0.9
@@ -91,9 +92,13 @@ class FrameSynchronizer:
     Attributes:
         latest: The frame to show; None before the first.
         required_parts: Parts that a result needs besides status and boxes.
+
+    Args:
+        status_timeout: Seconds in which an image of a recording in lockstep gets its status, after
+            the recording's first status; None for a camera, of which a tracker may drop images.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, status_timeout: float | None = None) -> None:
         self.latest: DisplayFrame | None = None
         self.required_parts: set[str] = set()
         # Candidates in the order of arrival, each with its arrival time.
@@ -103,11 +108,13 @@ class FrameSynchronizer:
         self._number = 0
         # Of the tracker, seconds.
         self._latency = 0.0
-        self._last_status_at = float("-inf")
+        self._last_status_at: float | None = None
+        self._status_timeout = status_timeout
 
     def clear(self) -> None:
         """Discard all images and results, before those of another recording."""
         self.latest, self._latest_results = None, _Results()
+        self._last_status_at = None
         self._images.clear()
         self._results.clear()
 
@@ -119,8 +126,9 @@ class FrameSynchronizer:
             image: The message.
             now: Time of arrival, seconds by a monotonic clock.
         """
-        self._images.pop(stamp, None)
-        self._images[stamp] = image, now
+        # One that is sent again has waited since it came first.
+        _, arrival = self._images.pop(stamp, (None, now))
+        self._images[stamp] = image, arrival
         while self._are_too_many():
             self._images.popitem(last=False)
 
@@ -157,14 +165,12 @@ class FrameSynchronizer:
         Returns:
             Whether it has changed.
         """
-        silent = now - self._last_status_at > _SILENCE
         for stamp, (image, arrival) in reversed(self._images.items()):
             results = self._results.get(stamp) or self._previous_results(stamp)
             complete = results.is_complete(self.required_parts)
             if complete:
                 self._latency = max(now - arrival, _LATENCY_DECAY * self._latency)
-            timeout = max(_TIMEOUT, _LATENCY_FACTOR * self._latency)
-            if complete or silent or now - arrival > timeout:
+            if complete or now > self._due_at(arrival, results.times.get("status"), now):
                 self._number += 1
                 self._latest_results = results.copy()
                 self.latest = DisplayFrame(self._number, stamp, image, self._latest_results.parts)
@@ -175,6 +181,17 @@ class FrameSynchronizer:
                     self._results.pop(older, None)
                 return True
         return False
+
+    def _due_at(self, arrival: float, status_at: float | None, now: float) -> float:
+        """When an image is shown without complete results."""
+        timeout = max(_TIMEOUT, _LATENCY_FACTOR * self._latency)
+        if status_at is not None:
+            return max(arrival, status_at) + timeout
+        last = self._last_status_at
+        if last is not None and self._status_timeout is not None:
+            return arrival + self._status_timeout
+        is_silent = last is None or now - last > _SILENCE
+        return float("-inf") if is_silent else arrival + timeout
 
     def _previous_results(self, stamp: int) -> _Results:
         """Results of an image with none since its arrival.

@@ -88,8 +88,12 @@ class TrackerHealth:
             source = self._status
         text, level = str(source["message"]), source["level"]
         if recording_paused and text.startswith("no image for"):
-            # Expected while paused.
-            text, level = text.partition("; ")[2], "ok"
+            # Expected while paused: the rest keeps its level.
+            text = text.partition("; ")[2]
+            if not self._status or not text.startswith(self._status["message"]):
+                level = "ok"
+            elif text == self._status["message"]:
+                level = self._status["level"]
         faults = dict.fromkeys(graph_faults)
         if now - self._fault_at < _FAULT_SHOWN:
             faults[self._fault] = None

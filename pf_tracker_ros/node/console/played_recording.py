@@ -21,8 +21,8 @@ from pf_tracker_ros.recordings.sidecar_files import target_file
 from pf_tracker_ros.recordings.target import Target, read_targets, save_targets
 
 _IDLE_TIMEOUT = 30.0
-# Seconds to wait for a status. No frame is lost on the way, so a late status means a slow tracker.
-_STATUS_TIMEOUT = 5.0
+STATUS_TIMEOUT = 5.0
+"""Seconds to wait for a status. No frame is lost on the way, so a late one means a slow tracker."""
 
 
 class PlayedRecording:
@@ -64,7 +64,7 @@ class PlayedRecording:
             "bag_topic": bag_topic,
             "lockstep": True,
             "lockstep_rate": 1.0,
-            "lockstep_timeout": _STATUS_TIMEOUT,
+            "lockstep_timeout": STATUS_TIMEOUT,
             "lockstep_status": f"{tracker}/status",
             "start_paused": True,
             "stay_at_end": True,

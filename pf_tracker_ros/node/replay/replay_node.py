@@ -106,8 +106,8 @@ class ReplayNode(Node):
             advice = (
                 ""
                 if parameters.source
-                else "; start 'replay drive.mcap', or set the parameter: ros2 param set "
-                f"{self.get_fully_qualified_name()} source drive.mcap"
+                else "; start 'replay drive.mcap', or set the parameter, which the node waits for: "
+                f"ros2 param set {self.get_fully_qualified_name()} source drive.mcap"
             )
             self._log.error(f"not playing: {error}{advice}")
             return

@@ -63,8 +63,8 @@ class Progress:
         self._began_at = 0.0
         self._outcome: dict[str, object] | None = None
         self._pages = 0
-        self._had_page = threading.Event()
-        self._has_ended = threading.Event()
+        self._pages_changed = threading.Condition()
+        self._is_stopping = False
 
     def begin(self, frame_count: int | None) -> None:
         """Take the number of frames; None if it is unknown."""
@@ -89,23 +89,28 @@ class Progress:
             "files": [[path.name, address] for path, address in addresses.items()],
             "report": addresses[results.report] if results.report else None,
         }
-        if self._had_page.wait(_GONE_AFTER):
-            self._has_ended.wait(None if results.report else _GONE_AFTER)
+        with self._pages_changed:
+            while self._pages_changed.wait_for(lambda: self._pages, _GONE_AFTER):
+                # A page with the report may be reloading.
+                self._pages_changed.wait_for(
+                    lambda: not self._pages, None if results.report else _GONE_AFTER
+                )
+                if not results.report:
+                    break
 
     def stop(self) -> None:
         """End the streams."""
-        self._has_ended.set()
+        self._is_stopping = True
 
     async def on_request(self, request: web.Request) -> web.StreamResponse:
         """Send events until the page is closed."""
         response = web.StreamResponse(headers={"Content-Type": "text/event-stream"})
         await response.prepare(request)
-        self._pages += 1
-        self._had_page.set()
+        self._count_page(1)
         try:
             sent, is_last = "", False
             while not is_last:
-                is_last = self._has_ended.is_set()
+                is_last = self._is_stopping
                 event = json.dumps(self._event())
                 # A comment fails, too, when the page is gone.
                 await response.write(f"data: {event}\n\n".encode() if event != sent else b":\n\n")
@@ -114,10 +119,7 @@ class Progress:
         except ConnectionResetError:
             pass
         finally:
-            self._pages -= 1
-            is_over = self._outcome is not None and self._outcome["report"] is None
-            delay = 0.0 if is_over else _GONE_AFTER
-            asyncio.get_running_loop().call_later(delay, self._end_without_pages)
+            self._count_page(-1)
         return response
 
     async def on_picture(self, request: web.Request) -> web.Response:
@@ -129,9 +131,10 @@ class Progress:
         jpeg = await loop.run_in_executor(None, lambda: encode_jpeg(tracked.draw()))
         return web.Response(body=jpeg, content_type="image/jpeg")
 
-    def _end_without_pages(self) -> None:
-        if not self._pages and self._outcome:
-            self._has_ended.set()
+    def _count_page(self, change: int) -> None:
+        with self._pages_changed:
+            self._pages += change
+            self._pages_changed.notify_all()
 
     def _event(self) -> dict[str, object]:
         if self._outcome:

@@ -85,6 +85,39 @@ def test_without_a_tracker_pictures_are_shown_at_once():
     assert synchronizer.choose(now=5.0)
 
 
+def test_a_picture_of_a_recording_in_lockstep_waits_for_a_late_status():
+    synchronizer = FrameSynchronizer(status_timeout=5.0)
+    synchronizer.add_image(1, "before the tracker", now=0.0)
+    assert synchronizer.choose(now=0.0)
+    synchronizer.add_result(1, "status", IDLE, now=0.0)
+    assert synchronizer.choose(now=0.0)
+    # After a pause, on a busy machine.
+    synchronizer.add_image(2, "picture", now=60.0)
+    assert not synchronizer.choose(now=64.9)
+    synchronizer.add_result(2, "status", TRACKING, now=64.9)
+    assert not synchronizer.choose(now=65.1)
+    synchronizer.add_result(2, "boxes", BOXES, now=65.1)
+    assert synchronizer.choose(now=65.1)
+    assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
+    for now in (66.0, 71.0):
+        # The tracker has ended, so the recording sends the image again.
+        synchronizer.add_image(3, "picture", now)
+        assert not synchronizer.choose(now)
+    assert synchronizer.choose(now=71.1)
+    synchronizer.clear()
+    synchronizer.add_image(1, "of another recording", now=72.0)
+    assert synchronizer.choose(now=72.0)
+
+
+def test_boxes_that_come_after_a_late_status_are_waited_for(synchronizer):
+    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add_result(2, "status", TRACKING, now=0.3)
+    assert not synchronizer.choose(now=0.3)
+    synchronizer.add_result(2, "boxes", BOXES, now=0.4)
+    assert synchronizer.choose(now=0.4)
+    assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
+
+
 def test_results_of_before_a_time_jump_back_are_not_reused(synchronizer):
     for now in (0.0, 0.1):
         for stamp in (2, 3):

@@ -63,6 +63,24 @@ def test_missing_images_are_no_fault_while_a_recording_is_paused(health):
     assert (summary["text"], summary["level"]) == (text, "error")
 
 
+@pytest.mark.parametrize(
+    ("message", "level", "shown"),
+    [
+        ("lost", "error", "error"),
+        ("tracking", "warn", "ok"),
+        ("tracking; processing is too slow", "warn", "warn"),
+    ],
+)
+def test_a_message_keeps_its_level_while_a_recording_is_paused(health, message, level, shown):
+    state = message.partition(";")[0]
+    own = {"tracking": "ok", "lost": "error"}[state]
+    health.take_status({"level": own, "message": state, "values": {"state": state}}, 10.0)
+    missing = f"no image for 5.0 s; {message}"
+    health.take_diagnostics({"level": level, "message": missing, "values": {"state": state}}, 10.0)
+    summary = health.summary(10.5, recording_paused=True)
+    assert (summary["text"], summary["level"]) == (message, shown)
+
+
 def test_a_newer_status_with_another_state_replaces_the_diagnostics(health):
     idle = {"image_topic": "/image", "state": "idle"}
     health.take_diagnostics({"level": "ok", "message": "waiting", "values": idle}, 0.5)

@@ -125,6 +125,7 @@ def test_the_tour_of_the_demo_sets_what_it_promises():
     for one in listed:
         values = [one.parameters, *(parameters for _, parameters in one.steps)]
         assert known.issuperset(name for each in values for name in each)
+        assert one.parameters.keys() == listed[0].parameters.keys()
         assert {"preset", "max_targets", "built_in_detector"} <= one.parameters.keys()
     # What the tour switches off for the first steps, its third one sets to the preset's own value.
     name = "redetection.windows"

@@ -11,6 +11,7 @@ import yaml
 from console_pages import stamp_at
 
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.node.console import frame_synchronizer
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -228,6 +229,28 @@ def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_s
     assert shows_both(1)
     page.keyboard.press("Escape")
     page.wait_until(lambda: page.text("health").startswith("waiting for a target"), "the newest")
+
+
+def test_boxes_do_not_blink_while_a_recording_plays(player_of_several, monkeypatch):
+    page = player_of_several
+    for count in (1, 2):
+        page.drag((40.0 * count, 30.0, 24.0, 24.0))
+        page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
+    # Each status counts as late, as on a busy machine.
+    monkeypatch.setattr(frame_synchronizer, "_SILENCE", 0.0)
+    page.evaluate(
+        """() => {
+          const targets = document.getElementById("targets");
+          window.fewest = targets.childElementCount;
+          new MutationObserver(() => {
+            window.fewest = Math.min(window.fewest, targets.childElementCount);
+          }).observe(targets, { childList: true });
+        }"""
+    )
+    page.locator("#play").click()
+    page.wait_until(lambda: page.stamp == stamp_at(19), "last frame")
+    page.wait_until(lambda: page.locator("#targets rect").count() == 2, "boxes")
+    assert page.evaluate("window.fewest") == 2
 
 
 def test_in_a_paused_recording_a_click_selects_at_once(player_of_several):

@@ -1,5 +1,7 @@
 """Several targets: their messages as JSON, and a page that shows, selects and stops them."""
 
+import itertools
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -122,6 +124,9 @@ class MultiTargetStandIn(Node):
         targets: Label and state by id; those that are not lost have a box.
         stopped: Ids received on `~/stop_target`.
         selected: Last id received on `~/select`, 0 for none.
+        message: Of the status and of the diagnostics.
+        is_late: Whether no results come.
+        is_slow: Whether the next frame takes long.
     """
 
     def __init__(self, context):
@@ -130,6 +135,8 @@ class MultiTargetStandIn(Node):
         self.declare_parameter("detector.labels", ["person", "car"])
         self.targets = {1: ("car", "tracking"), 2: (HOSTILE, "occluded"), 3: ("", "lost")}
         self.stopped, self.selected = [], 0
+        self.message = "tracking 3 targets"
+        self.is_late = self.is_slow = False
         self._status = self.create_publisher(DiagnosticArray, "~/status", LATCHED)
         self._boxes = self.create_publisher(MarkerArray, "~/boxes", 10)
         self._health = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -143,9 +150,13 @@ class MultiTargetStandIn(Node):
         return [10.0 * id, 5.0 * id, 30.0, 20.0]
 
     def _on_image(self, image):
+        if self.is_late:
+            return
         markers = [Marker(header=image.header, action=Marker.DELETEALL)]
         own = {"state": "tracking", "frame": "tracked", "selected": str(self.selected)}
-        statuses = [status("/pf_tracker", **own)]
+        own["processing_time_ms"] = "900" if self.is_slow else "5"
+        self.is_slow = False
+        statuses = [status("/pf_tracker", self.message, **own)]
         for id, (label, state) in self.targets.items():
             name = f"/pf_tracker: target {id}"
             statuses.append(status(name, id=str(id), label=label, state=state, confidence="0.5"))
@@ -162,7 +173,7 @@ class MultiTargetStandIn(Node):
         self.selected = message.data
 
     def _publish_diagnostics(self):
-        health = status("pf_tracker: tracker", "tracking 3 targets", image_topic="/image")
+        health = status("pf_tracker: tracker", self.message, image_topic="/image")
         self._health.publish(DiagnosticArray(status=[health]))
 
 
@@ -228,6 +239,16 @@ def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, mult
     page.wait_until(lambda: "click a target to select it" in page.text("note"), "hint")
 
 
+def test_the_reason_stands_for_the_words_of_the_state(shown, multi_tracker):
+    page, show_until = shown
+    multi_tracker.targets = {3: ("", "lost")}
+    multi_tracker.message = "the target is lost"
+    show_until(lambda: page.text("health") == "not seen any more", "reason alone")
+    multi_tracker.targets = {2: ("", "lost"), 3: ("", "lost")}
+    multi_tracker.message = "tracking 2 targets"
+    show_until(lambda: page.text("health") == "tracking 2 targets", "words")
+
+
 def test_no_row_of_five_targets_is_cut(shown, multi_tracker):
     page, show_until = shown
     # Each tells in two lines or more why it is out of sight.
@@ -236,6 +257,46 @@ def test_no_row_of_five_targets_is_cut(shown, multi_tracker):
     show_until(lambda: rows.count() == 5 and "occluded" in rows.last.inner_text(), "targets")
     hidden = page.locator("#target-list").evaluate("list => list.scrollHeight - list.clientHeight")
     assert hidden <= 0
+
+
+def test_the_list_stays_while_pictures_come_without_results(shown, multi_tracker):
+    page, show_until = shown
+    rows = page.locator("#target-list li")
+    multi_tracker.is_late = True
+    show_until(lambda: page.locator("#targets rect").count() == 0, "picture without results")
+    assert rows.count() == 3
+    multi_tracker.is_late, multi_tracker.targets = False, {}
+    show_until(lambda: rows.count() == 0, "end of all targets")
+
+
+def test_a_single_long_frame_does_not_flatten_the_processing_times(
+    shown, multi_tracker, client, images
+):
+    page, show_until = shown
+    paths, top = page.locator("#plot-processing path"), page.locator("#plot-processing .slot span")
+    stamps = map(client.at, itertools.count(100_000))
+
+    def line():
+        return "".join(paths.evaluate_all("all => all.map(path => path.getAttribute('d'))"))
+
+    def touches_top():
+        return re.search(r"[ V]9\.0(?!\d)", line())
+
+    def show(stamp):
+        client.images.publish(client.message(images[0], stamp))
+        page.wait_until(lambda: page.stamp == stamp, "picture")
+
+    def shows_peak():
+        show(next(stamps))
+        return touches_top()
+
+    show_until(lambda: "L" in line(), "line")
+    assert not touches_top()
+    multi_tracker.is_slow = True
+    show(next(stamps))
+    # The peak is cut off at the top.
+    page.wait_until(shows_peak, "peak")
+    assert top.text_content() == "10 ms"
 
 
 def test_labels_stay_inside_the_picture(shown, multi_tracker):

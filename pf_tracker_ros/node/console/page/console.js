@@ -215,7 +215,7 @@ const showEstimate = throttle(FIGURES, (frame) => {
 
 const showPicture = throttle(FIGURES, (frame) => {
   if (frame.columns) text("jpeg", `${frame.quality}, ${frame.columns} px`);
-  text("age", Math.abs(frame.age) < 60000 ? `${Math.max(0, frame.age)} ms` : "–");
+  text("age", Math.abs(frame.age) < 60000 ? `${Math.max(0, frame.age)} ms` : "other clock");
   showRate();
 });
 
@@ -268,8 +268,10 @@ function showMessage() {
   if (health.tracker !== "alive") { text("health", message); return; }
   if (recording.isOpening()) { text("health", "the recording is being opened"); return; }
   const isPlain = ["tracking", "occluded", "lost"].includes(message);
+  // The status's words for the state of a single target say less than the reason.
+  const general = why && told.targets.length === 1 && message.startsWith(told.message) ? told.message.length : 0;
   const advice = message === "waiting for a target" && lastStatus ? (targets.hasDetector() ? DETECTOR : HOW) : "";
-  text("health", [isPlain ? "" : message + advice, why].filter(Boolean).join("; "));
+  text("health", [isPlain ? "" : message.slice(general).replace(/^; /, "") + advice, why].filter(Boolean).join("; "));
 }
 
 // Reports the width of the picture, which limits the pixels sent.

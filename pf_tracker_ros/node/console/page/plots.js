@@ -6,13 +6,14 @@ const at = (id) => document.getElementById(id);
 const SECONDS = 60, WIDTH = 600, HEIGHT = 100, MARGIN = 9;
 const SLOT = 0.25;       // seconds per minimum and maximum of a line
 const INTERVAL = 500;    // milliseconds between two redraws
+const SHOWN = 0.95;      // share of the processing times that the plot shows whole; a target's first frame takes long
 const SVG = "http://www.w3.org/2000/svg";
 const percent = (value) => `${Math.round(100 * value)} %`;
 
 const plots = [
   { id: "confidence", top: () => 1, unit: percent, of: (_, targets) => Object.fromEntries(targets.map((one) => [one.id, one.confidence])) },
-  { id: "effective", top: (highest, values) => values.particles ?? highest, of: (values) => ({ effective: values.effective_sample_size }) },
-  { id: "processing", unit: (value) => `${value.toFixed(0)} ms`, top: (highest) => Math.max(10, highest), of: (values) => ({ processing: values.processing_time_ms }) },
+  { id: "effective", top: (peaks, values) => values.particles ?? peaks.at(-1) ?? 0, of: (values) => ({ effective: values.effective_sample_size }) },
+  { id: "processing", unit: (value) => `${value.toFixed(0)} ms`, top: (peaks) => Math.max(10, peaks[Math.floor(SHOWN * (peaks.length - 1))] ?? 0), of: (values) => ({ processing: values.processing_time_ms }) },
   { id: "weights", top: () => 1, unit: percent, of: (values) => Object.fromEntries(
     Object.entries(values).filter(([key]) => key.startsWith("cue_weight_")).map(([key, value]) => [key.slice(11), value])) },
 ].map((plot) => ({ ...plot, lines: new Map() }));  // name to [seconds, minimum, maximum] of each slot
@@ -58,7 +59,7 @@ const draw = throttle(INTERVAL, (values, hasTargets) => {
       if (!line.length) lines.delete(name);
     }
     const all = [...lines.values()];
-    const highest = top(Math.max(0, ...all.flat().map((slot) => slot[2])), values);
+    const highest = top(all.flat().map((slot) => slot[2]).sort((one, other) => one - other), values);
     const { svg, top: label, wait } = parts.get(id);
     at(`plot-${id}`).classList.toggle("empty", !all.some((line) => line.length > 1));
     wait.textContent = all.length ? " Waits for more frames." : hasTargets ? " Waits for a frame with a selected target; a click selects." : " Waits for a target.";

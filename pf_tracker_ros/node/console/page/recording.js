@@ -18,7 +18,8 @@ export function show(next) {
   const hasEnded = state?.playing && !next.playing && next.frame === last && next.index === state.index;
   state = next;
   at("recording").hidden = at("files").hidden = at("again").hidden = false;
-  at("pause").hidden = true;
+  // A recording's stamps are of another clock.
+  at("pause").hidden = at("age").parentElement.hidden = true;
   if (tour.show(next.index)) { timeline.clear(); setLoop(tour.hasSteps()); }
   stage.setOpening(next.opening);
   timeline.setRecording(next.frame_count ?? null, 1000 * next.seconds / next.frame);

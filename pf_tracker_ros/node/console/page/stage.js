@@ -101,6 +101,7 @@ export function setBlank(now, state) {
   if (now === blank && (!now || state === blankState)) return;
   [blank, blankState] = [now, state];
   trail = [];
+  if (blank) targets.clear();
   if (frame && mode === "live") drawOverlay();
 }
 

@@ -88,7 +88,8 @@ export function show(frame, unit) {
   const isNew = detected && Math.abs(milliseconds(frame.stamp) - milliseconds(detected.stamp)) < DETECTED;
   draw(at("detections"), (isNew ? detected.boxes : []).map(({ box, label }) => ({ box, caption: label })), unit, frame);
   if (isNew) showDetections();
-  list(found, frame);
+  // A late tracker leaves pictures without a status: the list stays.
+  if (frame.status) list(found, frame);
 }
 
 // Whether a click selects a target instead of starting one.
