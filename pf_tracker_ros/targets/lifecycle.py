@@ -100,9 +100,12 @@ class Initiator:
             unassigned: Detections of no track, with their numbers among all.
         """
         tracks = list(track_set.tracks)
-        # The detection may be a poor one of a track that has none in this frame.
+        # The detection may be a poor one of a track that has none in this frame. One of a missing
+        # target is compared with it (`ReIdentifier`).
         undetected = [
-            track.box for track in tracks if track.unconfirmed_for > 0.0 and not track.is_distractor
+            track.box
+            for track in tracks
+            if track.unconfirmed_for > 0.0 and not (track.is_distractor or track.is_missing)
         ]
         boxes = np.array(undetected).reshape(-1, 4)
         for number, one in unassigned:

@@ -34,6 +34,10 @@ from pf_tracker_ros.values import replace
 _PRIOR_APPEARANCE_DISTANCE, _PRIOR_SAMPLES = 0.12, 10
 # Detections that the mean appearance distance averages over; its minimum.
 _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
+# Prior of the distance of others, and the share of each of them in it.
+_PRIOR_OTHERS_DISTANCE, _OTHERS_RATE = 0.3, 0.1
+# Existence log odds below which a held target is missing, if the image does not show it.
+_MISSING_BELOW = 0.0
 # Labels with votes per track.
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
@@ -84,6 +88,7 @@ class Track:
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
+        others_distance: Mean distance from it of the detections of others, seen with a held one.
         box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
@@ -109,6 +114,7 @@ class Track:
     existence_log_odds: float
     mean_appearance_distance: float = _PRIOR_APPEARANCE_DISTANCE
     appearance_samples: int = 1
+    others_distance: float = _PRIOR_OTHERS_DISTANCE
     votes: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
     hits: int = 1
@@ -145,6 +151,12 @@ class Track:
     def is_held(self) -> bool:
         """Whether it stays, and is reported, while nothing shows it."""
         return self.is_manual or self.is_selected
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether it is a held target that neither the detector nor the image shows."""
+        is_seen = self.unconfirmed_for == 0.0 or self.filter_state.estimate.state == "tracking"
+        return self.is_held and not is_seen and self.existence_log_odds < _MISSING_BELOW
 
     @property
     def label(self) -> str:
@@ -260,6 +272,13 @@ class Track:
             + rate * (distance - self.mean_appearance_distance),
             appearance_samples=samples,
         )
+
+    def learn_others(self, others: NDArray[np.float32], appearance: Appearance) -> Track:
+        """The track with the (N, D) descriptors of others that were seen with it."""
+        mean = self.others_distance
+        for distance in appearance.distance(self.descriptor, others).tolist():
+            mean += _OTHERS_RATE * (distance - mean)
+        return replace(self, others_distance=mean)
 
 
 @dataclass(frozen=True, eq=False)
