@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 # [x, x + width) and [y, y + height).
 Box = tuple[float, float, float, float]
 
+SAME_OBJECT_ABOVE = 0.5
+"""Intersection over union above which two boxes are on one object."""
 # Relative center distance.
 _SAME_PLACE = 0.5
 # Distance in pixels to the image border within which a box counts as truncated.
@@ -141,6 +143,11 @@ def grown(boxes: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
     """(N, 4) boxes of the same centers, with sides that are a factor as long, above 0; pixels."""
     sizes = factor * boxes[:, 2:]
     return np.hstack([boxes[:, :2] + (boxes[:, 2:] - sizes) / 2, sizes])
+
+
+def is_on_any(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
+    """Whether a (4,) box is on the object of one of (K, 4) others."""
+    return bool(pairwise_iou(box[None], others).max(initial=0.0) > SAME_OBJECT_ABOVE)
 
 
 def is_truncated(box: NDArray[np.float64], image_size: tuple[int, int]) -> bool:

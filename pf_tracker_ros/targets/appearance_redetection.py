@@ -17,14 +17,12 @@ from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import are_same_place, as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
-from pf_tracker_ros.targets.tracks import Track, TrackSet
+from pf_tracker_ros.targets.tracks import NO_DETECTOR_AFTER, Track, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 from pf_tracker_ros.values import replace
 
 # Frames between two searches for a target, and the boxes that each compares.
 _EVERY, _PLACES = 5, 6
-# Seconds without detections after which there is no detector.
-_NO_DETECTOR_AFTER = 10.0
 # Largest appearance distance of a match, how much less than that of the present box it is, and its
 # least confidence.
 _MAX_DISTANCE, _MARGIN, _MIN_CONFIDENCE = 0.25, 0.1, 0.7
@@ -50,7 +48,7 @@ class AppearanceRedetector:
             frame: This one.
         """
         lost = [track for track in track_set.tracks if _is_due(track)]
-        if not lost or track_set.time_since_detection < _NO_DETECTOR_AFTER:
+        if not lost or track_set.time_since_detection < NO_DETECTOR_AFTER:
             return track_set
         others = [
             track.box for track in track_set.tracks if track.filter_state.estimate.state != "lost"

@@ -138,6 +138,30 @@ class Associator:
         return costs
 
 
+def learn_others(
+    tracks: Sequence[Track],
+    assigned: Sequence[Detection | None],
+    detections: Sequence[Detection],
+    appearance: Appearance,
+) -> tuple[Track, ...]:
+    """The tracks; held ones that are detected know how others look that are seen with them.
+
+    Args:
+        tracks: N.
+        assigned: Detection of each track, or None.
+        detections: All of the frame.
+        appearance: Compares descriptors.
+    """
+    learned = []
+    for track, own in zip(tracks, assigned, strict=True):
+        others = [one.descriptor for one in detections if one.is_clear and one is not own]
+        is_seen = track.is_held and own is not None and own.is_clear
+        learned.append(
+            track.learn_others(np.array(others), appearance) if is_seen and others else track
+        )
+    return tuple(learned)
+
+
 # Tracks within so many heights of each other may have switched.
 _NEAR = 2.0
 # Least decrease of the sum of both appearance distances.
@@ -190,12 +214,11 @@ def _with_filter_of(track: Track, other: Track) -> Track:
 
 
 # Largest appearance distance of the same target, in its mean appearance distances; that of a held
-# one, which is looked for longer and comes back in other views.
+# one, which is looked for longer and comes back in other views. Where others look different enough,
+# the limit is half way to them, of the logarithms.
 _MAX_RELATIVE_DISTANCE, _MAX_HELD_DISTANCE = 1.5, 2.0
 # Largest displacement while lost: box heights, and heights per second.
 _MAX_OFFSET, _MAX_SPEED = 1.0, 1.0
-# Existence log odds below which a held target is missing, if the image does not show it.
-_MISSING_BELOW = 0.0
 # A box that covers more than this of another track's box is around both.
 _COVERS_ABOVE = 0.8
 
@@ -224,13 +247,13 @@ class ReIdentifier:
         """
         missing = [
             *track_set.ended_tracks,
-            *(track for track in track_set.tracks if _is_missing(track)),
+            *(track for track in track_set.tracks if track.is_missing),
         ]
         candidates = [track for track in track_set.tracks if _is_candidate(track, track_set.tracks)]
         if not missing or not candidates:
             return track_set
         distances = np.array([self._distances(before, candidates) for before in missing])
-        pairs = assign(distances, _MAX_RELATIVE_DISTANCE)
+        pairs = assign(distances, 1.0)
         matches = {candidates[column].key: missing[row] for row, column in pairs.items()}
         found = {before.key for before in matches.values()}
         return replace(
@@ -244,28 +267,23 @@ class ReIdentifier:
         )
 
     def _distances(self, before: Track, candidates: Sequence[Track]) -> NDArray[np.float64]:
-        """(N,) appearance distances of a missing track, in its mean; infinite where excluded."""
+        """(N,) appearance distances of a missing track over the largest; infinite if excluded."""
         distances = self._appearance.distance(
             before.descriptor, np.array([track.descriptor for track in candidates])
         )
-        relative = distances / before.mean_appearance_distance
+        mean = before.mean_appearance_distance
+        largest = _MAX_RELATIVE_DISTANCE * mean
         if before.is_held:
-            relative *= _MAX_RELATIVE_DISTANCE / _MAX_HELD_DISTANCE
+            largest = max(_MAX_HELD_DISTANCE * mean, math.sqrt(mean * before.others_distance))
         allowed = [_can_be_same(before, track) for track in candidates]
-        return np.where(allowed, relative, math.inf)
-
-
-def _is_missing(track: Track) -> bool:
-    """Whether a held target is seen neither by the detector nor in the image."""
-    is_seen = track.unconfirmed_for == 0.0 or track.filter_state.estimate.state == "tracking"
-    return track.is_held and not is_seen and track.existence_log_odds < _MISSING_BELOW
+        return np.where(allowed, distances / largest, math.inf)
 
 
 def _is_candidate(track: Track, tracks: Sequence[Track]) -> bool:
     """Whether a track began by detections, is detected now, and its box is around no other one."""
     if track.unconfirmed_for > 0.0 or track.is_held or not track.hits:
         return False
-    known = (one for one in tracks if one is not track and one.is_reported and not _is_missing(one))
+    known = (one for one in tracks if one is not track and one.is_reported and not one.is_missing)
     others = [one.box for one in known if one.filter_state.estimate.state != "lost"]
     covered = pairwise_coverage(np.array(others).reshape(-1, 4), track.box[None])
     return bool((covered <= _COVERS_ABOVE).all())
@@ -305,6 +323,7 @@ def _with_identity_of(track: Track, before: Track) -> Track:
         descriptor=before.descriptor,
         mean_appearance_distance=before.mean_appearance_distance,
         appearance_samples=before.appearance_samples,
+        others_distance=before.others_distance,
         existence_log_odds=max(track.existence_log_odds, 0.5),
         age=before.age + (before.time_since_end or 0.0),
         hits=before.hits + track.hits,

@@ -42,7 +42,7 @@ _MIN_SIDE = 0.04
 # this share of a new object must have changed by this number of gray levels since the last image.
 _MIN_CHANGED, _CHANGED_ABOVE = 0.02, 20
 # An object that overlaps a former one by more than this (intersection over union) is not new.
-_SAME_ABOVE = 0.3
+_KNOWN_ABOVE = 0.3
 
 
 class Detector(Protocol):
@@ -150,7 +150,7 @@ class MotionDetector:
         for box in _component_boxes(mask):
             x, y, width, height = box
             part = np.s_[y : y + height, x : x + width]
-            is_known = pairwise_iou(box[None], self._boxes).max(initial=0.0) > _SAME_ABOVE
+            is_known = pairwise_iou(box[None], self._boxes).max(initial=0.0) > _KNOWN_ABOVE
             if is_known or np.mean(changed[part]) > _MIN_CHANGED:
                 boxes.append(box)
                 scores.append(float(np.mean(mask[part] > 0)))

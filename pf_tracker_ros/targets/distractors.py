@@ -22,6 +22,7 @@ import numpy as np
 
 from pf_tracker_ros.boxes import (
     as_box,
+    is_on_any,
     is_truncated,
     pairwise_iou,
     relative_center_distances,
@@ -38,8 +39,6 @@ from pf_tracker_ros.values import replace
 _SEEN_FOR, _NEAR = 0.1, 0.5
 # A candidate with a larger intersection over union with a track is a part of that.
 _SEPARATE_BELOW = 0.3
-# A distractor with a larger intersection over union with another target is that.
-_SAME_ABOVE = 0.5
 # Distance in sides, and seconds: nearer than this within that time, two tracks are about to cross.
 _CROSSING_DISTANCE, _CROSSING_WITHIN = 0.5, 1.0
 # Distance from its target, in its own sides, beyond which a distractor ends.
@@ -176,4 +175,4 @@ def _continues(distractor: Track, target: Track, others: Sequence[Track]) -> boo
     if distractor.unseen_for > _UNSEEN_FOR or is_far:
         return False
     boxes = np.array([one.box for one in others]).reshape(-1, 4)
-    return bool(pairwise_iou(distractor.box[None], boxes).max(initial=0.0) <= _SAME_ABOVE)
+    return not is_on_any(distractor.box, boxes)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box, as_box, is_truncated, pairwise_iou
+from pf_tracker_ros.boxes import Box, as_box, is_on_any, is_truncated
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
@@ -26,8 +26,6 @@ from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 from pf_tracker_ros.values import replace
 
-# A detection with an intersection over union above this is of the same object as a track.
-_SAME_ABOVE = 0.45
 # Existence log odds of a track whose first detection has the score 1; twice the difference less for
 # a lower score.
 _INITIAL_LOG_ODDS = 1.0
@@ -102,16 +100,19 @@ class Initiator:
             unassigned: Detections of no track, with their numbers among all.
         """
         tracks = list(track_set.tracks)
-        # The detection may be a poor one of a track that has none in this frame.
+        # The detection may be a poor one of a track that has none in this frame. One of a missing
+        # target is compared with it (`ReIdentifier`).
         undetected = [
-            track.box for track in tracks if track.unconfirmed_for > 0.0 and not track.is_distractor
+            track.box
+            for track in tracks
+            if track.unconfirmed_for > 0.0 and not (track.is_distractor or track.is_missing)
         ]
         boxes = np.array(undetected).reshape(-1, 4)
         for number, one in unassigned:
             target = self._target_of_bystander(tracks)
             if target is None and self._room(tracks) <= 0:
                 break
-            if pairwise_iou(one.box[None], boxes).max(initial=0.0) > _SAME_ABOVE:
+            if is_on_any(one.box, boxes):
                 continue
             key = TrackKey(track_set.frame, number)
             track = self._new_track(frame, one.box, key, one.descriptor)
@@ -120,7 +121,7 @@ class Initiator:
             tracks = [
                 other
                 for other in tracks
-                if not (other.is_distractor and is_same_object(other, track.box))
+                if not (other.is_distractor and is_on_any(track.box, other.box[None]))
             ]
             distracted_key = target.key if target else None
             tracks.append(
@@ -153,7 +154,7 @@ class Initiator:
         tracks = [
             track
             for track in track_set.tracks
-            if track.is_manual or not any(is_same_object(track, one.box) for one in started)
+            if track.is_manual or not any(is_on_any(one.box, track.box[None]) for one in started)
         ]
         tracks += started
         surplus = self.surplus_keys(tracks)
@@ -235,11 +236,6 @@ class Initiator:
             BoxKalmanFilter.initiate(box),
             _INITIAL_LOG_ODDS,
         )
-
-
-def is_same_object(track: Track, box: NDArray[np.float64]) -> bool:
-    """Whether a track and a (4,) box are on the same object."""
-    return bool(pairwise_iou(track.box[None], box[None])[0, 0] > _SAME_ABOVE)
 
 
 # Existence log odds below which a track ends.

@@ -19,7 +19,12 @@ from collections.abc import Mapping, Sequence
 from pf_tracker_ros.appearances import build_appearance
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.appearance_redetection import AppearanceRedetector
-from pf_tracker_ros.targets.association import Associator, ReIdentifier, correct_id_switches
+from pf_tracker_ros.targets.association import (
+    Associator,
+    ReIdentifier,
+    correct_id_switches,
+    learn_others,
+)
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.distractors import DistractorManager
 from pf_tracker_ros.targets.hinted import with_hint
@@ -110,6 +115,7 @@ class TrackingPipeline:
             for index, number in self._associator.assign(tracks, detections).items():
                 assigned[index] = detections[number]
             tracks = correct_id_switches(tracks, assigned, self.appearance)
+            tracks = learn_others(tracks, assigned, detections, self.appearance)
         tracks = self._updater.update(tracks, frame, interval, assigned, time_since_detection)
         if detections is not None:
             tracks = self._updater.count_misses(tracks, assigned, detection_interval)

@@ -14,14 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, is_on_any
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, flatten
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.detections import Detection, Detections, describe_detections, usable
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry, thinned
-from pf_tracker_ros.targets.lifecycle import is_same_object
 from pf_tracker_ros.targets.out_of_sequence import (
     StampedDetections,
     insert_late,
@@ -611,7 +610,7 @@ def _is_current(stamp: int, now: int, interval: float) -> bool:
 
 def _is_on(track: Track, box: Box) -> bool:
     """Whether a box is on a target; false for a lost target, whose place is unknown."""
-    return track.filter_state.estimate.state != "lost" and is_same_object(track, np.array(box))
+    return track.filter_state.estimate.state != "lost" and is_on_any(np.array(box), track.box[None])
 
 
 def _are_same(one: Track, other: Track) -> bool:

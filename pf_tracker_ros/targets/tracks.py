@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance, Descriptor
-from pf_tracker_ros.boxes import Box, pairwise_iou
+from pf_tracker_ros.boxes import SAME_OBJECT_ABOVE, Box, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import GROWTH_VARIANCE, BoxKalmanFilter
 from pf_tracker_ros.tracking.filter_state import FilterState
@@ -34,6 +34,10 @@ from pf_tracker_ros.values import replace
 _PRIOR_APPEARANCE_DISTANCE, _PRIOR_SAMPLES = 0.12, 10
 # Detections that the mean appearance distance averages over; its minimum.
 _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
+# Prior of the distance of others, and the share of each of them in it.
+_PRIOR_OTHERS_DISTANCE, _OTHERS_RATE = 0.3, 0.1
+# Existence log odds below which a held target is missing, if the image does not show it.
+_MISSING_BELOW = 0.0
 # Labels with votes per track.
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
@@ -43,8 +47,8 @@ _MIN_BLEND_RATE = 0.05
 _REPORTED_ABOVE = 0.5
 # Seconds times targets over which the variance of growth is learned.
 _GROWTH_LEARNED_OVER = 30.0
-# A track replaces another one above this intersection over union.
-_SAME_ABOVE = 0.5
+NO_DETECTOR_AFTER = 10.0
+"""Seconds without detections after which there is no detector."""
 
 
 class TrackKey(NamedTuple):
@@ -84,6 +88,7 @@ class Track:
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
+        others_distance: Mean distance from it of the detections of others, seen with a held one.
         box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
@@ -109,6 +114,7 @@ class Track:
     existence_log_odds: float
     mean_appearance_distance: float = _PRIOR_APPEARANCE_DISTANCE
     appearance_samples: int = 1
+    others_distance: float = _PRIOR_OTHERS_DISTANCE
     votes: Mapping[str, float] = field(default_factory=dict)
     age: float = 0.0
     hits: int = 1
@@ -145,6 +151,12 @@ class Track:
     def is_held(self) -> bool:
         """Whether it stays, and is reported, while nothing shows it."""
         return self.is_manual or self.is_selected
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether it is a held target that neither the detector nor the image shows."""
+        is_seen = self.unconfirmed_for == 0.0 or self.filter_state.estimate.state == "tracking"
+        return self.is_held and not is_seen and self.existence_log_odds < _MISSING_BELOW
 
     @property
     def label(self) -> str:
@@ -261,6 +273,13 @@ class Track:
             appearance_samples=samples,
         )
 
+    def learn_others(self, others: NDArray[np.float32], appearance: Appearance) -> Track:
+        """The track with the (N, D) descriptors of others that were seen with it."""
+        mean = self.others_distance
+        for distance in appearance.distance(self.descriptor, others).tolist():
+            mean += _OTHERS_RATE * (distance - mean)
+        return replace(self, others_distance=mean)
+
 
 @dataclass(frozen=True, eq=False)
 class TrackSet:
@@ -375,7 +394,7 @@ def _replacement_key(stopped: Track, others: Sequence[Track]) -> TrackKey:
         return stopped.key
     overlaps = pairwise_iou(stopped.box[None], np.array([one.box for one in started]))[0]
     best = int(overlaps.argmax())
-    return started[best].key if overlaps[best] > _SAME_ABOVE else stopped.key
+    return started[best].key if overlaps[best] > SAME_OBJECT_ABOVE else stopped.key
 
 
 # Ids from which on those of ended tracks are pruned.
@@ -440,7 +459,7 @@ class TrackIds:
                 continue
             overlaps = pairwise_iou(track.box[None], np.array([one.box for _, one in lost]))[0]
             best = int(overlaps.argmax())
-            if overlaps[best] > _SAME_ABOVE:
+            if overlaps[best] > SAME_OBJECT_ABOVE:
                 id, before = lost.pop(best)
                 # The next reprocessing may bring the old key back, as another target.
                 del self._ids[before.key]

@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import Box, as_box, pairwise_coverage, pairwise_iou
+from pf_tracker_ros.boxes import Box, as_box, is_on_any, pairwise_coverage, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.external_likelihoods import external_likelihood
-from pf_tracker_ros.targets.tracks import Track
+from pf_tracker_ros.targets.tracks import NO_DETECTOR_AFTER, Track
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
@@ -35,8 +35,6 @@ from pf_tracker_ros.values import replace
 
 # Covered share of a target above which it is occluded.
 _OCCLUDED_ABOVE = 0.5
-# Two boxes with an intersection over union above this are on one object: that of the one in front.
-_SAME_ABOVE = 0.5
 # Largest distance of a target from its predicted place, in its own sides.
 _NEAR = 1.5
 # Share of the way to its detection that a box moves. It moves all of it below this intersection
@@ -47,14 +45,13 @@ _DUPLICATE_AFTER = 0.2
 # Confidence from which on the estimate of an undetected target counts fully for its Kalman filter;
 # the least that it counts.
 _FULL_CONFIDENCE, _MIN_COUNT = 0.85, 0.05
-# Frames from one size estimate in the image to the next: sizes change slowly.
+# Frames from one size estimate in the image to the next: sizes change slowly, but that of a target
+# that a robot follows is its distance.
 _SIZE_EVERY = 2
 # Seconds between two template updates by detections.
 _LEARN_EVERY = 0.4
 # Seconds without detections after which sizes are estimated in the image.
 _SILENT_AFTER = 2.0
-# Seconds without detections after which there is no detector.
-_NO_DETECTOR_AFTER = 10.0
 # Existence log odds: what a detection adds, their minimum before that, and their maximum.
 _HIT_LOG_ODDS, _MIN_LOG_ODDS, _MAX_LOG_ODDS = 2.0, -1.0, 1.5
 # Time constant, seconds, after which two misses are independent.
@@ -120,7 +117,7 @@ class Updater:
             assigned: Detection of each track, or None.
             time_since_detection: Seconds since the last frame with detections.
         """
-        has_no_detector = time_since_detection > _NO_DETECTOR_AFTER
+        has_no_detector = time_since_detection > NO_DETECTOR_AFTER
         if has_no_detector:
             tracks = [_without_misses(track) for track in tracks]
             if len(tracks) == 1 and assigned[0] is None and not tracks[0].is_distractor:
@@ -268,8 +265,8 @@ class Updater:
             )
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)
-                is_occluded_by_other = not is_clear and _is_on_any(box, boxes)
-                is_on_distractor = _is_on_any(box, boxes[[one.is_distractor for one in front]])
+                is_occluded_by_other = not is_clear and is_on_any(box, boxes)
+                is_on_distractor = is_on_any(box, boxes[[one.is_distractor for one in front]])
                 known = (stepped if is_on_distractor else filter_state).known_distractor
                 filter_state = replace(filter_state, known_distractor=known)
         if is_occluded_by_other:
@@ -285,7 +282,7 @@ class Updater:
         is_duplicate = is_occluded_by_other and track.unconfirmed_for > _DUPLICATE_AFTER
         if is_duplicate:
             are_targets = [not one.is_distractor for one in front]
-            is_duplicate = _is_on_any(np.array(filter_state.estimate.box), boxes[are_targets])
+            is_duplicate = is_on_any(np.array(filter_state.estimate.box), boxes[are_targets])
         track = track.older(
             interval,
             filter_state=filter_state,
@@ -401,7 +398,7 @@ def _needs_size(track: Track, detection: Detection | None, is_silent: bool) -> b
 
 def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> bool:
     """Whether its size is estimated in this frame."""
-    is_due = track.filter_state.followed_frames % _SIZE_EVERY == 0
+    is_due = track.is_selected or track.filter_state.followed_frames % _SIZE_EVERY == 0
     return is_due and _needs_size(track, detection, is_silent)
 
 
@@ -446,8 +443,3 @@ def _are_near(boxes: NDArray[np.float64], predicted_box: NDArray[np.float64]) ->
         np.abs(offsets) < boxes[:, 2:] / 2 + _NEAR * predicted_box[2:], axis=1
     )
     return near
-
-
-def _is_on_any(box: NDArray[np.float64], others: NDArray[np.float64]) -> bool:
-    """Whether a (4,) box is on the object of one of (K, 4) others."""
-    return bool(pairwise_iou(box[None], others).max(initial=0.0) > _SAME_ABOVE)

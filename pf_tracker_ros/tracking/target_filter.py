@@ -258,7 +258,7 @@ class TargetFilter:
             assessment.particles, self.parameters.particles, generator
         )
         following = self._next_state(frame_prediction, measurement, assessment, learned, particles)
-        if is_challenged and state.standing is not None:
+        if state.standing is not None:
             growth = self._measurer.log_growth(frame_prediction, measurement.box)
             return replace(following, growth=growth)
         return following

@@ -7,7 +7,9 @@ import pytest
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
-from pf_tracker_ros.targets.association import ReIdentifier
+from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.targets.association import ReIdentifier, learn_others
+from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import TrackSet
 
 INTERVAL, EVERY = 0.1, 5
@@ -104,6 +106,82 @@ def test_a_detection_around_another_target_is_not_reidentified(walkers, make_tra
     track_set = TrackSet(tracks=(new, other), ended_tracks=(ended,))
     track, _ = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
     assert (track.key == ended.key) == (aside == 60)
+
+
+def unit(distance):
+    """A descriptor of unit length at a distance from the one with a first 1."""
+    descriptor = np.zeros(3200, np.float32)
+    descriptor[:2] = 1.0 - distance, np.sqrt(1.0 - (1.0 - distance) ** 2)
+    return descriptor
+
+
+@pytest.fixture
+def missing(walkers, make_tracker):
+    """A selected track of mean distance .1 that was missed for a second, and one in its place."""
+    tracker = make_tracker()
+    tracker.update(walkers.images[0], INTERVAL, walkers.detections(0, [0]))
+    (track,) = tracker._manager._track_set.tracks
+    estimate = replace(track.filter_state.estimate, state="lost")
+    before = replace(
+        track,
+        filter_state=replace(track.filter_state, estimate=estimate),
+        key=track.key._replace(frame=0),
+        descriptor=unit(0.0),
+        mean_appearance_distance=0.1,
+        is_selected=True,
+        existence_log_odds=-1.0,
+        unconfirmed_for=1.0,
+    )
+    return before, track
+
+
+@pytest.mark.parametrize(
+    ("others", "distance", "is_same"),
+    # The geometric mean of .1 and .9 is .3. That of .1 and .3 is less than twice .1.
+    [(0.9, 0.28, True), (0.9, 0.32, False), (0.3, 0.19, True), (0.3, 0.21, False)],
+)
+def test_a_selected_target_may_look_as_different_as_half_way_to_the_others(
+    missing, others, distance, is_same
+):
+    before, new = missing
+    before = replace(before, others_distance=others)
+    track_set = TrackSet(tracks=(before, replace(new, descriptor=unit(distance))))
+    tracks = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
+    assert [track.key for track in tracks] == ([before.key] if is_same else [before.key, new.key])
+
+
+@pytest.mark.parametrize(("log_odds", "is_compared"), [(-1.0, True), (1.0, False)])
+def test_a_detection_on_the_box_of_a_missing_target_is_compared_with_it(
+    missing, walkers, make_tracker, log_odds, is_compared
+):
+    """On that of one which only this frame's detections miss, it is taken for a poor one of it."""
+    before, new = missing
+    before = replace(before, existence_log_odds=log_odds, descriptor=new.descriptor)
+    found = Detection(before.box, 0.9, "", new.descriptor)
+    initiator = make_tracker(max_targets=4)._manager._pipeline.initiator
+    frame = Frame(walkers.images[0], 1)
+    track_set = initiator.initiate(TrackSet(frame=9, tracks=(before,)), frame, [(0, found)])
+    assert len(track_set.tracks) == 1 + is_compared
+    track_set = ReIdentifier(ColorStripes()).reidentify(track_set)
+    assert [(track.key, track.unconfirmed_for) for track in track_set.tracks] == [
+        (before.key, 0.0 if is_compared else 1.0)
+    ]
+
+
+def test_how_others_look_is_learned_from_clear_detections_beside_a_detected_selected_target(
+    missing,
+):
+    before, other = missing
+    assigned = Detection(before.box, 0.9, "", unit(0.05))
+    beside = Detection(before.box + 100.0, 0.9, "", unit(0.8))
+    hidden = Detection(before.box + 50.0, 0.9, "", unit(0.5), is_clear=False)
+    seen = [assigned, beside, hidden]
+    learned = learn_others((before, other), [assigned, beside], seen, ColorStripes())
+    # A tenth of the way from .3 to .8.
+    assert learned[0].others_distance == pytest.approx(0.35)
+    assert learned[1] is other
+    (unseen,) = learn_others((before,), [None], seen, ColorStripes())
+    assert unseen.others_distance == 0.3
 
 
 @pytest.mark.parametrize("turned", [0, 150])

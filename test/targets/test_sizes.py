@@ -8,6 +8,7 @@ import pytest
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
+from pf_tracker_ros.targets.detections import Detections
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.hints import Hint, Standing
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -28,15 +29,22 @@ def shown(side, seed):
     return image
 
 
-def errors_of(growth, seed, hint):
-    """Logarithms of the box's height over the true one, while the target moves and afterwards."""
+def errors_of(growth, seed, hint, *, is_detected=False):
+    """Logarithms of the box's height over the true one, while the target moves and afterwards.
+
+    A detector sees the target in the first two frames, if at all.
+    """
     session = Session(preset_parameters("default"), seed)
-    session.request((160 - SIDE / 2, 120 - SIDE / 2, SIDE, SIDE))
+    box = (160 - SIDE / 2, 120 - SIDE / 2, SIDE, SIDE)
+    session.request(box)
+    if is_detected:
+        for number in range(2):
+            session.add_detections(Detections([box], [0.9]), STAMP * (number + 1))
     errors = []
     for number in range(STILL + MOVING + AFTERWARDS):
         side = round(SIDE * growth ** min(max(number - STILL, 0), MOVING))
         outcome = session.process(Frame(shown(side, seed), STAMP * (number + 1)))
-        session.set_hints({1: hint}, STAMP * (number + 1))
+        session.set_hints({outcome.selected: hint}, STAMP * (number + 1))
         errors.append(math.log(outcome.targets[0].estimate.box[3] / side))
     return np.abs(errors[STILL:])
 
@@ -48,5 +56,16 @@ def test_where_the_ground_is_known_a_size_keeps_up_with_somebody_who_walks(growt
     known = errors_of(growth, seed, Hint(standing=Standing(horizon=60.0, slope=1.0)))
     unknown = errors_of(growth, seed, Hint())
     assert known.max() < unknown.max()
+    assert known.max() < 0.15
+    assert known[-1] < 0.08
+
+
+@pytest.mark.parametrize("growth", [1.03, 1 / 1.03])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_size_keeps_up_between_the_detections_of_the_target_that_a_robot_follows(growth, seed):
+    """As above; a detector misses the target for a second."""
+    hint = Hint(standing=Standing(horizon=60.0, slope=1.0))
+    known = errors_of(growth, seed, hint, is_detected=True)
+    assert known.max() < errors_of(growth, seed, Hint(), is_detected=True).max()
     assert known.max() < 0.15
     assert known[-1] < 0.08
