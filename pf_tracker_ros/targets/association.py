@@ -314,7 +314,7 @@ def _with_identity_of(track: Track, before: Track) -> Track:
         label: before.votes.get(label, 0.0) + track.votes.get(label, 0.0)
         for label in (*before.votes, *track.votes)
     }
-    return replace(
+    found = replace(
         track,
         key=before.key,
         distracted_key=None,
@@ -324,8 +324,8 @@ def _with_identity_of(track: Track, before: Track) -> Track:
         mean_appearance_distance=before.mean_appearance_distance,
         appearance_samples=before.appearance_samples,
         others_distance=before.others_distance,
-        existence_log_odds=max(track.existence_log_odds, 0.5),
         age=before.age + (before.time_since_end or 0.0),
         hits=before.hits + track.hits,
         votes=votes,
     )
+    return found.with_existence(max(track.existence_log_odds, 0.5), is_found=before.is_held)

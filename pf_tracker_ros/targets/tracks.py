@@ -38,6 +38,8 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 _PRIOR_OTHERS_DISTANCE, _OTHERS_RATE = 0.3, 0.1
 # Existence log odds below which a held target is missing, if the image does not show it.
 _MISSING_BELOW = 0.0
+# Least log odds of existence that count with the image.
+_LEAST_COUNTED = -6.0
 # Labels with votes per track.
 _MAX_LABELS = 10
 # Minimum weight of a new detection in the descriptor.
@@ -240,6 +242,24 @@ class Track:
             least = min((one for one in votes if one != label), key=lambda one: votes[one])
             del votes[least]
         return replace(self, votes=votes)
+
+    def with_existence(self, log_odds: float, *, is_found: bool = False) -> Track:
+        """The track with other log odds of existence, after a detector has looked.
+
+        Where the detector knows its kind, they count with the image until it looks again: against a
+        target that it does not see, and for one that it has found again.
+
+        Args:
+            log_odds: The new ones.
+            is_found: Whether the detector has found a missing target.
+        """
+        filter_state = self.filter_state
+        if not self.is_undetected:
+            most = log_odds if is_found else 0.0
+            factor = math.exp(min(max(log_odds, _LEAST_COUNTED), most))
+            if factor != filter_state.detector_factor:
+                filter_state = replace(filter_state, detector_factor=factor)
+        return replace(self, existence_log_odds=log_odds, filter_state=filter_state)
 
     def with_covered_share(self, share: float) -> Track:
         """The track with the share, 0 to 1, of its next box that something in front covers."""

@@ -59,8 +59,6 @@ _INDEPENDENT_AFTER = 0.3
 # Seconds without a frame after which a track starts again from its detection: the particles are too
 # few for the area in which it may be.
 _PAUSED_AFTER = 1.0
-# Least log odds of existence that count against the image.
-_LEAST_MISSED = -6.0
 # Minimum of the visible share, which scales the effect of a miss.
 _MIN_VISIBLE = 0.4
 
@@ -119,7 +117,7 @@ class Updater:
         """
         has_no_detector = time_since_detection > NO_DETECTOR_AFTER
         if has_no_detector:
-            tracks = [_without_misses(track) for track in tracks]
+            tracks = [_without_detector(track) for track in tracks]
             if len(tracks) == 1 and assigned[0] is None and not tracks[0].is_distractor:
                 return (self._update_alone(tracks[0], frame, interval),)
         updated = list(tracks)
@@ -208,7 +206,7 @@ class Updater:
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
         changes = self._log_miss * independence * visible
         return tuple(
-            track if detection else _missed(track, float(change))
+            track if detection else track.with_existence(track.existence_log_odds + float(change))
             for track, detection, change in zip(tracks, assigned, changes, strict=True)
         )
 
@@ -346,41 +344,25 @@ class Updater:
         relearns = jumps or (is_due and not is_doubted)
         if relearns:
             filter_state = operations.relearn(filter_state, frame)
-        if filter_state.missed_factor < 1.0:
-            filter_state = replace(filter_state, missed_factor=1.0)
         if detection.is_clear:
             track = track.update_descriptor(detection.descriptor, self._appearance)
-        return replace(
+        log_odds = max(track.existence_log_odds, _MIN_LOG_ODDS) + _HIT_LOG_ODDS
+        track = replace(
             track.add_label_vote(detection.label, detection.score),
             filter_state=filter_state,
             box_filter=box_filter,
-            existence_log_odds=min(
-                max(track.existence_log_odds, _MIN_LOG_ODDS) + _HIT_LOG_ODDS, _MAX_LOG_ODDS
-            ),
             hits=track.hits + 1,
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if relearns else track.time_since_template_update,
         )
+        return track.with_existence(min(log_odds, _MAX_LOG_ODDS))
 
 
-def _missed(track: Track, change: float) -> Track:
-    """A track with other log odds, after a detector did not see it.
-
-    They count against the image where the detector has seen the target before: it knows its kind.
-    """
-    log_odds = track.existence_log_odds + change
-    filter_state = track.filter_state
-    if not track.is_undetected:
-        factor = math.exp(min(max(log_odds, _LEAST_MISSED), 0.0))
-        filter_state = replace(filter_state, missed_factor=factor)
-    return replace(track, existence_log_odds=log_odds, filter_state=filter_state)
-
-
-def _without_misses(track: Track) -> Track:
-    """A track whose image no detector contradicts any more."""
-    if track.filter_state.missed_factor == 1.0:
+def _without_detector(track: Track) -> Track:
+    """A track whose image no detector supports or contradicts any more."""
+    if track.filter_state.detector_factor == 1.0:
         return track
-    return replace(track, filter_state=replace(track.filter_state, missed_factor=1.0))
+    return replace(track, filter_state=replace(track.filter_state, detector_factor=1.0))
 
 
 def _is_place_unknown(track: Track) -> bool:

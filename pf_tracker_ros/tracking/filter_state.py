@@ -157,8 +157,8 @@ class FilterState:
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
         growth: Logarithm of the target's size over that of the last box, as far as the cues tell.
-        missed_factor: Factor, up to 1, of the odds that the box shows the target, since a detector
-            has looked and not seen it.
+        detector_factor: Factor of the odds that the box shows the target, by what a detector has
+            seen or missed.
     """
 
     first_box: Box
@@ -184,12 +184,12 @@ class FilterState:
     standing: Standing | None = None
     place_factor: float = 1.0
     growth: float = 0.0
-    missed_factor: float = 1.0
+    detector_factor: float = 1.0
 
     @property
     def outside_factor(self) -> float:
         """Factor of the odds that the next box shows the target, from outside of the image."""
-        return self.occlusion_evidence.factor * self.place_factor * self.missed_factor
+        return self.occlusion_evidence.factor * self.place_factor * self.detector_factor
 
     @property
     def doubt(self) -> float:

@@ -62,11 +62,27 @@ def test_the_misses_of_a_detector_that_has_stopped_are_forgotten(walkers):
     factors = []
     for number in range(24, 150):
         session.process(Frame(walkers.images[23], at(number)))
-        factors.append(session._manager.get_track(1).filter_state.missed_factor)
+        factors.append(session._manager.get_track(1).filter_state.detector_factor)
     assert factors[0] < 0.1
     assert factors[-1] == 1.0
     assert session.estimate is None
     assert session.targets[0].estimate.state == "tracking"
+
+
+@pytest.mark.parametrize(
+    ("log_odds", "is_found", "factor"),
+    [(-50.0, False, np.exp(-6.0)), (-2.0, False, np.exp(-2.0)), (1.5, False, 1.0)]
+    + [(1.5, True, np.exp(1.5)), (-0.5, True, np.exp(-0.5))],
+)
+def test_what_a_detector_sees_counts_with_the_image(walkers, log_odds, is_found, factor):
+    """A miss counts against it, and finding the target again for it."""
+    session = make_session(8)
+    session.request(tuple(walkers.boxes[0][0]))
+    for number in range(3):
+        show(session, walkers, number, [0])
+    track = session._manager.get_track(1).with_existence(log_odds, is_found=is_found)
+    assert track.existence_log_odds == log_odds
+    assert track.filter_state.detector_factor == pytest.approx(factor)
 
 
 def test_a_detector_of_other_things_does_not_count_against_a_target_drawn_by_hand(walkers):

@@ -150,6 +150,21 @@ def test_a_selected_target_may_look_as_different_as_half_way_to_the_others(
     assert [track.key for track in tracks] == ([before.key] if is_same else [before.key, new.key])
 
 
+@pytest.mark.parametrize(("is_selected", "factor"), [(True, np.exp(0.9)), (False, 1.0)])
+def test_the_detector_that_finds_a_selected_target_counts_with_the_image(
+    missing, is_selected, factor
+):
+    """By the odds of existence of a first detection with the score .95."""
+    before, new = missing
+    assert new.existence_log_odds == pytest.approx(0.9)
+    before = replace(before, is_selected=is_selected, descriptor=new.descriptor)
+    ended = () if is_selected else (replace(before, time_since_end=1.0),)
+    track_set = TrackSet(tracks=(before, new) if is_selected else (new,), ended_tracks=ended)
+    (found,) = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
+    assert (found.key, found.existence_log_odds) == (before.key, pytest.approx(0.9))
+    assert found.filter_state.detector_factor == pytest.approx(factor)
+
+
 @pytest.mark.parametrize(("log_odds", "is_compared"), [(-1.0, True), (1.0, False)])
 def test_a_detection_on_the_box_of_a_missing_target_is_compared_with_it(
     missing, walkers, make_tracker, log_odds, is_compared
