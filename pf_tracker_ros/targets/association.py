@@ -213,10 +213,6 @@ def _with_filter_of(track: Track, other: Track) -> Track:
     )
 
 
-# Largest appearance distance of the same target, in its mean appearance distances; that of a held
-# one, which is looked for longer and comes back in other views. Where others look different enough,
-# the limit is half way to them, of the logarithms.
-_MAX_RELATIVE_DISTANCE, _MAX_HELD_DISTANCE = 1.5, 2.0
 # Largest displacement while lost: box heights, and heights per second.
 _MAX_OFFSET, _MAX_SPEED = 1.0, 1.0
 # A box that covers more than this of another track's box is around both.
@@ -271,12 +267,8 @@ class ReIdentifier:
         distances = self._appearance.distance(
             before.descriptor, np.array([track.descriptor for track in candidates])
         )
-        mean = before.mean_appearance_distance
-        largest = _MAX_RELATIVE_DISTANCE * mean
-        if before.is_held:
-            largest = max(_MAX_HELD_DISTANCE * mean, math.sqrt(mean * before.others_distance))
         allowed = [_can_be_same(before, track) for track in candidates]
-        return np.where(allowed, distances / largest, math.inf)
+        return np.where(allowed, distances / before.largest_distance, math.inf)
 
 
 def _is_candidate(track: Track, tracks: Sequence[Track]) -> bool:

@@ -20,6 +20,8 @@ from pf_tracker_ros.values import replace
 # A box is where it is expected within this distance, in its own sides, or two standard deviations,
 # and with sides that differ by up to this factor.
 _NEAR, _SAME_SIZE = 0.3, 1.25
+# Heights of the image from which on an expected box says nothing: somebody else is measured.
+_TOO_NEAR = 1.6
 # Standard deviation of the expected center, in widths of the box, from which on it says nothing.
 _VAGUE_ABOVE = 1.0
 # Log odds by the place that count at least; nothing is impossible.
@@ -56,7 +58,7 @@ def with_hint(
 def _is_as_expected(box: NDArray[np.float64], hint: Hint, image_size: tuple[int, int]) -> bool:
     """Whether a (4,) box is where it is expected, or nothing certain is expected in the image."""
     expected = np.array(hint.box)
-    if hint.center_std > _VAGUE_ABOVE * expected[2]:
+    if hint.center_std > _VAGUE_ABOVE * expected[2] or expected[3] > _TOO_NEAR * image_size[1]:
         return True
     center = expected[:2] + expected[2:] / 2
     if not ((center >= 0.0) & (center < image_size)).all():

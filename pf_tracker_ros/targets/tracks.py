@@ -34,6 +34,9 @@ from pf_tracker_ros.values import replace
 _PRIOR_APPEARANCE_DISTANCE, _PRIOR_SAMPLES = 0.12, 10
 # Detections that the mean appearance distance averages over; its minimum.
 _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
+# Largest appearance distance of the same target, in its mean appearance distances; that of a held
+# one, which is looked for longer and comes back in other views.
+_MAX_RELATIVE_DISTANCE, _MAX_HELD_DISTANCE = 1.5, 2.0
 # Prior of the distance of others, and the share of each of them in it.
 _PRIOR_OTHERS_DISTANCE, _OTHERS_RATE = 0.3, 0.1
 # Existence log odds below which a held target is missing, if the image does not show it.
@@ -159,6 +162,18 @@ class Track:
         """Whether it is a held target that neither the detector nor the image shows."""
         is_seen = self.unconfirmed_for == 0.0 or self.filter_state.estimate.state == "tracking"
         return self.is_held and not is_seen and self.existence_log_odds < _MISSING_BELOW
+
+    @property
+    def largest_distance(self) -> float:
+        """Largest appearance distance, 0 to 1, at which it is found again.
+
+        Where others look different enough, that of a held one is half way to them, of the
+        logarithms.
+        """
+        mean = self.mean_appearance_distance
+        if not self.is_held:
+            return _MAX_RELATIVE_DISTANCE * mean
+        return max(_MAX_HELD_DISTANCE * mean, math.sqrt(mean * self.others_distance))
 
     @property
     def label(self) -> str:

@@ -233,8 +233,10 @@ class Updater:
     ) -> Track:
         """One track, behind the tracks in front."""
         frame, interval = scene.frame, scene.interval
-        if detection and interval > _PAUSED_AFTER:
-            return self._reinitialize(track, frame, interval, detection)
+        if detection:
+            is_found = track.is_missing and self._looks_alike(track, detection)
+            if is_found or interval > _PAUSED_AFTER:
+                return self._reinitialize(track, frame, interval, detection, is_found=is_found)
         front, boxes = _near_in_front(track, predicted_box, front)
         covered = pairwise_coverage(predicted_box[None], boxes)[0]
         # Who is in front is seen by depth, where there is one.
@@ -290,14 +292,29 @@ class Updater:
         )
         return self._correct(track, frame, detection) if detection else track
 
+    def _looks_alike(self, track: Track, detection: Detection) -> bool:
+        (distance,) = self._appearance.distance(track.descriptor, detection.descriptor[None])
+        return bool(distance < track.largest_distance)
+
     def _reinitialize(
-        self, track: Track, frame: Frame, interval: float, detection: Detection
+        self,
+        track: Track,
+        frame: Frame,
+        interval: float,
+        detection: Detection,
+        *,
+        is_found: bool,
     ) -> Track:
-        """A track that starts from its detection after a pause, which no motion model spans."""
+        """A track that starts from its detection.
+
+        After a pause, which no motion model spans, or where it was missing: then its particles and
+        templates are those of something else.
+        """
         filter_state = self._target_filter.initialize(
             frame, as_box(detection.box), track.filter_state.generator_state
         )
-        return self._correct(track.older(interval, filter_state=filter_state), frame, detection)
+        track = track.older(interval, filter_state=filter_state)
+        return self._correct(track, frame, detection, is_found=is_found)
 
     def _correct_by_image(
         self, track: Track, filter_state: FilterState, is_sized: bool
@@ -323,8 +340,17 @@ class Updater:
             box_filter = box_filter.with_size(box[2:])
         return filter_state, box_filter.correct_center(center, std)
 
-    def _correct(self, track: Track, frame: Frame, detection: Detection) -> Track:
-        """A track with a hit, and its box moved towards the detection."""
+    def _correct(
+        self, track: Track, frame: Frame, detection: Detection, *, is_found: bool = False
+    ) -> Track:
+        """A track with a hit, and its box moved towards the detection.
+
+        Args:
+            track: In this frame.
+            frame: This one.
+            detection: Of the track.
+            is_found: Whether it was missing.
+        """
         box = track.box
         places = np.array([box, track.predicted_box])
         is_far, is_unexpected = pairwise_iou(places, detection.box[None])[:, 0] < _FAR_BELOW
@@ -355,7 +381,7 @@ class Updater:
             unconfirmed_for=0.0,
             time_since_template_update=0.0 if relearns else track.time_since_template_update,
         )
-        return track.with_existence(min(log_odds, _MAX_LOG_ODDS))
+        return track.with_existence(min(log_odds, _MAX_LOG_ODDS), is_found=is_found)
 
 
 def _without_detector(track: Track) -> Track:

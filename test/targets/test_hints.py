@@ -59,10 +59,12 @@ def test_a_hidden_target_is_looked_for_where_it_is_expected(session, walkers):
     [
         Hint(None, EXPECTED, 37.0),
         Hint(None, (400.0, 60.0, 36.0, 60.0), 3.0),
+        # 1.65 images of 200 px.
+        Hint(None, (50.0, -100.0, 200.0, 330.0), 3.0),
     ],
-    ids=["vague", "outside"],
+    ids=["vague", "outside", "too near"],
 )
-def test_a_vague_place_or_one_outside_of_the_image_says_nothing(session, walkers, hint):
+def test_a_vague_place_or_one_outside_of_the_image_or_too_near_says_nothing(session, walkers, hint):
     _, blank = hide(session, walkers)
     other = Session(preset_parameters("default"), seed=0)
     hide(other, walkers)

@@ -183,6 +183,23 @@ def test_a_detection_on_the_box_of_a_missing_target_is_compared_with_it(
     ]
 
 
+@pytest.mark.parametrize(("distance", "is_found"), [(0.15, True), (0.25, False)])
+def test_a_missing_target_with_a_detection_that_looks_like_it_starts_from_that(
+    missing, walkers, make_tracker, distance, is_found
+):
+    """Twice the mean distance, .2, is the limit; a detection beyond moves the box alone."""
+    before, _ = missing
+    tracker = make_tracker(max_targets=4)
+    updater = tracker._manager._pipeline._updater
+    frame = Frame(walkers.images[1], 1)
+    found = Detection(before.box + 2.0, 0.95, "", unit(distance))
+    (track,) = updater.update([before], frame, INTERVAL, [found], 0.0)
+    assert track.hits == before.hits + 1
+    assert track.filter_state.followed_frames == (0 if is_found else 1)
+    # From -1 up by 2.
+    assert track.filter_state.detector_factor == pytest.approx(np.e if is_found else 1.0)
+
+
 def test_how_others_look_is_learned_from_clear_detections_beside_a_detected_selected_target(
     missing,
 ):
