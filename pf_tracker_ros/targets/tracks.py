@@ -246,6 +246,12 @@ class Track:
         evidence = self.filter_state.occlusion_evidence._replace(share=share, is_known=True)
         return replace(self, filter_state=replace(self.filter_state, occlusion_evidence=evidence))
 
+    def with_outside_evidence(self, other: FilterState) -> Track:
+        """The track with what another state of it in this frame knows from outside of the image."""
+        track = replace(self, filter_state=replace(self.filter_state, standing=other.standing))
+        evidence = other.occlusion_evidence
+        return track.with_covered_share(evidence.share) if evidence.is_known else track
+
     def reset_descriptor(self, frame: Frame, box: Box, appearance: Appearance) -> Track:
         """The track with a new descriptor, from a box of a frame."""
         (descriptor,) = appearance.extract(frame, np.array([box]))
@@ -321,22 +327,15 @@ class TrackSet:
         change = share * (sum(squares) / len(squares) - self.growth_variance)
         return replace(self, growth_variance=self.growth_variance + float(change))
 
-    @property
-    def covered_shares(self) -> dict[TrackKey, float]:
-        """Key to the share of the next box that something in front covers, where that is known."""
-        known = {one.key: one.filter_state.occlusion_evidence for one in self.tracks}
-        return {key: evidence.share for key, evidence in known.items() if evidence.is_known}
+    def with_outside_evidence(self, other: TrackSet) -> TrackSet:
+        """The track set with what another one of the same frame knows from outside of the image.
 
-    def with_covered_shares(self, shares: Mapping[TrackKey, float]) -> TrackSet:
-        """The track set with other values of `covered_shares`; tracks that are gone are ignored."""
-        if not shares:
-            return self
-        return replace(
-            self,
-            tracks=tuple(
-                track.with_covered_share(shares[track.key]) if track.key in shares else track
-                for track in self.tracks
-            ),
+        That is the covered shares and the heights of boxes of the same tracks.
+        """
+        known = {one.key: one.filter_state for one in other.tracks}
+        tracks = (
+            track.with_outside_evidence(known[track.key]) if track.key in known else track
+            for track in self.tracks
         )
 
     def with_selected(self, key: TrackKey | None) -> TrackSet:
