@@ -34,7 +34,7 @@ from pf_tracker_ros.values import replace
 _PRIOR_APPEARANCE_DISTANCE, _PRIOR_SAMPLES = 0.12, 10
 # Detections that the mean appearance distance averages over; its minimum.
 _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
-# Prior of the distance of others, and the share of each of them in it.
+# Prior of the distance of the likest other, and the share of each frame in it.
 _PRIOR_OTHERS_DISTANCE, _OTHERS_RATE = 0.3, 0.1
 # Existence log odds below which a held target is missing, if the image does not show it.
 _MISSING_BELOW = 0.0
@@ -88,7 +88,7 @@ class Track:
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
-        others_distance: Mean distance from it of the detections of others, seen with a held one.
+        others_distance: Mean distance from it of the likest other that was seen with a held one.
         box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
@@ -260,6 +260,7 @@ class Track:
             descriptor=descriptor,
             mean_appearance_distance=_PRIOR_APPEARANCE_DISTANCE,
             appearance_samples=1,
+            others_distance=_PRIOR_OTHERS_DISTANCE,
         )
 
     def update_descriptor(self, detected: Descriptor, appearance: Appearance) -> Track:
@@ -280,11 +281,10 @@ class Track:
         )
 
     def learn_others(self, others: NDArray[np.float32], appearance: Appearance) -> Track:
-        """The track with the (N, D) descriptors of others that were seen with it."""
-        mean = self.others_distance
-        for distance in appearance.distance(self.descriptor, others).tolist():
-            mean += _OTHERS_RATE * (distance - mean)
-        return replace(self, others_distance=mean)
+        """The track with the (N, D) descriptors of others that were seen with it, at least one."""
+        nearest = float(appearance.distance(self.descriptor, others).min())
+        change = _OTHERS_RATE * (nearest - self.others_distance)
+        return replace(self, others_distance=self.others_distance + change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,6 +337,7 @@ class TrackSet:
             track.with_outside_evidence(known[track.key]) if track.key in known else track
             for track in self.tracks
         )
+        return replace(self, tracks=tuple(tracks))
 
     def with_selected(self, key: TrackKey | None) -> TrackSet:
         """The track set in which the track of a key is selected, and no other."""
