@@ -146,6 +146,8 @@ def learn_others(
 ) -> tuple[Track, ...]:
     """The tracks; held ones that are detected know how others look that are seen with them.
 
+    Others of another label are never taken for them.
+
     Args:
         tracks: N.
         assigned: Detection of each track, or None.
@@ -154,7 +156,11 @@ def learn_others(
     """
     learned = []
     for track, own in zip(tracks, assigned, strict=True):
-        others = [one.descriptor for one in detections if one.is_clear and one is not own]
+        others = [
+            one.descriptor
+            for one in detections
+            if one.is_clear and one is not own and _allows_label(track, one.label)
+        ]
         is_seen = track.is_held and own is not None and own.is_clear
         learned.append(
             track.learn_others(np.array(others), appearance) if is_seen and others else track

@@ -101,7 +101,7 @@ class Initiator:
         """
         tracks = list(track_set.tracks)
         # The detection may be a poor one of a track that has none in this frame. One of a missing
-        # target is compared with it (`ReIdentifier`).
+        # target is compared with it first (`ReIdentifier`, then `discard_doubtful`).
         undetected = [
             track.box
             for track in tracks
@@ -127,6 +127,23 @@ class Initiator:
             tracks.append(
                 replace(track, existence_log_odds=log_odds, distracted_key=distracted_key)
             )
+        return replace(track_set, tracks=tuple(tracks))
+
+    def discard_doubtful(self, track_set: TrackSet) -> TrackSet:
+        """The track set without new tracks on the boxes of targets that are still missing.
+
+        Each may be a poor detection of that target, which the image may still show.
+
+        Args:
+            track_set: In a frame with detections.
+        """
+        missing = [track.box for track in track_set.tracks if track.is_missing]
+        boxes = np.array(missing).reshape(-1, 4)
+        tracks = (
+            track
+            for track in track_set.tracks
+            if track.key.frame < track_set.frame or not is_on_any(track.box, boxes)
+        )
         return replace(track_set, tracks=tuple(tracks))
 
     def _room(self, tracks: Sequence[Track]) -> int:

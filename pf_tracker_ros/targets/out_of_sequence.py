@@ -119,7 +119,7 @@ def reprocess(
     track_set = entries[0].tracks_before
     revised = []
     for entry in entries:
-        track_set = track_set.with_covered_shares(entry.tracks_before.covered_shares)
+        track_set = track_set.with_outside_evidence(entry.tracks_before)
         revised.append(replace(entry, tracks_before=track_set))
         track_set = pipeline.advance(track_set, entry.frame, entry.interval, entry.detections)
         track_set = pipeline.initiator.add_manual(track_set, entry.started)

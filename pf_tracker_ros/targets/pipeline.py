@@ -134,6 +134,7 @@ class TrackingPipeline:
             ]
             track_set = self.initiator.initiate(track_set, frame, unassigned)
             track_set = self._reidentifier.reidentify(track_set)
+            track_set = self.initiator.discard_doubtful(track_set)
             track_set = self.initiator.confirm(track_set, frame.size)
         if len(track_set.tracks) > 1:
             track_set = self._redetector.find(track_set, frame)

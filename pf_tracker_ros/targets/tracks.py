@@ -37,7 +37,7 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 # Largest appearance distance of the same target, in its mean appearance distances; that of a held
 # one, which is looked for longer and comes back in other views.
 _MAX_RELATIVE_DISTANCE, _MAX_HELD_DISTANCE = 1.5, 2.0
-# Prior of the distance of others, and the share of each of them in it.
+# Prior of the distance of the likest other, and the share of each frame in it.
 _PRIOR_OTHERS_DISTANCE, _OTHERS_RATE = 0.3, 0.1
 # Existence log odds below which a held target is missing, if the image does not show it.
 _MISSING_BELOW = 0.0
@@ -93,7 +93,7 @@ class Track:
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
-        others_distance: Mean distance from it of the detections of others, seen with a held one.
+        others_distance: Mean distance from it of the likest other that was seen with a held one.
         box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
@@ -167,8 +167,8 @@ class Track:
     def largest_distance(self) -> float:
         """Largest appearance distance, 0 to 1, at which it is found again.
 
-        Where others look different enough, that of a held one is half way to them, of the
-        logarithms.
+        Where others look different enough, that of a held one is half way to the likest of them, of
+        the logarithms.
         """
         mean = self.mean_appearance_distance
         if not self.is_held:
@@ -281,6 +281,12 @@ class Track:
         evidence = self.filter_state.occlusion_evidence._replace(share=share, is_known=True)
         return replace(self, filter_state=replace(self.filter_state, occlusion_evidence=evidence))
 
+    def with_outside_evidence(self, other: FilterState) -> Track:
+        """The track with what another state of it in this frame knows from outside of the image."""
+        track = replace(self, filter_state=replace(self.filter_state, standing=other.standing))
+        evidence = other.occlusion_evidence
+        return track.with_covered_share(evidence.share) if evidence.is_known else track
+
     def reset_descriptor(self, frame: Frame, box: Box, appearance: Appearance) -> Track:
         """The track with a new descriptor, from a box of a frame."""
         (descriptor,) = appearance.extract(frame, np.array([box]))
@@ -289,6 +295,7 @@ class Track:
             descriptor=descriptor,
             mean_appearance_distance=_PRIOR_APPEARANCE_DISTANCE,
             appearance_samples=1,
+            others_distance=_PRIOR_OTHERS_DISTANCE,
         )
 
     def update_descriptor(self, detected: Descriptor, appearance: Appearance) -> Track:
@@ -309,11 +316,10 @@ class Track:
         )
 
     def learn_others(self, others: NDArray[np.float32], appearance: Appearance) -> Track:
-        """The track with the (N, D) descriptors of others that were seen with it."""
-        mean = self.others_distance
-        for distance in appearance.distance(self.descriptor, others).tolist():
-            mean += _OTHERS_RATE * (distance - mean)
-        return replace(self, others_distance=mean)
+        """The track with the (N, D) descriptors of others that were seen with it, at least one."""
+        nearest = float(appearance.distance(self.descriptor, others).min())
+        change = _OTHERS_RATE * (nearest - self.others_distance)
+        return replace(self, others_distance=self.others_distance + change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,23 +362,17 @@ class TrackSet:
         change = share * (sum(squares) / len(squares) - self.growth_variance)
         return replace(self, growth_variance=self.growth_variance + float(change))
 
-    @property
-    def covered_shares(self) -> dict[TrackKey, float]:
-        """Key to the share of the next box that something in front covers, where that is known."""
-        known = {one.key: one.filter_state.occlusion_evidence for one in self.tracks}
-        return {key: evidence.share for key, evidence in known.items() if evidence.is_known}
+    def with_outside_evidence(self, other: TrackSet) -> TrackSet:
+        """The track set with what another one of the same frame knows from outside of the image.
 
-    def with_covered_shares(self, shares: Mapping[TrackKey, float]) -> TrackSet:
-        """The track set with other values of `covered_shares`; tracks that are gone are ignored."""
-        if not shares:
-            return self
-        return replace(
-            self,
-            tracks=tuple(
-                track.with_covered_share(shares[track.key]) if track.key in shares else track
-                for track in self.tracks
-            ),
+        That is the covered shares and the heights of boxes of the same tracks.
+        """
+        known = {one.key: one.filter_state for one in other.tracks}
+        tracks = (
+            track.with_outside_evidence(known[track.key]) if track.key in known else track
+            for track in self.tracks
         )
+        return replace(self, tracks=tuple(tracks))
 
     def with_selected(self, key: TrackKey | None) -> TrackSet:
         """The track set in which the track of a key is selected, and no other."""

@@ -216,6 +216,40 @@ def test_how_others_look_is_learned_from_clear_detections_beside_a_detected_sele
     assert unseen.others_distance == 0.3
 
 
+def test_the_likest_other_counts_that_may_be_taken_for_the_target(missing):
+    """Not the mean of all, nor a car that is always beside a person."""
+    before, _ = missing
+    person = replace(before, votes={"person": 1.0})
+    own = Detection(before.box, 0.9, "person", unit(0.05))
+    alike = Detection(before.box + 100.0, 0.9, "person", unit(0.2))
+    different = Detection(before.box + 200.0, 0.9, "person", unit(0.9))
+    car = Detection(before.box + 300.0, 0.9, "car", unit(0.9))
+    (learned,) = learn_others((person,), [own], [own, different, alike], ColorStripes())
+    assert learned.others_distance == pytest.approx(0.29)
+    (learned,) = learn_others((person,), [own], [own, car], ColorStripes())
+    assert learned.others_distance == 0.3
+
+
+def test_a_new_descriptor_forgets_how_others_differed_from_the_old_one(missing, walkers):
+    before, new = missing
+    track = replace(before, others_distance=0.9)
+    track = track.reset_descriptor(Frame(walkers.images[0], 1), new.box.tolist(), ColorStripes())
+    assert track.others_distance == 0.3
+
+
+def test_a_detection_on_a_missing_target_that_looks_different_starts_no_other(
+    missing, walkers, make_tracker
+):
+    """The image may still show that target; another one on its box would hide it for good."""
+    before, _ = missing
+    manager = make_tracker(max_targets=4)._manager
+    found = Detection(before.box, 0.9, "", unit(0.9))
+    frame = Frame(np.full_like(walkers.images[0], 120), 1)
+    track_set = TrackSet(frame=9, tracks=(before,), time_since_detection=0.0)
+    track_set = manager._pipeline.advance(track_set, frame, INTERVAL, [found])
+    assert [track.key for track in track_set.tracks] == [before.key]
+
+
 @pytest.mark.parametrize("turned", [0, 150])
 def test_camera_motion_moves_ended_tracks(walkers, make_tracker, turned):
     tracks = []

@@ -69,3 +69,24 @@ def test_a_size_keeps_up_between_the_detections_of_the_target_that_a_robot_follo
     assert known.max() < errors_of(growth, seed, Hint(), is_detected=True).max()
     assert known.max() < 0.15
     assert known[-1] < 0.08
+
+
+def estimates_of(delay):
+    """Of somebody who comes near, with detections so many frames late; after each of them."""
+    session = Session(preset_parameters("default"), 0)
+    session.frame_buffer.limit(30, 200.0)
+    box = (160 - SIDE / 2, 120 - SIDE / 2, SIDE, SIDE)
+    session.request(box)
+    hint, estimates = Hint(standing=Standing(horizon=60.0, slope=1.0)), []
+    for number in range(16):
+        if number - delay in (1, 4, 8):
+            session.add_detections(Detections([box], [0.9]), STAMP * (number - delay + 1))
+        side = round(SIDE * 1.03 ** max(number - 9, 0))
+        outcome = session.process(Frame(shown(side, 0), STAMP * (number + 1)))
+        session.set_hints({outcome.selected: hint}, STAMP * (number + 1))
+        estimates.append(outcome.estimate.box)
+    return estimates[11:]
+
+
+def test_late_detections_leave_a_size_as_those_in_time_do():
+    assert estimates_of(3) == estimates_of(0)

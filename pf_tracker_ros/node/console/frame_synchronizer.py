@@ -132,10 +132,12 @@ class FrameSynchronizer:
         while self._are_too_many():
             self._images.popitem(last=False)
 
-    def _are_too_many(self) -> bool:
-        size = sum(len(getattr(image, "data", b"")) for image, _ in self._images.values())
-        limit = _MAX_LARGE_IMAGES if size > _MAX_BYTES else _MAX_IMAGES
-        return len(self._images) > limit
+    def _are_too_many(self, added: int = 0) -> bool:
+        """Whether the oldest image is dropped, or is once so many are added."""
+        sizes = [len(getattr(image, "data", b"")) for image, _ in self._images.values()]
+        count = len(sizes) + added
+        is_large = sum(sizes) * count > _MAX_BYTES * len(sizes)
+        return count > (_MAX_LARGE_IMAGES if is_large else _MAX_IMAGES)
 
     def add_result(self, stamp: int, part: str, content: Any, now: float) -> None:
         """Add a part of a result.
@@ -165,12 +167,16 @@ class FrameSynchronizer:
         Returns:
             Whether it has changed.
         """
+        oldest = next(iter(self._images), None)
         for stamp, (image, arrival) in reversed(self._images.items()):
             results = self._results.get(stamp) or self._previous_results(stamp)
             complete = results.is_complete(self.required_parts)
             if complete:
                 self._latency = max(now - arrival, _LATENCY_DECAY * self._latency)
-            if complete or now > self._due_at(arrival, results.times.get("status"), now):
+            status_at = results.times.get("status")
+            # The oldest is shown with what it has before the next image drops it.
+            is_dropped = status_at is not None and stamp == oldest and self._are_too_many(1)
+            if complete or is_dropped or now > self._due_at(arrival, status_at, now):
                 self._number += 1
                 self._latest_results = results.copy()
                 self.latest = DisplayFrame(self._number, stamp, image, self._latest_results.parts)

@@ -118,6 +118,22 @@ def test_boxes_that_come_after_a_late_status_are_waited_for(synchronizer):
     assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
 
 
+def test_large_pictures_of_a_fast_camera_are_shown_though_a_part_never_comes(synchronizer):
+    """They leave the buffer before the part's timeout."""
+    synchronizer.required_parts = {"likelihood"}
+    picture, interval, shown = SimpleNamespace(data=bytes(10**7)), 1 / 30, 0
+    for number in range(1, 61):
+        now = number * interval
+        synchronizer.add_image(number, picture, now)
+        shown += synchronizer.choose(now)
+        if number > 4:
+            synchronizer.add_result(number - 4, "status", TRACKING, now)
+            synchronizer.add_result(number - 4, "boxes", BOXES, now)
+            shown += synchronizer.choose(now)
+            assert number < 12 or synchronizer.latest.stamp >= number - 8
+    assert shown > 50
+
+
 def test_results_of_before_a_time_jump_back_are_not_reused(synchronizer):
     for now in (0.0, 0.1):
         for stamp in (2, 3):
