@@ -139,6 +139,8 @@ class Frame:
         background: State of the background model; None without a model.
         camera_motion: Camera motion, see `EgoMotion.update`; None if the camera stands still or its
             motion is not estimated.
+        odds_factor: Factor of the odds that a box shows its target: below 1 after a cut, see
+            `Continuity`.
     """
 
     def __init__(
@@ -156,7 +158,7 @@ class Frame:
         """The same frame with another image of equal shape and type."""
         other = Frame(image, self.stamp, self._span, self.illumination)
         other.foreground, other.background = self.foreground, self.background
-        other.camera_motion = self.camera_motion
+        other.camera_motion, other.odds_factor = self.camera_motion, self.odds_factor
         return other
 
     def expose(self, span: GrayRange | None, illumination: Illumination) -> None:
@@ -171,6 +173,7 @@ class Frame:
         self.foreground: Foreground | None = None
         self.background: BackgroundState | None = None
         self.camera_motion: NDArray[np.float64] | None = None
+        self.odds_factor = 1.0
         self._span = span
         self._gain_table = None if illumination.gain == 1.0 else gain_table(illumination.gain)
         self.clear_cache()

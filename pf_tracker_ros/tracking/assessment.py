@@ -215,7 +215,7 @@ class Confidence:
             0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else assessed.match.similarity
         )
         # A target behind something is hidden wherever the box is.
-        factor = state.outside_factor
+        factor = state.outside_factor * assessed.frame.odds_factor
         return confidence if factor == 1.0 else _with_odds_times(confidence, factor)
 
     def log_odds(self, state: FilterState, assessed: AssessedBox) -> dict[str, float]:

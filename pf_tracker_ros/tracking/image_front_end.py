@@ -2,8 +2,9 @@
 
 1. Gain control maps images of more than 8 bits to gray levels.
 2. Illumination compensation keeps the brightness constant, if it is enabled.
-3. Ego-motion estimation computes the camera's motion, with several targets.
-4. The background model computes the foreground, if a cue reads it.
+3. A cut to another scene is found, in which a target is less likely.
+4. Ego-motion estimation computes the camera's motion, with several targets.
+5. The background model computes the foreground, if a cue reads it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from pf_tracker_ros.background import BackgroundModel
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Foreground, Frame
+from pf_tracker_ros.frames.continuity import Continuity
 from pf_tracker_ros.frames.ego_motion import EgoMotion
 from pf_tracker_ros.frames.exposure import UNCHANGED_ILLUMINATION, GainControl
 
@@ -55,6 +57,7 @@ class ImageFrontEnd:
         self._gain = GainControl()
         self._next_gain = self._gain
         self._illumination = self._next_illumination = UNCHANGED_ILLUMINATION
+        self._continuity = Continuity()
         self._background: BackgroundModel | None = None
         self.frame = frame
         self._format = _format_of(frame) if frame else None
@@ -85,7 +88,8 @@ class ImageFrontEnd:
     ) -> None:
         """Prepare the next frame, which `commit` makes the last one.
 
-        Background model and ego-motion are updated at once, gain and illumination by `commit`.
+        Background model, ego-motion and continuity are updated at once, gain and illumination by
+        `commit`.
 
         Args:
             frame: The next frame, of accepted size and type.
@@ -101,6 +105,7 @@ class ImageFrontEnd:
             learning = interval if is_tracked else 0.0
             self._next_illumination = self._illumination.update(frame.image, learning)
         frame.expose(self._next_gain.span, self._next_illumination)
+        frame.odds_factor = self._continuity.update(frame.image, interval)
         if self._ego_motion:
             frame.camera_motion = self._ego_motion.update(frame)
         if needs_foreground:

@@ -94,7 +94,8 @@ class TrackAssessor:
             measurement.particles,
             measurement.boxes,
             # The similarity of a searching cue may be that of a place beside the box.
-            learns=self._redetector is None or frame_confidence >= _LEARN_ABOVE,
+            learns=measurement.frame.odds_factor == 1.0
+            and (self._redetector is None or frame_confidence >= _LEARN_ABOVE),
         )
         if status.state == "tracking":
             return assessment

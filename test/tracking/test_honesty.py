@@ -204,3 +204,13 @@ def test_after_a_covered_lens_the_target_is_found_within_a_second(seconds):
     estimates = [tracker.update(shown(98, 40), INTERVAL) for _ in range(25)]
     assert estimates[-1].state == "tracking"
     assert overlap_with(estimates[-1], 98, 40) > 0.8
+
+
+def test_a_similar_object_in_another_scene_is_not_tracked():
+    """It looks enough like the target to be tracked in the same scene."""
+    other_ground = texture(3, HEIGHT, WIDTH, 60, 160)
+    similar = cv2.addWeighted(TARGET, 0.5, texture(4, SIDE, SIDE), 0.5, 0.0)
+    for ground, is_same in ((GROUND, True), (other_ground, False)):
+        tracker = tracker_of_moving_target()
+        states = [tracker.update(shown(98, 40, ground, similar), INTERVAL).state for _ in range(25)]
+        assert ("tracking" in states) == is_same
