@@ -11,7 +11,8 @@ The confidence is the probability of the target: a logistic regression of
 5. the logarithm of the number of looks at other places since the target went out of sight: the best
    of many is often wrong. They count until it has been seen for as long again.
 
-Where something is in front of the target, see `filter_state.py`, the odds are lower.
+Where something is in front of the target, see `filter_state.py`, or the images show another scene,
+see `frames/continuity.py`, the odds are lower.
 
 Over time, the confidence falls at once and rises by exponential smoothing.
 
@@ -214,7 +215,7 @@ class Confidence:
         confidence = (
             0.5 * (1.0 + math.tanh(sum(odds.values()) / 2)) if odds else assessed.match.similarity
         )
-        # A target behind something is hidden wherever the box is.
+        # A target behind something, or in another scene, is hidden wherever the box is.
         factor = state.outside_factor * assessed.frame.odds_factor
         return confidence if factor == 1.0 else _with_odds_times(confidence, factor)
 

@@ -93,7 +93,8 @@ class TrackAssessor:
             status,
             measurement.particles,
             measurement.boxes,
-            # The similarity of a searching cue may be that of a place beside the box.
+            # The similarity of a searching cue may be that of a place beside the box, and what is
+            # there after a cut is something else.
             learns=measurement.frame.odds_factor == 1.0
             and (self._redetector is None or frame_confidence >= _LEARN_ABOVE),
         )
