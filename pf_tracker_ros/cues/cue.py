@@ -180,7 +180,7 @@ class SearchableCue(Cue, Protocol):
         return self.response(region, grid.boxes, template)
 
     def log_growth(self, region: Region, box: NDArray[np.float64], template: Any) -> float:
-        """Logarithm of the target's size over that of a (4,) box at it, 0 where nothing tells."""
+        """Logarithm of the target's size over that predicted, in a (4,) box; 0 where nothing tells."""
         return 0.0
 
     @abstractmethod

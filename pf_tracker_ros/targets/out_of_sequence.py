@@ -7,8 +7,9 @@ applied at its own time stamp:
 2. Restore the track set before that frame.
 3. Reprocess that frame and all since, with all their detections and manual targets.
 
-The result is the same as if the measurement had been in time. The cost is one update for each frame
-since. The term is that of Bar-Shalom 2002, "Update with out-of-sequence measurements in tracking:
+The result is the same as if the measurement had been in time, but for hints about the place of a
+target in these frames, which followed from boxes that are revised. The cost is one update for each
+frame since. The term is that of Bar-Shalom 2002, "Update with out-of-sequence measurements in tracking:
 exact solution", whose update of a Kalman filter needs no reprocessing.
 """
 

@@ -156,7 +156,7 @@ class FilterState:
         standing: Heights of boxes in the next image; None where nobody says.
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
-        growth: Logarithm of the target's size over that of the last box, as far as the cues tell.
+        growth: Logarithm of the target's size over the predicted one, as far as the cues tell.
         detector_factor: Factor of the odds that the box shows the target, by what a detector has
             seen or missed.
     """
