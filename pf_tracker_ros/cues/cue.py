@@ -180,7 +180,13 @@ class SearchableCue(Cue, Protocol):
         return self.response(region, grid.boxes, template)
 
     def log_growth(self, region: Region, box: NDArray[np.float64], template: Any) -> float:
-        """Logarithm of the target's size over that predicted, in a (4,) box; 0 where nothing tells."""
+        """Logarithm of the target's size over the predicted one; 0 where nothing tells.
+
+        Args:
+            region: Of the frame.
+            box: (4,) of the target, pixels.
+            template: Of the target.
+        """
         return 0.0
 
     @abstractmethod

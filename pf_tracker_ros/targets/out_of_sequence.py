@@ -9,8 +9,8 @@ applied at its own time stamp:
 
 The result is the same as if the measurement had been in time, but for hints about the place of a
 target in these frames, which followed from boxes that are revised. The cost is one update for each
-frame since. The term is that of Bar-Shalom 2002, "Update with out-of-sequence measurements in tracking:
-exact solution", whose update of a Kalman filter needs no reprocessing.
+frame since. The term is that of Bar-Shalom 2002, "Update with out-of-sequence measurements in
+tracking: exact solution", whose update of a Kalman filter needs no reprocessing.
 """
 
 from __future__ import annotations
