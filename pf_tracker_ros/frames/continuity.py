@@ -4,7 +4,8 @@ Two images are compared by a grid of blocks of sampled pixels. There is a cut be
 their blocks correlate by |rho| < 0.8 (a thermal camera may swap black and white) and differ by e in
 the median, beside a usual mean difference of E in the same stream, with (1 - |rho|) e / E > 1.5.
 The images show another scene until another cut leads back to one like the last before, or for 5 s:
-it may have been the camera that turned.
+it may have been the camera that turned. After a gap of over half a second it probably has, as that
+of a robot: these images are not compared.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ _SAMPLES, _BLOCKS = (128, 96), (32, 24)
 _ALIKE_ABOVE, _CUT_ABOVE = 0.8, 1.5
 # Share of an image in the usual difference; the least one, in standard deviations of the blocks.
 _USUAL_SHARE, _LEAST_USUAL = 0.1, 0.01
+# Largest seconds between two images that are compared.
+_COMPARED_WITHIN = 0.5
 # Seconds after which another scene is the present one, but for the rounding of their sum.
 _ACCEPTED_AFTER = 5.0 - 1e-6
 
@@ -56,6 +59,8 @@ class Continuity:
             return 1.0
         self._other_for += interval
         is_other = self._other_for < _ACCEPTED_AFTER
+        if interval > _COMPARED_WITHIN:
+            return OTHER_SCENE if is_other else 1.0
         difference = float(np.mean(cv2.mean(cv2.absdiff(last, samples))[: last[0, :1].size]))
         usual = difference if self._usual is None else self._usual
         # Most images change as usual, and need no correlation.

@@ -102,3 +102,10 @@ def test_a_copy_goes_on_independently(scenes, copied):
     other = copied(camera.continuity)
     for one in (camera.continuity, other):
         assert [one.update(image, INTERVAL) for image in images] == [OTHER_SCENE, 1.0]
+
+
+@pytest.mark.parametrize(("gap", "factor"), [(0.4, OTHER_SCENE), (0.6, 1.0)])
+def test_after_a_gap_the_camera_may_have_turned(scenes, gap, factor):
+    camera, _ = after_motion(scenes[0])
+    assert camera.continuity.update(camera.noisy(at(scenes[1], 0)), gap) == factor
+    assert {camera.shows(at(scenes[1], 3 * number)) for number in range(1, 20)} == {factor}
