@@ -37,7 +37,7 @@ _AVERAGED_SAMPLES, _MIN_APPEARANCE_DISTANCE = 30, 0.02
 # Largest appearance distance of the same target, in its mean appearance distances; that of a held
 # one, which is looked for longer and comes back in other views.
 _MAX_RELATIVE_DISTANCE, _MAX_HELD_DISTANCE = 1.5, 2.0
-# Prior of the distance of the likest other, and the share of each frame in it.
+# Prior of the distance of the most similar other, and the share of each frame in it.
 _PRIOR_OTHERS_DISTANCE, _OTHERS_RATE = 0.3, 0.1
 # Existence log odds below which a held target is missing, if the image does not show it.
 _MISSING_BELOW = 0.0
@@ -93,7 +93,7 @@ class Track:
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
-        others_distance: Mean distance from it of the likest other that was seen with a held one.
+        others_distance: Mean distance from it of the most similar other seen with a held one.
         box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
@@ -167,8 +167,8 @@ class Track:
     def largest_distance(self) -> float:
         """Largest appearance distance, 0 to 1, at which it is found again.
 
-        Where others look different enough, that of a held one is half way to the likest of them, of
-        the logarithms.
+        Where others look different enough, that of a held one is the geometric mean of its own mean
+        distance and that of the most similar other.
         """
         mean = self.mean_appearance_distance
         if not self.is_held:

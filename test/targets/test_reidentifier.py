@@ -216,7 +216,7 @@ def test_how_others_look_is_learned_from_clear_detections_beside_a_detected_sele
     assert unseen.others_distance == 0.3
 
 
-def test_the_likest_other_counts_that_may_be_taken_for_the_target(missing):
+def test_the_most_similar_other_counts_that_may_be_taken_for_the_target(missing):
     """Not the mean of all, nor a car that is always beside a person."""
     before, _ = missing
     person = replace(before, votes={"person": 1.0})
