@@ -16,6 +16,7 @@ evidence counts for at most 2 s, and again only after 1 s in which nothing is in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,7 +28,7 @@ from pf_tracker_ros.cues.fusion import DistractorRatios, Templates
 from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
-from pf_tracker_ros.tracking.exemplars import Exemplars
+from pf_tracker_ros.tracking.exemplars import SURE_ABOVE, Exemplars
 from pf_tracker_ros.tracking.hints import Standing
 
 # Share from which on it counts, and least factor of the odds.
@@ -153,6 +154,8 @@ class FilterState:
             or no search.
         occlusion_evidence: Whether something is in front of it in the next frame.
         challenger: See `Challenger`; None while the target is in sight.
+        similarities: Of the last box, and of the second peak if there is one, to the exemplars,
+            when they were last compared; None before, and without redetection.
         standing: Heights of boxes in the next image; None where nobody says.
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
@@ -181,6 +184,7 @@ class FilterState:
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
     challenger: Challenger | None = None
+    similarities: Sequence[float] | None = None
     standing: Standing | None = None
     place_factor: float = 1.0
     growth: float = 0.0
@@ -190,6 +194,23 @@ class FilterState:
     def outside_factor(self) -> float:
         """Factor of the odds that the next box shows the target, from outside of the image."""
         return self.occlusion_evidence.factor * self.place_factor * self.detector_factor
+
+    @property
+    def is_size_due(self) -> bool:
+        """Whether to estimate the size in the next frame: every other one while surely seen.
+
+        Always for a robot that is told about the ground, as the size tells it the distance.
+        """
+        return (
+            self.followed_frames % 2 == 0
+            or self.confidence < SURE_ABOVE
+            or self.standing is not None
+        )
+
+    @property
+    def is_comparison_due(self) -> bool:
+        """Whether to compare with the exemplars in the next frame: every other one, as above."""
+        return self.followed_frames % 2 == 1 or self.confidence < SURE_ABOVE
 
     @property
     def doubt(self) -> float:

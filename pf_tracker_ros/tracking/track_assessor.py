@@ -79,7 +79,12 @@ class TrackAssessor:
                 target may be free; not where a detector tells where targets are, nor beside other
                 targets, whose boxes would challenge it.
         """
-        frame_confidence = self._confidence.assess(state, measurement.assessed)
+        assessed = measurement.assessed
+        if self._redetector:
+            held = None if state.is_comparison_due else state.similarities
+            assessed = assessed._replace(similarities=held)
+            assessed = assessed._replace(similarities=assessed.compare(state.exemplars))
+        frame_confidence = self._confidence.assess(state, assessed)
         known_distractor = state.known_distractor
         if frame_confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
             known_distractor = as_box(measurement.box)
@@ -97,6 +102,7 @@ class TrackAssessor:
             # there after a cut is something else.
             learns=measurement.frame.odds_factor == 1.0
             and (self._redetector is None or frame_confidence >= _LEARN_ABOVE),
+            similarities=assessed.similarities,
         )
         if status.state == "tracking":
             return assessment
