@@ -61,7 +61,7 @@ class Continuity:
         is_other = self._other_for < _ACCEPTED_AFTER
         if interval > _COMPARED_WITHIN:
             return OTHER_SCENE if is_other else 1.0
-        difference = float(np.mean(cv2.mean(cv2.absdiff(last, samples))[: last[0, :1].size]))
+        difference = cv2.norm(last, samples, cv2.NORM_L1) / last.size
         usual = difference if self._usual is None else self._usual
         # Most images change as usual, and need no correlation.
         if difference <= _CUT_ABOVE * usual or not _is_cut(last, samples, usual):

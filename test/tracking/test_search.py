@@ -200,13 +200,13 @@ def test_the_cue_weights_move_to_the_cue_without_a_distractor():
 def test_the_search_grid_is_centered_on_the_predicted_box_and_inside_the_image():
     parameters = ProposalParameters(window=3.0)
     search = Search(PREDICTED, parameters, (320, 240))
-    centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
+    centers = search.grid.boxes[:, :2] + search.grid.boxes[:, 2:] / 2
     np.testing.assert_allclose(centers.mean(axis=0), [120.0, 100.0])
     # Centers of 40 cells over 3 box sizes.
     np.testing.assert_allclose(np.ptp(centers, axis=0), 3.0 * 40.0 * 39 / 40)
-    assert (search.boxes[:, 2:] == PREDICTED[2:]).all()
+    assert (search.grid.boxes[:, 2:] == PREDICTED[2:]).all()
     edge = Search(np.array([-10.0, 200.0, 40.0, 40.0]), parameters, (320, 240))
-    centers = edge.boxes[:, :2] + edge.boxes[:, 2:] / 2
+    centers = edge.grid.boxes[:, :2] + edge.grid.boxes[:, 2:] / 2
     assert centers.min() >= 0.0
     assert centers[:, 1].max() <= 240.0
 
@@ -217,14 +217,14 @@ def test_the_covered_area_contains_every_box_that_can_be_proposed():
     covered = search.cover(boxes)
     first = covered[:, :2].min(axis=0)
     last = (covered[:, :2] + covered[:, 2:]).max(axis=0)
-    for one in (boxes, search.boxes):
+    for one in (boxes, search.grid.boxes):
         assert (one[:, :2] >= first).all()
         assert (one[:, :2] + one[:, 2:] <= last).all()
 
 
 def peaks(search, *places_and_heights):
     """Responses on the grid of a search: peaks around (x, y) with the given heights."""
-    centers = search.boxes[:, :2] + search.boxes[:, 2:] / 2
+    centers = search.grid.boxes[:, :2] + search.grid.boxes[:, 2:] / 2
     return np.max(
         [
             height * np.exp(-np.square(centers - (x, y)).sum(axis=1) / 200.0)
@@ -256,7 +256,7 @@ def test_a_slope_towards_the_target_or_the_border_of_the_grid_is_no_distractor(p
 
 def test_a_target_without_a_response_has_no_distractor():
     search = Search(PREDICTED, ProposalParameters(window=3.0), (320, 240))
-    nothing = {"one": np.full(len(search.boxes), -0.2)}
+    nothing = {"one": np.full(len(search.grid.boxes), -0.2)}
     assert search.distractor_box(PREDICTED, {"one": np.array([-0.2])}, nothing, 0.3) is None
 
 
