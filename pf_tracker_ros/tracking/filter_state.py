@@ -208,11 +208,6 @@ class FilterState:
         )
 
     @property
-    def is_comparison_due(self) -> bool:
-        """Whether to compare with the exemplars in the next frame: every other one, as above."""
-        return self.followed_frames % 2 == 1 or self.confidence < SURE_ABOVE
-
-    @property
     def doubt(self) -> float:
         """Doubt that the last estimate is the target, 0 to 1."""
         doubt = (_CERTAIN_ABOVE - self.confidence) / (_CERTAIN_ABOVE - _DOUBTFUL_BELOW)
