@@ -5,8 +5,10 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
+from pf_tracker_ros.cues.correlation_response import CorrelationResponse
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.tracking import target_filter, track_assessor
+from pf_tracker_ros.tracking.exemplars import Exemplars
 from pf_tracker_ros.tracking.redetection import Redetector
 from pf_tracker_ros.tracking.search import Search, mode_mean
 
@@ -267,3 +269,39 @@ def test_the_mean_of_a_mode_excludes_the_other_mode():
     particles = ParticleSet(states, np.log([0.2, 0.3, 0.5]))
     np.testing.assert_allclose(mode_mean(particles, boxes, 0), [11.2, 10.0, 2.2])
     np.testing.assert_allclose(mode_mean(particles, boxes, 2), states[2])
+
+
+def test_a_sure_target_is_asked_for_size_and_exemplars_in_turns_and_a_doubtful_one_for_both(
+    monkeypatch,
+):
+    """A frame with two sizes has two response maps."""
+    compared, sizes = [], []
+    compare, read = Exemplars.similarities, CorrelationResponse._read
+
+    def counted_compare(*arguments):
+        compared.append(1)
+        return compare(*arguments)
+
+    def counted_read(*arguments):
+        (windows,) = read(*arguments)
+        sizes.append(len(windows.sides))
+        return [windows]
+
+    monkeypatch.setattr(Exemplars, "similarities", counted_compare)
+    monkeypatch.setattr(CorrelationResponse, "_read", counted_read)
+    monkeypatch.setattr(Redetector, "search", lambda *_, **__: [])
+    monkeypatch.setattr(Redetector, "challenger", lambda *_, **__: None)
+    tracker = Tracker.from_preset("default")
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+
+    def asked(count, *, visible):
+        compared.clear()
+        sizes.clear()
+        for _ in range(count):
+            tracker.update(frame(120, 100, visible=visible))
+        return len(compared), sorted(sizes)
+
+    asked(10, visible=True)
+    assert asked(8, visible=True) == (4, [1] * 4 + [2] * 4)
+    assert asked(1, visible=False)[0] == 1
+    assert asked(4, visible=False) == (4, [2] * 4)
