@@ -20,6 +20,7 @@ title, and optionally columns and rows:
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import platform
@@ -260,6 +261,10 @@ def _measure(options: argparse.Namespace) -> int:
     path = options.output
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"parts": {}}
     for part in options.only or PARTS:
+        if part.startswith("targets") and importlib.util.find_spec("trackeval") is None:
+            # It brings an OpenCV of its own, which would replace that of the environment.
+            print(f"{part} is left out: pip install --no-deps trackeval", file=sys.stderr)
+            continue
         found = measure(part, footage, options.seeds, path.resolve().parent)
         if found is None:
             print(f"{part} is left out: its footage is not in {options.footage}", file=sys.stderr)

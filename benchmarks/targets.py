@@ -303,7 +303,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if name not in TRACKERS or name in missing:
             parser.error(f"{name} cannot run: {missing.get(name, 'there is no such tracker')}")
     if importlib.util.find_spec("trackeval") is None:
-        parser.error("trackeval is not installed: pip install trackeval")
+        parser.error("trackeval is not installed: pip install --no-deps trackeval")
     trackers = {
         name: functools.partial(one, seed=options.seed)
         for name, one in TRACKERS.items()
