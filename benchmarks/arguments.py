@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -27,7 +27,7 @@ def parser(description: str | None) -> argparse.ArgumentParser:
 
 
 def sequence_parser(description: str | None, seeds: int = 3) -> argparse.ArgumentParser:
-    """A parser of sequence folders, `--seeds` and `--output`."""
+    """A parser of sequence folders and `--seeds`."""
     made = parser(description)
     made.add_argument(
         "sequences",
@@ -37,15 +37,6 @@ def sequence_parser(description: str | None, seeds: int = 3) -> argparse.Argumen
         help="sequence folder (groundtruth.txt and frames), or folder of such folders",
     )
     add_seeds(made, seeds)
-    add_folder(made)
-    return made
-
-
-def parts_parser(description: str | None, parts: Collection[str]) -> argparse.ArgumentParser:
-    """A parser of `--only` for parts of a measurement and `--output` for its tables."""
-    made = parser(description)
-    made.add_argument("--only", action="append", choices=parts, help="may be repeated")
-    made.add_argument("--output", type=Path, help="Markdown file for the tables")
     return made
 
 

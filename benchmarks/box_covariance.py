@@ -15,7 +15,6 @@ and its regions of 50, 90 and 99 % contain the truth in that share of the frames
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -125,10 +124,10 @@ def summary(title: str, measured: Sequence[Errors], fitted: Sequence[NDArray[np.
         squared = np.concatenate([part[name][0] for part in parts])
         inside = (f"{(squared < chi2.ppf(share, degrees)).mean():.3f}" for share in SHARES)
         rows.append([name, f"{squared.mean() / degrees:.2f}", *inside])
-    return Table(title, ("error", "NEES", *(f"inside {share:.0%}" for share in SHARES)), [rows])
+    return Table(title, ("error", "NEES", *(f"inside {share:.0%}" for share in SHARES)), rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print the tables and the coefficients."""
     parser = options_of.sequence_parser(__doc__)
     options_of.add_preset(parser)
@@ -147,8 +146,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     summary("All sequences, the package's", measured, [COEFFICIENTS] * len(sequences)).show()
     print("\nfitted on all:")
     print(np.array2string(fit(measured), precision=3, suppress_small=True, separator=", "))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

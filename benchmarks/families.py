@@ -4,20 +4,17 @@ Pedestrians in generated streets with increasing clutter: root mean square of th
 the level of clutter.
 
     python benchmarks/families.py --scenes 5
-
-It writes families.md.
 """
 
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Mapping, Sequence
 
 import arguments as options_of
 import numpy as np
 from scenes import ClutteredStreet
-from tables import Table, publish
+from tables import Table
 from tracker_families import FAMILIES
 
 from pf_tracker_ros import Tracker
@@ -56,13 +53,12 @@ def clutter_table(scenes: int, levels: int, frames: int) -> Table:
         for tracker, means in zip(TRACKERS, errors.mean(axis=0).T, strict=True)
     ]
     headings = ("tracker", *(f"{level:g}" for level in shares))
-    return Table(f"Center RMSE over the clutter, px, streets: {scenes}", headings, [rows])
+    return Table(f"Center RMSE over the clutter, px, streets: {scenes}", headings, rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the experiment, print the table and write the file."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the experiment and print the table."""
     parser = options_of.parser(__doc__)
-    options_of.add_folder(parser)
     at_least = options_of.at_least
     parser.add_argument("--scenes", type=at_least(1), default=5, help="generated streets [5]")
     parser.add_argument("--levels", type=at_least(2), default=5, help="levels of clutter [5]")
@@ -70,11 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--frames", type=at_least(10), default=120, help="of a generated street [120]"
     )
     options = parser.parse_args(arguments)
-    with options_of.told_errors(parser):
-        table = clutter_table(options.scenes, options.levels, options.frames)
-        publish(options.output / "families.md", [table])
-    return 0
+    clutter_table(options.scenes, options.levels, options.frames).show()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

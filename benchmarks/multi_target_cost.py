@@ -177,7 +177,7 @@ def main() -> None:
         figures = (median(medians), median(means), min(medians), worst)
         rows.append([way, *(f"{value:.1f}" for value in figures)])
     headings = (f"{options.size}, one thread", "CPU ms a frame", "mean", "least median", "99 %")
-    Table("Several targets", headings, [rows]).show()
+    Table("Several targets", headings, rows).show()
 
 
 if __name__ == "__main__":

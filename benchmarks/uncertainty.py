@@ -5,14 +5,13 @@ A frame is right if its overlap is above one half; frames without a target take 
     python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
 
 With `--group`, such as for kinds of footage, it also reports all figures of each group. It writes
-uncertainty.md and uncertainty.png.
+uncertainty.png.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -22,7 +21,7 @@ import arguments as options_of
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from tables import Table, publish
+from tables import Table
 from tracking_runs import estimates_of, timed_images
 
 from pf_tracker_ros import Estimate
@@ -126,7 +125,7 @@ def summary(groups: Mapping[str, Frames], title: str) -> Table:
     """The figures of each group of sequences, such as a kind of footage."""
     columns = [figures(frames) for frames in groups.values()]
     rows = [[name, *(_text(one[name]) for one in columns)] for name in columns[0]]
-    return Table(title, ("figure", *groups), [rows])
+    return Table(title, ("figure", *groups), rows)
 
 
 def figures(frames: Frames) -> dict[str, float]:
@@ -153,7 +152,7 @@ def reliability_table(frames: Frames) -> Table:
         [f"{one.low:.1f} to {one.high:.1f}", f"{count * one.share:.0f}", _text(one.right)]
         for one in reliability(frames.labeled)
     ]
-    return Table("Right frames by confidence", ("confidence", "frames", "right"), [rows])
+    return Table("Right frames by confidence", ("confidence", "frames", "right"), rows)
 
 
 def plot(path: Path, frames: Frames, title: str) -> None:
@@ -181,9 +180,10 @@ def _text(figure: float) -> str:
     return "-" if math.isnan(figure) else f"{figure:.3f}"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the tables and write the files."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, print the tables and write the plot."""
     parser = options_of.sequence_parser(__doc__)
+    options_of.add_folder(parser)
     options_of.add_preset(parser)
     parser.add_argument(
         "--group",
@@ -204,12 +204,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         }
         runs = f"{counted(len(sequences), 'sequence')}, {counted(options.seeds, 'seed')}"
         title = f"Uncertainty of preset {options.preset}: {runs}"
-        publish(
-            options.output / "uncertainty.md", [summary(groups, title), reliability_table(frames)]
-        )
+        summary(groups, title).show()
+        reliability_table(frames).show()
+        options.output.mkdir(parents=True, exist_ok=True)
         plot(options.output / "uncertainty.png", frames, f"{options.preset}: {runs}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
