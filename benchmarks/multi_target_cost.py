@@ -68,8 +68,7 @@ class Scene:
             actors.append(Actor(sprites, time_of // 2 % GAIT_VIEWS, feet))
             boxes.append(standing_boxes(feet, _HEIGHT))
         street = Street(size, 150, 200, 300, ((40, 60, 200), (180, 120, 30), (40, 160, 60)))
-        empty = np.zeros((size[1], size[0], 4), np.float32)
-        self._stage = Stage(street.draw(background), tuple(actors), empty)
+        self._stage = Stage(street.draw(background), tuple(actors))
         self._camera = HandheldCamera(
             camera, size=size, margin=1, frames=FRAMES, shake=0.0, lighting=0.0, noise=2.5
         )

@@ -74,13 +74,12 @@ class ClutteredStreet(Scene):
         others = _distractors(crowd, frames, colors)[: round(clutter * MOST_DISTRACTORS)]
         # Farther people have their feet higher in the image.
         people = sorted([*others, target], key=lambda one: one.positions[0, 1])
-        clear = np.zeros((HEIGHT, WIDTH, 4), np.float32)
         camera = HandheldCamera(
             sensor, size=_SIZE, margin=1, frames=frames, shake=0.0, lighting=0.01, noise=3.0
         )
         boxes = standing_boxes(target.positions - camera.offsets, _PERSON_HEIGHT)
         name = f"street {seed}, clutter {clutter:.2f}"
-        super().__init__(name, Stage(backdrop, tuple(people), clear), camera, boxes)
+        super().__init__(name, Stage(backdrop, tuple(people)), camera, boxes)
 
 
 def _street(generator: np.random.Generator, level: float) -> NDArray[np.uint8]:

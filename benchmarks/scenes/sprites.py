@@ -68,34 +68,18 @@ class Placement:
     column: int  # canvas column of the first pixel; may lie outside the canvas
     row: int  # canvas row of the first pixel; may lie outside the canvas
 
-    def relative_to(self, column: int, row: int) -> Placement:
-        """The same pixels on a canvas that begins at this column and row."""
-        return Placement(self.pixels, self.column - column, self.row - row)
-
     def draw(self, canvas: NDArray[np.float32]) -> None:
         """Lay the pixels over a (H, W, 3) float32 canvas, in place; what juts out is cut off."""
-        region = self._region(canvas.shape)
-        if region is None:
-            return
-        target, source = region
-        pixels = self.pixels[source]
-        canvas[target] *= 1.0 - pixels[..., 3:]
-        canvas[target] += pixels[..., :3]
-
-    def _region(
-        self, shape: tuple[int, ...]
-    ) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
         height, width = self.pixels.shape[:2]
-        top, bottom = max(self.row, 0), min(self.row + height, shape[0])
-        left, right = max(self.column, 0), min(self.column + width, shape[1])
+        top, bottom = max(self.row, 0), min(self.row + height, canvas.shape[0])
+        left, right = max(self.column, 0), min(self.column + width, canvas.shape[1])
         if top >= bottom or left >= right:
-            return None
-        target = (slice(top, bottom), slice(left, right))
-        source = (
-            slice(top - self.row, bottom - self.row),
-            slice(left - self.column, right - self.column),
-        )
-        return target, source
+            return
+        rows, columns = slice(top - self.row, bottom - self.row), slice(left - self.column, None)
+        pixels = self.pixels[rows, columns][:, : right - left]
+        target = canvas[top:bottom, left:right]
+        target *= 1.0 - pixels[..., 3:]
+        target += pixels[..., :3]
 
 
 class Drawing:
