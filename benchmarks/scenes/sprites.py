@@ -16,6 +16,14 @@ from numpy.typing import NDArray
 Color = tuple[float, float, float]
 """Blue, green, red, 0 to 255."""
 
+
+def from_hsv(hue: float, saturation: float, value: float) -> Color:
+    """The color of a hue in degrees, and saturation and value from 0 to 1."""
+    pixel = cv2.cvtColor(np.array([[[hue, saturation, value]]], np.float32), cv2.COLOR_HSV2BGR)
+    blue, green, red = (255.0 * pixel).ravel().tolist()
+    return blue, green, red
+
+
 Points = list[tuple[float, float]] | NDArray[np.floating]
 
 
@@ -31,9 +39,10 @@ class Sprite:
     anchor: tuple[float, float]
 
     def textured(self, factors: NDArray[np.float32]) -> Sprite:
-        """The same sprite, brighter or darker by (H, W) factors."""
+        """The same sprite, brighter or darker by factors of at least its size."""
         pixels = self.pixels.copy()
-        brighter = pixels[..., :3] * factors[..., None]
+        height, width = pixels.shape[:2]
+        brighter = pixels[..., :3] * factors[:height, :width, None]
         pixels[..., :3] = np.minimum(brighter, 255.0 * pixels[..., 3:])
         return Sprite(pixels, self.anchor)
 
