@@ -82,19 +82,6 @@ def test_with_max_targets_1_a_new_target_replaces_the_several_there_are(make_ses
     assert iou(outcome.targets[0].estimate.box, walkers.boxes[11][1]) > 0.6
 
 
-def test_targets_stay_when_max_targets_decreases(make_session, walkers):
-    session = make_session(4)
-    for place in range(3):
-        session.request(tuple(walkers.boxes[0][place]))
-    show(session, walkers, range(3))
-    configure(session, 2)
-    assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
-    with pytest.raises(
-        ValueError, match="there are 3 targets, but 'max_targets' is 2; stop 2 first"
-    ):
-        session.request((4.0, 4.0, 12.0, 12.0))
-
-
 @pytest.mark.parametrize(("before", "after"), [(1, 4), (4, 1)])
 def test_a_refused_change_of_max_targets_changes_nothing(
     make_session, walkers, as_told, before, after
@@ -248,21 +235,6 @@ def test_a_manual_target_replaces_a_detected_one(make_session, walkers, iou):
     outcome = show(session, walkers, range(6, 12), dict.fromkeys(range(6, 12, 2), (0, 1)))
     assert ids(outcome) == [2]
     assert iou(outcome.estimate.box, walkers.boxes[11][0]) > 0.6
-
-
-def test_late_detections_of_a_single_target_count_at_their_stamps(make_session, walkers, as_told):
-    """The result is that of timely detections."""
-    outputs = []
-    for late in (0, 3):
-        session = make_session(1)
-        session.request(tuple(walkers.boxes[0][0] + (4, 4, 0, 0)))
-        for number in range(12):
-            if number == 6 + late:
-                session.add_detections(walkers.detections(6, [0]), at(6))
-            outcome = show(session, walkers, [number])
-            assert outcome.rejected_detections == ()
-        outputs.append(as_told(outcome.targets))
-    assert outputs[0] == outputs[1]
 
 
 @pytest.mark.parametrize("preset", ["default", "li2007"])
