@@ -3,55 +3,22 @@
 import cv2
 import numpy as np
 import pytest
+from sessions import SECOND, START, at, ids, make_session, show
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.requests import MAX_QUEUED_DETECTIONS
-from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-STEP = SECOND // 10
-
-
-def at(number):
-    return START + number * STEP
-
 
 @pytest.fixture
-def make_session():
-    def make(seed=0, **parameters):
-        named = {name.replace("__", "."): value for name, value in parameters.items()}
-        values = preset_parameters("default", 32) | named
-        session = Session(values, seed)
-        session.frame_buffer.limit(frames=200, megabytes=128.0)
-        return session
-
-    return make
+def session():
+    return make_session(32)
 
 
-@pytest.fixture
-def session(make_session):
-    return make_session()
-
-
-def show(session, walkers, numbers, every=0):
-    """Process frames, each `every`th with detections; returns the last outcome."""
-    for number in numbers:
-        if every and number % every == 0:
-            session.add_detections(walkers.detections(number), at(number))
-        outcome = session.process(Frame(walkers.images[number], at(number)))
-    return outcome
-
-
-def ids(outcome):
-    return [target.id for target in outcome.targets]
-
-
-def test_late_detections_are_applied_at_their_own_frame(make_session, walkers, iou):
-    late = make_session()
+def test_late_detections_are_applied_at_their_own_frame(walkers, iou):
+    late = make_session(32)
     for number in range(14):
         outcome = late.process(Frame(walkers.images[number], at(number)))
         if number >= 4 and number % 4 == 0:
@@ -69,10 +36,10 @@ def test_early_detections_wait_for_their_frame(session, walkers):
     assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
 
 
-def test_equal_inputs_give_equal_bits(make_session, walkers, as_told):
+def test_equal_inputs_give_equal_bits(walkers, as_told):
     runs = []
     for _ in range(2):
-        session = make_session(seed=5)
+        session = make_session(32, seed=5)
         snapshots = []
         for number in range(12):
             if number in (5, 6, 9):
@@ -139,8 +106,8 @@ def test_a_manual_target_on_a_past_frame_is_a_new_or_an_existing_target(
     assert iou(mine.estimate.box, walkers.boxes[10][0]) > 0.5
 
 
-def test_a_request_beyond_max_targets_is_refused_at_once(make_session, walkers):
-    session = make_session(max_targets=2)
+def test_a_request_beyond_max_targets_is_refused_at_once(walkers):
+    session = make_session(2)
     for place in (0, 1):
         session.request(tuple(walkers.boxes[0][place]))
     with pytest.raises(ValueError, match="there are 2 targets, the maximum"):
@@ -365,10 +332,8 @@ def gray(walkers, number):
 
 
 @pytest.mark.parametrize("behind", [None, 0, 5])
-def test_a_manual_target_on_images_of_another_type_resets_the_tracker(
-    make_session, walkers, iou, behind
-):
-    session = make_session(max_targets=2)
+def test_a_manual_target_on_images_of_another_type_resets_the_tracker(walkers, iou, behind):
+    session = make_session(2)
     for place in (0, 1):
         session.request(tuple(walkers.boxes[0][place]))
     show(session, walkers, range(4))

@@ -353,42 +353,6 @@ def test_another_motion_model_relearns_the_target_where_it_was_last_seen(started
     assert same(after.estimate, tracker.update(images[2], 0.04))
 
 
-@pytest.mark.parametrize("cue", ["hog", "correlation_response", "foreground"])
-def test_a_cue_is_added_as_by_the_library(cue, images, box):
-    """Also a cue with parameters that are read-only from then on."""
-    before = preset_parameters("li2007")
-    changes = {"cues": (*before["cues"], cue)}
-    session = Session(before, seed=3)
-    session.request(box)
-    session.process(Frame(images[0], START))
-    session.process(Frame(images[1], START + 40_000_000))
-    session.configure(before | changes, seed=3)
-    estimate = session.process(Frame(images[2], START + 80_000_000)).estimate
-    tracker = Tracker.from_preset("li2007", seed=3)
-    tracker.start(images[0], box)
-    tracker.update(images[1], 0.04)
-    tracker.set_parameters(changes)
-    assert estimate == tracker.update(images[2], 0.04)
-    session.configure(before, seed=3)
-    tracker.set_parameters({"cues": before["cues"]})
-    estimate = session.process(Frame(images[3], START + 120_000_000)).estimate
-    assert estimate == tracker.update(images[3], 0.04)
-
-
-def test_new_cues_relearn_an_occluded_target_where_it_was_last_seen(started, images):
-    black = np.zeros_like(images[0])
-    seen = started.process(Frame(images[1], START + 40_000_000))
-    hidden = started.process(Frame(black, START + 80_000_000))
-    assert (seen.estimate.state, hidden.estimate.state) == ("tracking", "occluded")
-    started.configure(PARAMETERS | {"cues": ("hog",)}, seed=3)
-    assert started.estimate.box == seen.estimate.box
-    after = started.process(Frame(black, START + 120_000_000))
-    assert after.estimate.state == "occluded"
-    shown = started.process(Frame(images[1], START + 160_000_000))
-    assert shown.estimate.state == "tracking"
-    assert shown.estimate.box == pytest.approx(seen.estimate.box, abs=6)
-
-
 @pytest.mark.parametrize(
     "estimated", [(-30.0, 20.0, 220.0, 50.0), (150.0, 118.0, 40.0, 40.0), (20.0, 20.0, 0.5, 300.0)]
 )

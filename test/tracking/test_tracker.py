@@ -508,18 +508,6 @@ def test_motion_noise_changes_while_tracking():
     assert np.trace(tracker.update(BACKGROUND, dt=0.04).covariance) > 5 * narrow
 
 
-def test_estimates_cannot_be_changed_in_place():
-    estimate = Tracker.from_preset("default").start(*frame(100, 100))
-    for array in (
-        estimate.particles,
-        estimate.particle_boxes,
-        estimate.weights,
-        estimate.covariance,
-    ):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0.0
-
-
 def test_an_image_that_is_reused_by_the_caller_does_no_harm():
     """Camera drivers reuse one buffer."""
     frames = walk(10)
