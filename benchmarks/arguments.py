@@ -16,7 +16,6 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 from pf_tracker_ros.evaluation import EvaluationError
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.presets import PRESETS
 
 
 def parser(description: str | None) -> argparse.ArgumentParser:
@@ -56,11 +55,6 @@ def add_folder(made: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for the files [%(default)s]",
     )
-
-
-def add_preset(made: argparse.ArgumentParser) -> None:
-    """Add `--preset`."""
-    made.add_argument("--preset", default="default", choices=PRESETS, help="[%(default)s]")
 
 
 @contextmanager

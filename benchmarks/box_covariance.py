@@ -54,12 +54,12 @@ class Errors(NamedTuple):
     edges: NDArray[np.float64]  # (F,) error of the lower edge, box heights
 
 
-def measure(footage: Footage, preset: str, seeds: int) -> Errors:
+def measure(footage: Footage, seeds: int) -> Errors:
     """Track a sequence with each seed."""
     truth = np.asarray(footage.ground_truth, dtype=float)
     features, errors, edges = [], [], []
     for seed in range(seeds):
-        estimates = estimates_of(preset, seed, timed_images(footage), truth[0])
+        estimates = estimates_of("default", seed, timed_images(footage), truth[0])
         for estimate, true in zip(estimates, truth[1:], strict=True):
             box = np.array(estimate.box)
             is_on = has_target(true[None])[0] and overlap(box[None], true[None])[0] >= ON_TARGET
@@ -130,7 +130,6 @@ def summary(title: str, measured: Sequence[Errors], fitted: Sequence[NDArray[np.
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print the tables and the coefficients."""
     parser = options_of.sequence_parser(__doc__)
-    options_of.add_preset(parser)
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
         sequences = read_sequences(options.sequences)
@@ -139,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         measured = []
         with progress_bar(len(sequences), "sequences") as on_progress:
             for footage in sequences:
-                measured.append(measure(footage, options.preset, options.seeds))
+                measured.append(measure(footage, options.seeds))
                 on_progress(footage.name, 1)
     fitted = [fit([*measured[:number], *measured[number + 1 :]]) for number in range(len(measured))]
     summary("All sequences, each fitted on the others", measured, fitted).show()

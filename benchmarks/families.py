@@ -33,7 +33,7 @@ def center_rmse(result: SequenceResult) -> float:
     return float(np.sqrt(np.nanmean(result.center_errors**2, axis=1)).mean())
 
 
-def clutter_table(scenes: int, levels: int, frames: int) -> Table:
+def clutter_table(scenes: int, levels: int = 5, frames: int = 120) -> Table:
     """Generated streets, each at evenly spaced levels of clutter, 0 to 1.
 
     A scene's seed is the trackers' seed too. Errors are means over the scenes.
@@ -59,14 +59,8 @@ def clutter_table(scenes: int, levels: int, frames: int) -> Table:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the experiment and print the table."""
     parser = options_of.parser(__doc__)
-    at_least = options_of.at_least
-    parser.add_argument("--scenes", type=at_least(1), default=5, help="generated streets [5]")
-    parser.add_argument("--levels", type=at_least(2), default=5, help="levels of clutter [5]")
-    parser.add_argument(
-        "--frames", type=at_least(10), default=120, help="of a generated street [120]"
-    )
-    options = parser.parse_args(arguments)
-    clutter_table(options.scenes, options.levels, options.frames).show()
+    options_of.add_seeds(parser, 5, "generated streets")
+    clutter_table(parser.parse_args(arguments).seeds).show()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-r"""False tracking: does a preset report "tracking" without the target?
+r"""False tracking: is "tracking" reported without the target?
 
 The footage is made of sequences:
 
@@ -7,7 +7,7 @@ The footage is made of sequences:
 3. the target is hidden, erased, copied or distorted for 100 frames, in a situation made from the
    sequence's own pixels, between 50 and 75 frames as they were.
 
-    python benchmarks/honesty.py SEQUENCE_DIR... --preset default --seeds 1
+    python benchmarks/honesty.py SEQUENCE_DIR... --seeds 1
 
 Of the color sequences every third one is a scene to cut to, at most 8; at most 12 of the others are
 targets. Situations are made of all sequences with the target in 60 frames in a row, played back and
@@ -74,9 +74,10 @@ class Run:
     share: float = math.nan  # of a situation's frames called tracking on something else
 
 
-def tracked(preset: str, seed: int, images: Iterable[Image], clip: Clip) -> list[Estimate]:
-    """A preset's estimates for the images after the first, which has the clip's first box."""
-    return estimates_of(preset, seed, ((image, clip.interval) for image in images), clip.boxes[0])
+def tracked(seed: int, images: Iterable[Image], clip: Clip) -> list[Estimate]:
+    """Estimates of `default` for the images after the first, which has the clip's first box."""
+    timed = ((image, clip.interval) for image in images)
+    return estimates_of("default", seed, timed, clip.boxes[0])
 
 
 def is_sure(estimates: Sequence[Estimate]) -> NDArray[np.bool_]:
@@ -92,26 +93,26 @@ def overlaps(estimates: Sequence[Estimate], true_boxes: NDArray[np.float64]) -> 
     return found
 
 
-def in_light(preset: str, seed: int, folder: Path, kind: str) -> Run:
+def in_light(seed: int, folder: Path, kind: str) -> Run:
     """Mean overlap in the second half of a sequence, with changed illumination."""
     clip = read(folder)
     middle = len(clip.images) // 2
-    after = tracked(preset, seed, relight(clip, LIGHTS[kind]), clip)[middle - 1 :]
+    after = tracked(seed, relight(clip, LIGHTS[kind]), clip)[middle - 1 :]
     true_boxes = clip.boxes[middle:]
     mean = overlaps(after, true_boxes)[has_target(true_boxes)].mean()
     return Run(kind, clip.name, seed, float(mean))
 
 
-def after_cut(preset: str, seed: int, folder: Path, scene_folder: Path) -> Run:
+def after_cut(seed: int, folder: Path, scene_folder: Path) -> Run:
     """Number of frames of another scene with the target reported as tracked."""
     clip, scene = read(folder, BEFORE_CUT), read(scene_folder, AFTER_CUT)
-    estimates = tracked(preset, seed, cut(clip, scene, AFTER_CUT), clip)
+    estimates = tracked(seed, cut(clip, scene, AFTER_CUT), clip)
     count = int(is_sure(estimates[-AFTER_CUT:]).sum())
     name = f"{clip.name} to {scene.name}"
     return Run("cut", name, seed, count, is_apart=same_place(clip, scene))
 
 
-def in_situation(preset: str, seed: int, folder: Path, kind: str) -> Run | None:
+def in_situation(seed: int, folder: Path, kind: str) -> Run | None:
     """What is called tracking in a situation, and the time until the target is found after it.
 
     None where the sequence is too short.
@@ -120,7 +121,7 @@ def in_situation(preset: str, seed: int, folder: Path, kind: str) -> Run | None:
     if clip is None:
         return None
     shown = SITUATIONS[kind](clip, BEFORE, BEFORE + DURING)
-    estimates = tracked(preset, seed, shown.images, shown)
+    estimates = tracked(seed, shown.images, shown)
     shared = overlaps(estimates, shown.boxes[1:])
     is_tracking = np.array([one.state == "tracking" for one in estimates])
     is_wrong = shared < WRONG_BELOW
@@ -149,9 +150,7 @@ def read(folder: Path, frames: int | None = None) -> Clip:
     return Clip.of(read_sequences([folder])[0], frames)
 
 
-def measured(
-    preset: str, seed: int, folders: Sequence[Path], parts: Collection[str]
-) -> Iterator[Run | None]:
+def measured(seed: int, folders: Sequence[Path], parts: Collection[str]) -> Iterator[Run | None]:
     """All runs of some parts: those of `PARTS` on color sequences, and situations on all.
 
     Raises:
@@ -159,7 +158,7 @@ def measured(
     """
     for folder in folders:
         for kind in (one for one in SITUATIONS if one in parts):
-            yield in_situation(preset, seed, folder, kind)
+            yield in_situation(seed, folder, kind)
     if set(PARTS).isdisjoint(parts):
         return
     colored = [folder for folder in folders if read(folder, 1).is_colored]
@@ -169,10 +168,10 @@ def measured(
         raise EvaluationError("fewer than two sequences with colors: a target and another scene")
     for folder in colored if "light" in parts else ():
         for kind in LIGHTS:
-            yield in_light(preset, seed, folder, kind)
+            yield in_light(seed, folder, kind)
     for folder in targets if "cut" in parts else ():
         for scene in scenes:
-            yield after_cut(preset, seed, folder, scene)
+            yield after_cut(seed, folder, scene)
 
 
 def light_table(runs: Sequence[Run]) -> Table:
@@ -234,7 +233,6 @@ def tables_of(runs: Sequence[Run]) -> list[Table]:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print the tables."""
     parser = options_of.sequence_parser(__doc__, seeds=1)
-    options_of.add_preset(parser)
     parser.add_argument(
         "--only",
         action="append",
@@ -249,7 +247,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         runs = [
             run
             for seed in range(options.seeds)
-            for run in measured(options.preset, seed, folders, parts)
+            for run in measured(seed, folders, parts)
             if run is not None
         ]
     for table in tables_of(runs):

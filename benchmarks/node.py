@@ -6,7 +6,7 @@ subscriber, has its stamp. Both take turns, so that other load slows both. What 
 adds is the CPU time of the tracker's process without that of `Tracker.update`, which its status
 tells, and without that of the bare subscriber.
 
-    python benchmarks/node.py --size 768x576
+    python benchmarks/node.py --seconds 10
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from pf_tracker_ros.stamps import stamp_of
 
 SIZES = {"640x480": (640, 480), "768x576": (768, 576), "1920x1080": (1920, 1080)}
 RELIABILITIES = ("reliable", "best_effort")
+RATE = 30.0
 START_TIMEOUT = 30.0
 WARM_UP_SECONDS = 2.0
 LAST_ANSWER_SECONDS = 1.0
@@ -157,9 +158,7 @@ def megabytes(process_id: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def play(
-    camera: Camera, frames: list[Image], rate: float, seconds: float, process_id: int
-) -> Figures:
+def play(camera: Camera, frames: list[Image], seconds: float, process_id: int) -> Figures:
     """Publish to a process that has just been started, for some seconds after the warm-up."""
     executor = SingleThreadedExecutor()
     executor.add_node(camera)
@@ -181,7 +180,7 @@ def play(
         if due - began > START_TIMEOUT:
             raise RuntimeError(f"no answer within {START_TIMEOUT:g} s")
         publish()
-        due += 1.0 / rate
+        due += 1.0 / RATE
         spin(lambda: camera.answered, due)
     start = min(camera.answered.values()) - began
     published: dict[int, float] = {}
@@ -194,7 +193,7 @@ def play(
         stamp = publish()
         if due - began >= WARM_UP_SECONDS:
             published[stamp] = moment
-        due += 1.0 / rate
+        due += 1.0 / RATE
     spin(lambda: published.keys() <= camera.answered.keys(), time.monotonic() + LAST_ANSWER_SECONDS)
     executor.shutdown()
     ages = [camera.answered[s] - at for s, at in published.items() if s in camera.answered]
@@ -209,7 +208,7 @@ def play(
     )
 
 
-def measure(size: str, reliability: str, rate: float, seconds: float, priority: int) -> Table:
+def measure(size: str, reliability: str, seconds: float, priority: int) -> Table:
     """A table of both subscribers for an image size and a kind of camera."""
     frames = moving_square(*SIZES[size])
     commands = {
@@ -225,13 +224,13 @@ def measure(size: str, reliability: str, rate: float, seconds: float, priority: 
         rclpy.init()
         camera = Camera(reliability)
         with process(command) as process_id:
-            found[title] = play(camera, frames, rate, seconds, process_id)
+            found[title] = play(camera, frames, seconds, process_id)
         camera.destroy_node()
         rclpy.shutdown()
     rows = [[title, *figures.cells()] for title, figures in found.items()]
     tracker = found[TRACKER]
     added = tracker.cpu_a_frame - tracker.update_a_frame - found[BARE].cpu_a_frame
-    title = f"{size} at {rate:g} Hz from a {reliability} camera; the node adds {added:.2f} ms"
+    title = f"{size} at {RATE:g} Hz from a {reliability} camera; the node adds {added:.2f} ms"
     return Table(title, HEADINGS, rows)
 
 
@@ -240,9 +239,6 @@ def main() -> None:
     parser = options_of.parser(__doc__)
     at_least = options_of.at_least
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn [10]")
-    parser.add_argument("--rate", type=at_least(1), default=30, help="frames per second [30]")
-    parser.add_argument("--size", action="append", choices=[*SIZES], help="may be repeated")
-    parser.add_argument("--reliability", action="append", choices=RELIABILITIES)
     parser.add_argument(
         "--realtime-priority",
         type=at_least(0),
@@ -260,12 +256,10 @@ def main() -> None:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     if arguments.large_images:
         os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
-    cameras = itertools.product(arguments.size or SIZES, arguments.reliability or RELIABILITIES)
-    settings = arguments.rate, arguments.seconds, arguments.realtime_priority
     with unused_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        for camera in cameras:
-            measure(*camera, *settings).show()
+        for camera in itertools.product(SIZES, RELIABILITIES):
+            measure(*camera, arguments.seconds, arguments.realtime_priority).show()
 
 
 if __name__ == "__main__":

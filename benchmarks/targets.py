@@ -243,9 +243,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         metavar=("MOT_DIR", "FRAMES"),
         help="folder with gt.txt, det.txt and seqinfo.ini, and video or folder of images",
     )
-    parser.add_argument(
-        "--tracker", action="append", choices=TRACKERS, metavar="NAME", help="only this tracker"
-    )
     parser.add_argument("--seed", type=int, default=0, help="of MultiTracker and Tracker [0]")
     parser.add_argument(
         "--moving-camera",
@@ -257,11 +254,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if importlib.util.find_spec("trackeval") is None:
         parser.error("trackeval is not installed: pip install trackeval")
     trackers = {}
-    for name in options.tracker or TRACKERS:
-        if missing := TRACKERS[name].missing():
+    for name, kind in TRACKERS.items():
+        if missing := kind.missing():
             print(f"{name} is left out: {missing}.")
         else:
-            trackers[name] = functools.partial(TRACKERS[name], seed=options.seed)
+            trackers[name] = functools.partial(kind, seed=options.seed)
     cv2.setNumThreads(1)
     with options_of.told_errors(parser):
         sequences = [read_sequence(*paths) for paths in options.sequence]

@@ -1,8 +1,8 @@
-r"""Calibration of a preset: confidence and states compared with ground truth.
+r"""Calibration of `default`: confidence and states compared with ground truth.
 
 A frame is right if its overlap is above one half; frames without a target take no part.
 
-    python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
+    python benchmarks/uncertainty.py SEQUENCE_DIR... --seeds 3
 
 With `--group`, such as for kinds of footage, it also reports all figures of each group. It writes
 uncertainty.png.
@@ -89,14 +89,15 @@ def together(parts: Sequence[Frames]) -> Frames:
     return Frames(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def measured(sequences: Sequence[Footage], preset: str, seeds: int) -> list[Frames]:
-    """Output of a preset for all frames but the first, for each sequence, all seeds."""
+def measured(sequences: Sequence[Footage], seeds: int) -> list[Frames]:
+    """Output of `default` for all frames but the first, for each sequence, all seeds."""
     parts = []
     with progress_bar(len(sequences), "sequences") as on_progress:
         for footage in sequences:
             truth, interval = usable_ground_truth(footage), footage.nominal_interval
             runs = [
-                estimates_of(preset, seed, timed_images(footage), truth[0]) for seed in range(seeds)
+                estimates_of("default", seed, timed_images(footage), truth[0])
+                for seed in range(seeds)
             ]
             parts.append(together([compared(one, truth[1:], interval) for one in runs]))
             on_progress(footage.name, 1)
@@ -184,7 +185,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print the tables and write the plot."""
     parser = options_of.sequence_parser(__doc__)
     options_of.add_folder(parser)
-    options_of.add_preset(parser)
     parser.add_argument(
         "--group",
         action="append",
@@ -196,18 +196,18 @@ def main(arguments: Sequence[str] | None = None) -> None:
     with options_of.told_errors(parser):
         sequences = read_sequences(options.sequences)
         members = grouped([footage.name for footage in sequences], options.group)
-        parts = measured(sequences, options.preset, options.seeds)
+        parts = measured(sequences, options.seeds)
         frames = together(parts)
         groups = {"all": frames} | {
             name: together([parts[number] for number in numbers])
             for name, numbers in members.items()
         }
         runs = f"{counted(len(sequences), 'sequence')}, {counted(options.seeds, 'seed')}"
-        title = f"Uncertainty of preset {options.preset}: {runs}"
+        title = f"Uncertainty: {runs}"
         summary(groups, title).show()
         reliability_table(frames).show()
         options.output.mkdir(parents=True, exist_ok=True)
-        plot(options.output / "uncertainty.png", frames, f"{options.preset}: {runs}")
+        plot(options.output / "uncertainty.png", frames, f"default: {runs}")
 
 
 if __name__ == "__main__":

@@ -85,10 +85,10 @@ def test_groups_are_named_by_the_beginning_of_their_sequences():
 
 
 def test_uncertainty_prints_its_tables_and_plots(moving_square_sequence, tmp_path, capsys):
-    arguments = [str(moving_square_sequence), "--preset", "li2007", "--seeds", "2"]
+    arguments = [str(moving_square_sequence), "--seeds", "2"]
     uncertainty.main([*arguments, "--output", str(tmp_path)])
     text = capsys.readouterr().out
-    assert "Uncertainty of preset li2007: 1 sequence, 2 seeds" in text
+    assert "Uncertainty: 1 sequence, 2 seeds" in text
     assert re.search(r"\nright frames that are called tracking +1\.000\n", text)
     # 20 frames but the first, two seeds.
     rows = [line.split() for line in text.splitlines() if " to " in line]
@@ -131,7 +131,7 @@ def test_true_coefficients_are_consistent_and_smaller_ones_are_not():
 
 def test_covariance_measures_tracked_boxes(moving_square_sequence):
     """Boxes of a square on a plain ground are within a fifth of its side."""
-    measured = box_covariance.measure(read_sequence(moving_square_sequence), "default", 1)
+    measured = box_covariance.measure(read_sequence(moving_square_sequence), 1)
     assert len(measured.edges) > 10
     assert measured.features.shape == (len(measured.edges), 4)
     assert np.abs(measured.errors).max() < 0.2
@@ -234,7 +234,7 @@ def test_honesty_prints_its_tables(tmp_path, capsys):
             cv2.imwrite(str(folder / "img" / f"{index:04}.png"), np.roll(scene(seed), index, 1))
         lines = [f"{40 + index},30,20,24\n" for index in range(12)]
         (folder / "groundtruth.txt").write_text("".join(lines))
-    honesty.main([str(tmp_path), "--preset", "li2007", "--only", "light", "--only", "cut"])
+    honesty.main([str(tmp_path), "--only", "light", "--only", "cut"])
     text = capsys.readouterr().out
     assert "Light that changes" in text
     assert "Cut to another scene" in text
@@ -243,7 +243,7 @@ def test_honesty_prints_its_tables(tmp_path, capsys):
 def test_a_situation_is_judged(moving_square_sequence, monkeypatch):
     for name, count in {"BEFORE": 4, "DURING": 6, "AFTER": 5, "LEAST_FRAMES": 10}.items():
         monkeypatch.setattr(honesty, name, count)
-    run = honesty.in_situation("default", 0, moving_square_sequence, "erased by inpainting")
+    run = honesty.in_situation(0, moving_square_sequence, "erased by inpainting")
     assert (run.figure, run.share) == (0, 0.0)
     assert run.seconds >= 0.0
     honesty.read_with_target.cache_clear()
