@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,7 +16,6 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 from pf_tracker_ros.evaluation import EvaluationError
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.parameters import ParameterError
-from pf_tracker_ros.tracking.presets import PRESETS
 
 
 def parser(description: str | None) -> argparse.ArgumentParser:
@@ -27,7 +26,7 @@ def parser(description: str | None) -> argparse.ArgumentParser:
 
 
 def sequence_parser(description: str | None, seeds: int = 3) -> argparse.ArgumentParser:
-    """A parser of sequence folders, `--seeds` and `--output`."""
+    """A parser of sequence folders and `--seeds`."""
     made = parser(description)
     made.add_argument(
         "sequences",
@@ -37,15 +36,6 @@ def sequence_parser(description: str | None, seeds: int = 3) -> argparse.Argumen
         help="sequence folder (groundtruth.txt and frames), or folder of such folders",
     )
     add_seeds(made, seeds)
-    add_folder(made)
-    return made
-
-
-def parts_parser(description: str | None, parts: Collection[str]) -> argparse.ArgumentParser:
-    """A parser of `--only` for parts of a measurement and `--output` for its tables."""
-    made = parser(description)
-    made.add_argument("--only", action="append", choices=parts, help="may be repeated")
-    made.add_argument("--output", type=Path, help="Markdown file for the tables")
     return made
 
 
@@ -65,11 +55,6 @@ def add_folder(made: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for the files [%(default)s]",
     )
-
-
-def add_preset(made: argparse.ArgumentParser) -> None:
-    """Add `--preset`."""
-    made.add_argument("--preset", default="default", choices=PRESETS, help="[%(default)s]")
 
 
 @contextmanager

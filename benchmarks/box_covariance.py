@@ -15,7 +15,6 @@ and its regions of 50, 90 and 99 % contain the truth in that share of the frames
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -55,12 +54,12 @@ class Errors(NamedTuple):
     edges: NDArray[np.float64]  # (F,) error of the lower edge, box heights
 
 
-def measure(footage: Footage, preset: str, seeds: int) -> Errors:
+def measure(footage: Footage, seeds: int) -> Errors:
     """Track a sequence with each seed."""
     truth = np.asarray(footage.ground_truth, dtype=float)
     features, errors, edges = [], [], []
     for seed in range(seeds):
-        estimates = estimates_of(preset, seed, timed_images(footage), truth[0])
+        estimates = estimates_of("default", seed, timed_images(footage), truth[0])
         for estimate, true in zip(estimates, truth[1:], strict=True):
             box = np.array(estimate.box)
             is_on = has_target(true[None])[0] and overlap(box[None], true[None])[0] >= ON_TARGET
@@ -125,13 +124,12 @@ def summary(title: str, measured: Sequence[Errors], fitted: Sequence[NDArray[np.
         squared = np.concatenate([part[name][0] for part in parts])
         inside = (f"{(squared < chi2.ppf(share, degrees)).mean():.3f}" for share in SHARES)
         rows.append([name, f"{squared.mean() / degrees:.2f}", *inside])
-    return Table(title, ("error", "NEES", *(f"inside {share:.0%}" for share in SHARES)), [rows])
+    return Table(title, ("error", "NEES", *(f"inside {share:.0%}" for share in SHARES)), rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Measure, print the tables and the coefficients."""
     parser = options_of.sequence_parser(__doc__)
-    options_of.add_preset(parser)
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
         sequences = read_sequences(options.sequences)
@@ -140,15 +138,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         measured = []
         with progress_bar(len(sequences), "sequences") as on_progress:
             for footage in sequences:
-                measured.append(measure(footage, options.preset, options.seeds))
+                measured.append(measure(footage, options.seeds))
                 on_progress(footage.name, 1)
     fitted = [fit([*measured[:number], *measured[number + 1 :]]) for number in range(len(measured))]
     summary("All sequences, each fitted on the others", measured, fitted).show()
     summary("All sequences, the package's", measured, [COEFFICIENTS] * len(sequences)).show()
     print("\nfitted on all:")
     print(np.array2string(fit(measured), precision=3, suppress_small=True, separator=", "))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -4,20 +4,17 @@ Pedestrians in generated streets with increasing clutter: root mean square of th
 the level of clutter.
 
     python benchmarks/families.py --scenes 5
-
-It writes families.md.
 """
 
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Mapping, Sequence
 
 import arguments as options_of
 import numpy as np
 from scenes import ClutteredStreet
-from tables import Table, publish
+from tables import Table
 from tracker_families import FAMILIES
 
 from pf_tracker_ros import Tracker
@@ -36,7 +33,7 @@ def center_rmse(result: SequenceResult) -> float:
     return float(np.sqrt(np.nanmean(result.center_errors**2, axis=1)).mean())
 
 
-def clutter_table(scenes: int, levels: int, frames: int) -> Table:
+def clutter_table(scenes: int, levels: int = 5, frames: int = 120) -> Table:
     """Generated streets, each at evenly spaced levels of clutter, 0 to 1.
 
     A scene's seed is the trackers' seed too. Errors are means over the scenes.
@@ -56,25 +53,15 @@ def clutter_table(scenes: int, levels: int, frames: int) -> Table:
         for tracker, means in zip(TRACKERS, errors.mean(axis=0).T, strict=True)
     ]
     headings = ("tracker", *(f"{level:g}" for level in shares))
-    return Table(f"Center RMSE over the clutter, px, streets: {scenes}", headings, [rows])
+    return Table(f"Center RMSE over the clutter, px, streets: {scenes}", headings, rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the experiment, print the table and write the file."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the experiment and print the table."""
     parser = options_of.parser(__doc__)
-    options_of.add_folder(parser)
-    at_least = options_of.at_least
-    parser.add_argument("--scenes", type=at_least(1), default=5, help="generated streets [5]")
-    parser.add_argument("--levels", type=at_least(2), default=5, help="levels of clutter [5]")
-    parser.add_argument(
-        "--frames", type=at_least(10), default=120, help="of a generated street [120]"
-    )
-    options = parser.parse_args(arguments)
-    with options_of.told_errors(parser):
-        table = clutter_table(options.scenes, options.levels, options.frames)
-        publish(options.output / "families.md", [table])
-    return 0
+    options_of.add_seeds(parser, 5, "generated streets")
+    clutter_table(parser.parse_args(arguments).seeds).show()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -89,8 +89,9 @@ def _positions(footage: Path, seeds: int) -> list[Command]:
         "--pets": footage / "mot" / "PETS09-S2L1",
         "--calibration": footage / "world" / "calibration.xml",
     }
-    return [["world.py", *(word for option, path in places.items() if path.exists()
-                           for word in (option, str(path)))]]  # fmt: skip
+    words = [word for option, path in places.items() if path.exists()
+             for word in (option, str(path))]  # fmt: skip
+    return [["world.py", "--cost", *words]]
 
 
 _GROUPS = [word for kind in KINDS for word in ("--group", kind)]
@@ -198,7 +199,7 @@ def table_of(known: Mapping[str, Any], name: str) -> list[str]:
             headings, rows = wanted, [[row[column] for column in chosen] for row in rows]
         else:
             rows = [rows[present.index(one)] for one in wanted]
-    return Table(title, headings, [rows], matching[0]["names"]).markdown()
+    return Table(title, headings, rows, matching[0]["names"]).markdown()
 
 
 def _plain(cell: str) -> str:

@@ -22,7 +22,6 @@ import argparse
 import json
 import math
 import multiprocessing
-import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
@@ -35,7 +34,7 @@ from follow_parts.loop import Chain, moments
 from follow_parts.metrics import figures, row_of
 from follow_parts.scenarios import SCENARIOS, Scenario
 from follow_parts.world import World
-from tables import Table, publish
+from tables import Table
 
 from pf_tracker_ros.progress import progress_bar
 
@@ -78,14 +77,12 @@ def _chain(scenario: Scenario, seed: int, world: World, *, has_nodes: bool) -> C
 
 
 def table(results: dict[str, dict[int, dict[str, float]]]) -> Table:
-    """A group of rows for each scenario: its seeds, and their mean."""
-    groups = []
+    """Rows for each scenario: its seeds, and their mean."""
+    rows = []
     for name, by_seed in results.items():
-        if not by_seed:
-            continue
-        rows = [[name, str(seed), *_cells([one])] for seed, one in sorted(by_seed.items())]
-        groups.append([*rows, [name, "mean", *_cells(list(by_seed.values()))]])
-    return Table("Following a person", ("scenario", "seed", *_COLUMNS), groups, names=2)
+        rows += [[name, str(seed), *_cells([one])] for seed, one in sorted(by_seed.items())]
+        rows.append([name, "mean", *_cells(list(by_seed.values()))])
+    return Table("Following a person", ("scenario", "seed", *_COLUMNS), rows, names=2)
 
 
 def _cells(runs: Sequence[dict[str, float]]) -> list[str]:
@@ -100,15 +97,10 @@ def _cells(runs: Sequence[dict[str, float]]) -> list[str]:
     return cells
 
 
-def arguments() -> argparse.ArgumentParser:
-    """The command line."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run, print, and write `follow.json`."""
     made = options_of.parser(__doc__)
-    made.add_argument(
-        "--scenario",
-        action="append",
-        choices=SCENARIOS,
-        help="may be repeated; all without",
-    )
+    made.add_argument("--scenario", action="append", choices=SCENARIOS, help="may be repeated")
     made.add_argument(
         "--seeds",
         nargs=2,
@@ -123,12 +115,7 @@ def arguments() -> argparse.ArgumentParser:
         "--nodes", action="store_true", help="the nodes of ROS in place of the library"
     )
     options_of.add_folder(made)
-    return made
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run, print, and write `follow.json` and `follow.md`."""
-    options = arguments().parse_args(argv)
+    options = made.parse_args(arguments)
     names = options.scenario or list(SCENARIOS)
     first, count = options.seeds
     runs = [(name, seed) for name in names for seed in range(first, first + count)]
@@ -147,9 +134,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             on_progress(f"{name} {seed}", 1)
             # A long measurement may be stopped.
             path.write_text(json.dumps(results, indent=1), encoding="utf-8")
-    publish(options.output / "follow.md", [table(results)])
-    return 0
+    table(results).show()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

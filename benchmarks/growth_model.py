@@ -12,7 +12,7 @@ states and measurements.
 
 from __future__ import annotations
 
-import sys
+import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,13 +32,9 @@ from pf_tracker_ros.filter import (
 from pf_tracker_ros.filter.resampling import MultinomialResampler
 from pf_tracker_ros.progress import progress_bar
 
-FIRST_STATE = 0.1
-STEPS = 100
-PARTICLES = 100
-THRESHOLD = 30
-STATE_VARIANCE = 10.0
-MEASUREMENT_VARIANCE = 1.0
-SHARE = 0.3
+FIRST_STATE, STEPS = 0.1, 100
+PARTICLES, THRESHOLD, SHARE = 100, 30, 0.3
+STATE_VARIANCE, MEASUREMENT_VARIANCE = 10.0, 1.0
 
 Array = NDArray[np.float64]
 Filter = Callable[[Array, int], Array]
@@ -96,21 +92,13 @@ def extended_kalman(measurements: Array, seed: int) -> Array:
     return estimates
 
 
-def bootstrap(measurements: Array, seed: int) -> Array:
-    """Estimates of the bootstrap filter: particles drawn from the transition prior."""
-    return _particle_filter(measurements, seed, share=0.0)
-
-
-def kalman_proposal(measurements: Array, seed: int) -> Array:
-    """Estimates of the filter that draws some of its particles around a Kalman prediction.
+def particle_filter(measurements: Array, seed: int, share: float) -> Array:
+    """Estimates of the filter that draws a share of its particles around a Kalman prediction.
 
     The Kalman filter runs on the state itself: the model's slope at its mean predicts, and the
-    particles' mean, with their covariance as its error, corrects it.
+    particles' mean, with their covariance as its error, corrects it. With a share of 0 this is the
+    bootstrap filter: all particles are drawn from the transition prior.
     """
-    return _particle_filter(measurements, seed, share=SHARE)
-
-
-def _particle_filter(measurements: Array, seed: int, share: float) -> Array:
     generator = np.random.default_rng([seed, 1])
     resampler = EffectiveSampleSizeResampler(MultinomialResampler(), THRESHOLD / PARTICLES)
     particles = ParticleSet.uniform(np.full((PARTICLES, 1), FIRST_STATE))
@@ -146,8 +134,8 @@ def _foreseen(belief: Gaussian, step: int) -> Gaussian:
 
 FILTERS: Mapping[str, Filter] = {
     "extended Kalman": extended_kalman,
-    "bootstrap": bootstrap,
-    "Kalman proposal": kalman_proposal,
+    "bootstrap": functools.partial(particle_filter, share=0.0),
+    "Kalman proposal": functools.partial(particle_filter, share=SHARE),
 }
 
 
@@ -173,18 +161,17 @@ def table_of(runs: int) -> Table:
         for name, of_one, spent in zip(FILTERS, errors, seconds, strict=True)
     ]
     headings = ("filter", "RMSE", "± of the mean", "CPU ms a step")
-    return Table(f"Growth model, {runs} runs of {STEPS} steps", headings, [rows])
+    return Table(f"Growth model, {runs} runs of {STEPS} steps", headings, rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Run the experiment and print the table."""
     parser = options_of.parser(__doc__)
     parser.add_argument(
         "--runs", type=options_of.at_least(2), default=500, help="seeded runs [500]"
     )
     table_of(parser.parse_args(arguments).runs).show()
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

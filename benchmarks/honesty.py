@@ -1,4 +1,4 @@
-r"""False tracking: does a preset report "tracking" without the target?
+r"""False tracking: is "tracking" reported without the target?
 
 The footage is made of sequences:
 
@@ -7,34 +7,30 @@ The footage is made of sequences:
 3. the target is hidden, erased, copied or distorted for 100 frames, in a situation made from the
    sequence's own pixels, between 50 and 75 frames as they were.
 
-    python benchmarks/honesty.py SEQUENCE_DIR... --preset default --seeds 1
+    python benchmarks/honesty.py SEQUENCE_DIR... --seeds 1
 
 Of the color sequences every third one is a scene to cut to, at most 8; at most 12 of the others are
 targets. Situations are made of all sequences with the target in 60 frames in a row, played back and
-forth where they are short. It writes honesty.md.
+forth where they are short.
 """
 
 from __future__ import annotations
 
 import math
-import multiprocessing
-import sys
-from collections.abc import Callable, Collection, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 from pathlib import Path
-from typing import Any
 
 import arguments as options_of
 import numpy as np
 from honesty_footage import Clip, GainOverTime, Image, cut, ramp, relight, same_place, step
 from honesty_situations import SITUATIONS
 from numpy.typing import NDArray
-from tables import Table, publish
+from tables import Table
 from tracking_runs import estimates_of
 
+from pf_tracker_ros import Estimate
 from pf_tracker_ros.evaluation import (
     EvaluationError,
     find_sequences,
@@ -64,15 +60,6 @@ PARTS = ("light", "cut")
 
 
 @dataclass(frozen=True)
-class TrackerTrace:
-    """A tracker's output for F frames, without the first."""
-
-    boxes: NDArray[np.float64]  # (F, 4), pixels
-    is_tracking: NDArray[np.bool_]  # (F,) whether the state was tracking
-    is_sure: NDArray[np.bool_]  # (F,) whether it was so with some confidence
-
-
-@dataclass(frozen=True)
 class Run:
     """One figure of one run."""
 
@@ -87,38 +74,45 @@ class Run:
     share: float = math.nan  # of a situation's frames called tracking on something else
 
 
-def trace(
-    preset: str, seed: int, images: Iterable[Image], box: NDArray[np.float64], interval: float
-) -> TrackerTrace:
-    """A preset's output for the images after the first."""
-    estimates = estimates_of(preset, seed, ((image, interval) for image in images), box)
-    is_tracking = np.array([one.state == "tracking" for one in estimates])
-    confidence = np.array([one.confidence for one in estimates])
-    boxes = np.array([one.box for one in estimates])
-    return TrackerTrace(boxes, is_tracking, is_tracking & (confidence > SURE_ABOVE))
+def tracked(seed: int, images: Iterable[Image], clip: Clip) -> list[Estimate]:
+    """Estimates of `default` for the images after the first, which has the clip's first box."""
+    timed = ((image, clip.interval) for image in images)
+    return estimates_of("default", seed, timed, clip.boxes[0])
 
 
-def in_light(preset: str, seed: int, folder: Path, kind: str) -> Run:
+def is_sure(estimates: Sequence[Estimate]) -> NDArray[np.bool_]:
+    """(frames,) whether the state was tracking with some confidence."""
+    return np.array([one.state == "tracking" and one.confidence > SURE_ABOVE for one in estimates])
+
+
+def overlaps(estimates: Sequence[Estimate], true_boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(frames,) overlap of each box with the true one; 0 without a target."""
+    found = np.zeros(len(estimates))
+    known = has_target(true_boxes)
+    found[known] = overlap(np.array([one.box for one in estimates])[known], true_boxes[known])
+    return found
+
+
+def in_light(seed: int, folder: Path, kind: str) -> Run:
     """Mean overlap in the second half of a sequence, with changed illumination."""
     clip = read(folder)
-    answer = trace(preset, seed, relight(clip, LIGHTS[kind]), clip.boxes[0], clip.interval)
     middle = len(clip.images) // 2
-    boxes, true_boxes = answer.boxes[middle - 1 :], clip.boxes[middle:]
-    known = has_target(true_boxes)
-    return Run(kind, clip.name, seed, float(overlap(boxes[known], true_boxes[known]).mean()))
+    after = tracked(seed, relight(clip, LIGHTS[kind]), clip)[middle - 1 :]
+    true_boxes = clip.boxes[middle:]
+    mean = overlaps(after, true_boxes)[has_target(true_boxes)].mean()
+    return Run(kind, clip.name, seed, float(mean))
 
 
-def after_cut(preset: str, seed: int, folder: Path, scene_folder: Path) -> Run:
+def after_cut(seed: int, folder: Path, scene_folder: Path) -> Run:
     """Number of frames of another scene with the target reported as tracked."""
     clip, scene = read(folder, BEFORE_CUT), read(scene_folder, AFTER_CUT)
-    images = cut(clip, scene, AFTER_CUT)
-    answer = trace(preset, seed, images, clip.boxes[0], clip.interval)
-    count = int(answer.is_sure[-AFTER_CUT:].sum())
+    estimates = tracked(seed, cut(clip, scene, AFTER_CUT), clip)
+    count = int(is_sure(estimates[-AFTER_CUT:]).sum())
     name = f"{clip.name} to {scene.name}"
     return Run("cut", name, seed, count, is_apart=same_place(clip, scene))
 
 
-def in_situation(preset: str, seed: int, folder: Path, kind: str) -> Run | None:
+def in_situation(seed: int, folder: Path, kind: str) -> Run | None:
     """What is called tracking in a situation, and the time until the target is found after it.
 
     None where the sequence is too short.
@@ -127,20 +121,19 @@ def in_situation(preset: str, seed: int, folder: Path, kind: str) -> Run | None:
     if clip is None:
         return None
     shown = SITUATIONS[kind](clip, BEFORE, BEFORE + DURING)
-    answer = trace(preset, seed, shown.images, shown.boxes[0], shown.interval)
-    overlaps = np.zeros(len(answer.boxes))
-    known = has_target(shown.boxes[1:])
-    overlaps[known] = overlap(answer.boxes[known], shown.boxes[1:][known])
-    is_wrong = overlaps < WRONG_BELOW
+    estimates = tracked(seed, shown.images, shown)
+    shared = overlaps(estimates, shown.boxes[1:])
+    is_tracking = np.array([one.state == "tracking" for one in estimates])
+    is_wrong = shared < WRONG_BELOW
     during, after = np.s_[BEFORE - 1 : -AFTER], np.s_[-AFTER:]
-    back = np.flatnonzero(answer.is_tracking[after] & (overlaps[after] > RIGHT_ABOVE))
+    back = np.flatnonzero(is_tracking[after] & (shared[after] > RIGHT_ABOVE))
     return Run(
         kind,
         shown.name,
         seed,
-        int((answer.is_sure & is_wrong)[during].sum()),
+        int((is_sure(estimates) & is_wrong)[during].sum()),
         float(back[0] * shown.interval) if len(back) else math.inf,
-        share=float((answer.is_tracking & is_wrong)[during].mean()),
+        share=float((is_tracking & is_wrong)[during].mean()),
     )
 
 
@@ -157,38 +150,28 @@ def read(folder: Path, frames: int | None = None) -> Clip:
     return Clip.of(read_sequences([folder])[0], frames)
 
 
-def measured(
-    preset: str, seeds: int, folders: Sequence[Path], processes: int, parts: Collection[str]
-) -> list[Run]:
+def measured(seed: int, folders: Sequence[Path], parts: Collection[str]) -> Iterator[Run | None]:
     """All runs of some parts: those of `PARTS` on color sequences, and situations on all.
 
     Raises:
         EvaluationError: There are not two color sequences.
     """
-    situations = [kind for kind in SITUATIONS if kind in parts]
-    jobs: list[tuple[Callable[..., Run | None], Iterable[tuple[Any, ...]]]] = [
-        (in_situation, product(folders, situations))
-    ]
-    if not set(PARTS).isdisjoint(parts):
-        colored = [folder for folder in folders if read(folder, 1).is_colored]
-        scenes = colored[::3][:SCENES]
-        targets = [folder for folder in colored if folder not in scenes][:TARGETS]
-        if not targets:
-            raise EvaluationError(
-                "fewer than two sequences with colors: a target and another scene"
-            )
-        jobs += [(in_light, product(colored, LIGHTS))] if "light" in parts else []
-        jobs += [(after_cut, product(targets, scenes))] if "cut" in parts else []
-    # A process forked while OpenCV has threads would wait for them forever.
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        results = [
-            pool.submit(job, preset, seed, *of)
-            for job, each in jobs
-            for of in each
-            for seed in range(seeds)
-        ]
-        runs = [result.result() for result in results]
-    return [run for run in runs if run is not None]
+    for folder in folders:
+        for kind in (one for one in SITUATIONS if one in parts):
+            yield in_situation(seed, folder, kind)
+    if set(PARTS).isdisjoint(parts):
+        return
+    colored = [folder for folder in folders if read(folder, 1).is_colored]
+    scenes = colored[::3][:SCENES]
+    targets = [folder for folder in colored if folder not in scenes][:TARGETS]
+    if not targets:
+        raise EvaluationError("fewer than two sequences with colors: a target and another scene")
+    for folder in colored if "light" in parts else ():
+        for kind in LIGHTS:
+            yield in_light(seed, folder, kind)
+    for folder in targets if "cut" in parts else ():
+        for scene in scenes:
+            yield after_cut(seed, folder, scene)
 
 
 def light_table(runs: Sequence[Run]) -> Table:
@@ -205,7 +188,7 @@ def light_table(runs: Sequence[Run]) -> Table:
         mean, change = np.mean(list(figures.values())), np.mean(list(changes.values()))
         rows.append([kind, worst[0], f"{mean:.3f}", f"{change:+.3f}", f"{changes[worst]:+.3f}"])
     headings = ("light", "worst sequence", "mean overlap after", "change", "of the worst")
-    return Table("Light that changes", headings, [rows], names=2)
+    return Table("Light that changes", headings, rows, names=2)
 
 
 def cut_table(runs: Sequence[Run]) -> Table:
@@ -221,7 +204,7 @@ def cut_table(runs: Sequence[Run]) -> Table:
         share = counts.sum() / (AFTER_CUT * len(pairs))
         rows.append([name, named or "-", str(len(pairs)), f"{share:.1%}"])
     title = f"Cut to another scene, {AFTER_CUT} frames: tracking above {SURE_ABOVE}"
-    return Table(title, ("scenes", "most frames", "runs", "share of the frames"), [rows], names=2)
+    return Table(title, ("scenes", "most frames", "runs", "share of the frames"), rows, names=2)
 
 
 def situation_table(runs: Sequence[Run]) -> Table:
@@ -237,7 +220,7 @@ def situation_table(runs: Sequence[Run]) -> Table:
     headings = ("situation", "runs", "something else called tracking")
     headings += (f"for more than {MOST_WRONG} frames above {SURE_ABOVE}",)
     headings += (f"back within {BACK_WITHIN:g} s",)
-    return Table("Situations made from the sequences' own pixels", headings, [rows])
+    return Table("Situations made from the sequences' own pixels", headings, rows)
 
 
 def tables_of(runs: Sequence[Run]) -> list[Table]:
@@ -247,13 +230,9 @@ def tables_of(runs: Sequence[Run]) -> list[Table]:
     return [make_table(runs) for of_part, make_table in parts if not kinds.isdisjoint(of_part)]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the tables and write them."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure and print the tables."""
     parser = options_of.sequence_parser(__doc__, seeds=1)
-    options_of.add_preset(parser)
-    parser.add_argument(
-        "--processes", type=options_of.at_least(1), default=1, metavar="N", help="in parallel [1]"
-    )
     parser.add_argument(
         "--only",
         action="append",
@@ -265,10 +244,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with options_of.told_errors(parser):
         folders = find_sequences(options.sequences)
         parts = options.only or (*PARTS, *SITUATIONS)
-        runs = measured(options.preset, options.seeds, folders, options.processes, parts)
-        publish(options.output / "honesty.md", tables_of(runs), f"Preset {options.preset}.")
-    return 0
+        runs = [
+            run
+            for seed in range(options.seeds)
+            for run in measured(seed, folders, parts)
+            if run is not None
+        ]
+    for table in tables_of(runs):
+        table.show()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -24,39 +24,26 @@ _TRANSITION = 20
 _NOISE_SEED = 43
 
 
-def dark(level: float, deviation: float, seconds: float | None = None) -> Situation:
-    """A covered lens: Gaussian noise around a gray level, instead of the frames of the situation.
-
-    With a duration, the footage stands still for so many seconds instead.
-    """
+def covered(seconds: float) -> Situation:
+    """A covered lens: dark noise, for so many seconds in which the footage stands still."""
 
     def situation(clip: Clip, first: int, end: int) -> Clip:
         generator = np.random.default_rng(_NOISE_SEED)
-        count = end - first if seconds is None else max(round(seconds / clip.interval), 1)
-        shape = clip.images[0].shape
         # A few images in turns: noise costs more than tracking.
-        noise = [
-            np.clip(np.rint(generator.normal(level, deviation, shape)), 0, 255).astype(np.uint8)
-            for _ in range(5 if deviation else 1)
-        ]
-        images = [noise[index % len(noise)] for index in range(count)]
-        after = end if seconds is None else first
-        boxes = [clip.boxes[:first], np.full((count, 4), np.nan), clip.boxes[after:]]
-        return Clip(
-            clip.name,
-            (*clip.images[:first], *images, *clip.images[after:]),
-            np.vstack(boxes),
-            clip.interval,
-        )
+        levels = np.rint(generator.normal(12.0, 4.0, (5, *clip.images[0].shape)))
+        noise = np.clip(levels, 0, 255).astype(np.uint8)
+        count = max(round(seconds / clip.interval), 1)
+        images = [noise[index % 5] for index in range(count)]
+        boxes = np.insert(clip.boxes, [first] * count, np.nan, axis=0)
+        shown = (*clip.images[:first], *images, *clip.images[first:])
+        return Clip(clip.name, shown, boxes, clip.interval)
 
     return situation
 
 
 def frozen(clip: Clip, first: int, end: int) -> Clip:
     """One image again and again, while the target moves on."""
-    return _changed(
-        clip, first, end, lambda index, image, box: clip.images[first - 1], gone_after=None
-    )
+    return _changed(clip, first, end, lambda index, image, box: clip.images[first - 1])
 
 
 def panned(clip: Clip, first: int, end: int) -> Clip:
@@ -66,19 +53,17 @@ def panned(clip: Clip, first: int, end: int) -> Clip:
         width = image.shape[1]
         other = cv2.flip(erased(image, box), 1)
         shift = round(width * min((index + 1) / _TRANSITION, 1.0))
-        boxes[first + index, 0] -= shift
-        if boxes[first + index, 0] + box[2] / 2 < 0.0:
-            boxes[first + index] = np.nan
+        box[0] -= shift
+        if box[0] + box[2] / 2 < 0.0:
+            box[:] = np.nan
         return np.hstack([image[:, shift:], other[:, :shift]])
 
-    boxes = clip.boxes.copy()
-    changed = _changed(clip, first, end, change)
-    return Clip(clip.name, changed.images, boxes, clip.interval)
+    return _changed(clip, first, end, change)
 
 
 def inpainted(clip: Clip, first: int, end: int) -> Clip:
     """The target is erased: its surroundings are continued over it."""
-    return _changed(clip, first, end, lambda index, image, box: erased(image, box))
+    return _changed(clip, first, end, lambda index, image, box: erased(image, box), gone_after=0)
 
 
 def covered_by_stranger(clip: Clip, first: int, end: int) -> Clip:
@@ -109,16 +94,7 @@ def crossed_by_copy(clip: Clip, first: int, end: int, *, is_alike: bool = True) 
         place[0] += box[2] * 6.0 * (progress - 0.5)
         return _pasted(image, patch, place)
 
-    return _changed(clip, first, end, change, gone_after=None)
-
-
-def defocused(clip: Clip, first: int, end: int) -> Clip:
-    """A blur whose standard deviation rises to a quarter of the target's size."""
-
-    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
-        return cv2.GaussianBlur(image, (0, 0), 0.1 + _size(box) / 4 * _rise(index, end - first))
-
-    return _changed(clip, first, end, change, gone_after=None)
+    return _changed(clip, first, end, change)
 
 
 def noisy(clip: Clip, first: int, end: int) -> Clip:
@@ -130,17 +106,7 @@ def noisy(clip: Clip, first: int, end: int) -> Clip:
         rolled = np.roll(noise, 7919 * (index + 1))
         return np.clip(image + _rise(index, end - first) * rolled, 0, 255).astype(np.uint8)
 
-    return _changed(clip, first, end, change, gone_after=None)
-
-
-def motion_blurred(clip: Clip, first: int, end: int) -> Clip:
-    """A horizontal blur whose length rises to the target's size."""
-
-    def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
-        length = max(round(_size(box) * _rise(index, end - first)), 1)
-        return cv2.blur(image, (length, 1))
-
-    return _changed(clip, first, end, change, gone_after=None)
+    return _changed(clip, first, end, change)
 
 
 def turned(clip: Clip, first: int, end: int) -> Clip:
@@ -155,19 +121,16 @@ def shrunk(clip: Clip, first: int, end: int) -> Clip:
 
 SITUATIONS: Mapping[str, Situation] = MappingProxyType(
     {
-        "black image": dark(0.0, 0.0),
         "view pans away": panned,
         "erased by inpainting": inpainted,
         "a stranger covers it and stays": covered_by_stranger,
         "a copy of its first look passes": crossed_by_copy,
         "the same, mirrored and 15 % darker": partial(crossed_by_copy, is_alike=False),
         "one frozen image": frozen,
-        "defocus": defocused,
         "noise": noisy,
-        "motion blur": motion_blurred,
         "turning": turned,
         "shrinking to 8 px": shrunk,
-        **{f"covered for {seconds:g} s": dark(12.0, 4.0, seconds) for seconds in (0.2, 1, 5, 30)},
+        **{f"covered for {seconds:g} s": covered(seconds) for seconds in (0.2, 1, 5, 30)},
     }
 )
 """Name of a situation to what makes it."""
@@ -203,16 +166,16 @@ def _changed(
     end: int,
     change: Callable[[int, Image, NDArray[np.float64]], Image],
     *,
-    gone_after: int | None = 0,
+    gone_after: int | None = None,
 ) -> Clip:
     """The clip with changed images from `first` to before `end`.
 
-    The change gets the number of frames since `first`, the image and the true box. The target is
-    not to be seen after some frames, or always is (None).
+    The change gets the number of frames since `first`, the image and the true box, and may move
+    that. The target is not to be seen after some frames, or always is (None).
     """
     images, boxes = list(clip.images), clip.boxes.copy()
     for index in range(first, end):
-        images[index] = change(index - first, images[index], clip.boxes[index])
+        images[index] = change(index - first, images[index], boxes[index])
     if gone_after is not None:
         boxes[first + gone_after : end] = np.nan
     return Clip(clip.name, tuple(images), boxes, clip.interval)
@@ -225,21 +188,19 @@ def _warped(
     transform: Callable[[float, NDArray[np.float64]], tuple[float, float]],
 ) -> Clip:
     """The clip turned and scaled around the target, by degrees and factor of each frame."""
-    boxes = clip.boxes.copy()
 
     def change(index: int, image: Image, box: NDArray[np.float64]) -> Image:
         degrees, scale = transform(_rise(index, end - first), box)
         center = box[:2] + box[2:] / 2
-        boxes[first + index, 2:] = box[2:] * scale
-        boxes[first + index, :2] = center - box[2:] * scale / 2
+        box[2:] *= scale
+        box[:2] = center - box[2:] / 2
         matrix = cv2.getRotationMatrix2D(center.tolist(), degrees, scale)
         size = image.shape[1::-1]
         return cv2.warpAffine(
             image, matrix, size, flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REFLECT
         )
 
-    changed = _changed(clip, first, end, change, gone_after=None)
-    return Clip(clip.name, changed.images, boxes, clip.interval)
+    return _changed(clip, first, end, change)
 
 
 def _stranger(image: Image, box: NDArray[np.float64]) -> Image:

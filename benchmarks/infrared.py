@@ -6,21 +6,18 @@ the frame after which the overlap stays 0. As the first favors boxes that are to
 AUC is reported as well.
 
     python benchmarks/infrared.py SEQUENCE_DIR... --seeds 3
-
-It writes infrared.md.
 """
 
 from __future__ import annotations
 
 import functools
-import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import arguments as options_of
 import numpy as np
 from numpy.typing import NDArray
-from tables import Table, publish
+from tables import Table
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.evaluation import (
@@ -80,8 +77,8 @@ def row(tracker: str, result: SequenceResult) -> list[str]:
 TITLES = ["sequence", "tracker", "overlap > 60 %", "lost", "frame of loss", "AUC"]
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the experiment, print the table and write it."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the experiment and print the table."""
     parser = options_of.sequence_parser(__doc__)
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
@@ -90,9 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             for name, (preset, parameters) in TRACKERS.items():
                 make = functools.partial(Tracker.from_preset, preset, parameters=parameters)
                 rows.append(row(name, evaluate_sequence(one, make, range(options.seeds))))
-        publish(options.output / "infrared.md", [Table("Infrared", TITLES, [rows], names=2)])
-    return 0
+    Table("Infrared", TITLES, rows, names=2).show()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -24,9 +24,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scenes.camera import HandheldCamera
-from scenes.stage import Actor, Stage
+from scenes.stage import Stage
 from scenes.street import Street
-from scenes.walkers import GAIT_VIEWS, Person, standing_boxes
+from scenes.walkers import Person, standing_boxes
 from tables import Table
 
 from pf_tracker_ros import Detections, MultiTracker
@@ -63,13 +63,10 @@ class Scene:
             across = (column + 0.5) * _SPACING + _AMPLITUDE * np.sin(phase)
             feet = np.stack([across, np.full(FRAMES, 230.0 + 190.0 * row)], axis=1)
             coat, trousers = looks.uniform(25.0, 220.0, (2, 3))
-            person = Person(_HEIGHT, tuple(coat), tuple(trousers), 1)
-            sprites = tuple(person.sprite(view) for view in range(GAIT_VIEWS))
-            actors.append(Actor(sprites, time_of // 2 % GAIT_VIEWS, feet))
+            actors.append(Person(_HEIGHT, tuple(coat), tuple(trousers), 1).walking(feet))
             boxes.append(standing_boxes(feet, _HEIGHT))
         street = Street(size, 150, 200, 300, ((40, 60, 200), (180, 120, 30), (40, 160, 60)))
-        empty = np.zeros((size[1], size[0], 4), np.float32)
-        self._stage = Stage(street.draw(background), tuple(actors), empty)
+        self._stage = Stage(street.draw(background), tuple(actors))
         self._camera = HandheldCamera(
             camera, size=size, margin=1, frames=FRAMES, shake=0.0, lighting=0.0, noise=2.5
         )
@@ -177,7 +174,7 @@ def main() -> None:
         figures = (median(medians), median(means), min(medians), worst)
         rows.append([way, *(f"{value:.1f}" for value in figures)])
     headings = (f"{options.size}, one thread", "CPU ms a frame", "mean", "least median", "99 %")
-    Table("Several targets", headings, [rows]).show()
+    Table("Several targets", headings, rows).show()
 
 
 if __name__ == "__main__":

@@ -2,11 +2,11 @@
 
 Camera, tracker and bare subscriber are separate processes on the loopback. The camera publishes at
 a constant rate. A frame is answered when a status of the tracker, or a header of the bare
-subscriber, has its stamp. Both alternate in one run, so that other load slows both. What the node
+subscriber, has its stamp. Both take turns, so that other load slows both. What the node
 adds is the CPU time of the tracker's process without that of `Tracker.update`, which its status
 tells, and without that of the bare subscriber.
 
-    python benchmarks/node.py --size 768x576 --output benchmarks/results/node.md
+    python benchmarks/node.py --seconds 10
 """
 
 from __future__ import annotations
@@ -20,20 +20,19 @@ import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import arguments as options_of
 import numpy as np
 import rclpy
-from arguments import at_least
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Image
 from std_msgs.msg import Header
-from tables import Table, publish
+from tables import Table
 
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node_parameters import NodeParameters
@@ -42,6 +41,7 @@ from pf_tracker_ros.stamps import stamp_of
 
 SIZES = {"640x480": (640, 480), "768x576": (768, 576), "1920x1080": (1920, 1080)}
 RELIABILITIES = ("reliable", "best_effort")
+RATE = 30.0
 START_TIMEOUT = 30.0
 WARM_UP_SECONDS = 2.0
 LAST_ANSWER_SECONDS = 1.0
@@ -67,24 +67,16 @@ class BareSubscriber(Node):
         self.create_subscription(Image, "image", lambda m: publisher.publish(m.header), quality)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Figures:
-    """Figures of the frames of some turns, after the warm-up."""
+    """Figures of the frames of a turn, after the warm-up."""
 
-    published: int = 0  # number of frames
-    # seconds from publishing to the answer, one for each frame that was answered
-    ages: list[float] = field(default_factory=list)
-    cpu: float = 0.0  # CPU seconds of the process
-    processing: float = 0.0  # seconds of the tracker's updates, by its status
-    # seconds from the start of the process to its first answer, one for each turn
-    starts: list[float] = field(default_factory=list)
-    # megabytes that the process held at the beginning and the end of the last turn
-    memory: tuple[float, float] = (0.0, 0.0)
-
-    @property
-    def cpu_a_frame(self) -> float:
-        """CPU milliseconds for each frame that was published."""
-        return 1e3 * self.cpu / self.published
+    published: int  # number of frames
+    ages: list[float]  # seconds from publishing to the answer, of each answered frame
+    cpu_a_frame: float  # CPU milliseconds of the process for each frame that was published
+    update_a_frame: float  # milliseconds of the tracker's updates for each frame, by its status
+    start: float  # seconds from the start of the process to its first answer
+    memory: tuple[float, float]  # megabytes that the process held at the beginning and the end
 
     def cells(self) -> list[str]:
         """A row of the table."""
@@ -95,7 +87,7 @@ class Figures:
             *(f"{value:.1f}" for value in np.percentile(ages, [50, 99])),
             f"{self.cpu_a_frame:.2f}",
             "{:.0f} / {:.0f}".format(*self.memory),
-            f"{min(self.starts):.2f}",
+            f"{self.start:.2f}",
         ]
 
 
@@ -166,9 +158,7 @@ def megabytes(process_id: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def play(
-    camera: Camera, frames: list[Image], rate: float, seconds: float, process_id: int
-) -> Figures:
+def play(camera: Camera, frames: list[Image], seconds: float, process_id: int) -> Figures:
     """Publish to a process that has just been started, for some seconds after the warm-up."""
     executor = SingleThreadedExecutor()
     executor.add_node(camera)
@@ -190,9 +180,9 @@ def play(
         if due - began > START_TIMEOUT:
             raise RuntimeError(f"no answer within {START_TIMEOUT:g} s")
         publish()
-        due += 1.0 / rate
+        due += 1.0 / RATE
         spin(lambda: camera.answered, due)
-    found = Figures(starts=[min(camera.answered.values()) - began])
+    start = min(camera.answered.values()) - began
     published: dict[int, float] = {}
     began = due = time.monotonic()
     while due - began <= WARM_UP_SECONDS + seconds:
@@ -203,19 +193,22 @@ def play(
         stamp = publish()
         if due - began >= WARM_UP_SECONDS:
             published[stamp] = moment
-        due += 1.0 / rate
+        due += 1.0 / RATE
     spin(lambda: published.keys() <= camera.answered.keys(), time.monotonic() + LAST_ANSWER_SECONDS)
     executor.shutdown()
-    found.published, found.cpu = len(published), cpu_seconds(process_id) - cpu
-    found.memory = memory, megabytes(process_id)
-    found.ages = [camera.answered[s] - at for s, at in published.items() if s in camera.answered]
-    found.processing = sum(camera.processing.get(stamp, 0.0) for stamp in published)
-    return found
+    ages = [camera.answered[s] - at for s, at in published.items() if s in camera.answered]
+    update = sum(camera.processing.get(stamp, 0.0) for stamp in published)
+    return Figures(
+        len(published),
+        ages,
+        1e3 * (cpu_seconds(process_id) - cpu) / len(published),
+        1e3 * update / len(published),
+        start,
+        (memory, megabytes(process_id)),
+    )
 
 
-def measure(
-    size: str, reliability: str, rate: float, *, seconds: float, rounds: int, priority: int
-) -> Table:
+def measure(size: str, reliability: str, seconds: float, priority: int) -> Table:
     """A table of both subscribers for an image size and a kind of camera."""
     frames = moving_square(*SIZES[size])
     commands = {
@@ -226,36 +219,26 @@ def measure(
         ],
         BARE: [__file__, "--bare", reliability],
     }
-    results = {title: Figures() for title in commands}
-    for _, (title, command) in itertools.product(range(rounds), commands.items()):
+    found = {}
+    for title, command in commands.items():
         rclpy.init()
         camera = Camera(reliability)
         with process(command) as process_id:
-            turn = play(camera, frames, rate, seconds, process_id)
+            found[title] = play(camera, frames, seconds, process_id)
         camera.destroy_node()
         rclpy.shutdown()
-        done = results[title]
-        done.published += turn.published
-        done.ages += turn.ages
-        done.cpu += turn.cpu
-        done.processing += turn.processing
-        done.starts += turn.starts
-        done.memory = turn.memory
-    rows = [[title, *figures.cells()] for title, figures in results.items()]
-    tracker, bare = results[TRACKER], results[BARE]
-    added = tracker.cpu_a_frame - 1e3 * tracker.processing / tracker.published - bare.cpu_a_frame
-    title = f"{size} at {rate:g} Hz from a {reliability} camera; the node adds {added:.2f} ms"
-    return Table(title, HEADINGS, [rows])
+    rows = [[title, *figures.cells()] for title, figures in found.items()]
+    tracker = found[TRACKER]
+    added = tracker.cpu_a_frame - tracker.update_a_frame - found[BARE].cpu_a_frame
+    title = f"{size} at {RATE:g} Hz from a {reliability} camera; the node adds {added:.2f} ms"
+    return Table(title, HEADINGS, rows)
 
 
-def main() -> int:
-    """Measure, print the tables and optionally save them."""
+def main() -> None:
+    """Measure and print the tables."""
     parser = options_of.parser(__doc__)
+    at_least = options_of.at_least
     parser.add_argument("--seconds", type=at_least(1), default=10, help="of each turn [10]")
-    parser.add_argument("--rounds", type=at_least(1), default=1, help="turns of each [1]")
-    parser.add_argument("--rate", type=at_least(1), default=30, help="frames per second [30]")
-    parser.add_argument("--size", action="append", choices=[*SIZES], help="may be repeated")
-    parser.add_argument("--reliability", action="append", choices=RELIABILITIES)
     parser.add_argument(
         "--realtime-priority",
         type=at_least(0),
@@ -265,31 +248,19 @@ def main() -> int:
     parser.add_argument(
         "--large-images", action="store_true", help="with the Fast DDS profile for large images"
     )
-    parser.add_argument("--output", type=Path, help="Markdown file for the tables")
     parser.add_argument("--bare", choices=RELIABILITIES, help="run as the bare subscriber")
     arguments = parser.parse_args()
     if arguments.bare:
         run(lambda: BareSubscriber(arguments.bare), [])
-        return 0
+        return
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     if arguments.large_images:
         os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(PROFILE)
-    cameras = itertools.product(arguments.size or SIZES, arguments.reliability or RELIABILITIES)
-    tables = []
     with unused_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
-        for size, reliability in cameras:
-            tables.append(
-                measure(
-                    *(size, reliability, arguments.rate),
-                    seconds=arguments.seconds,
-                    rounds=arguments.rounds,
-                    priority=arguments.realtime_priority,
-                )
-            )
-    publish(arguments.output, tables)
-    return 0
+        for camera in itertools.product(SIZES, RELIABILITIES):
+            measure(*camera, arguments.seconds, arguments.realtime_priority).show()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -169,10 +169,7 @@ class DetectionOnlyTracker(TargetTracker):
     @classmethod
     def missing(cls) -> str:
         """See `TargetTracker.missing`."""
-        if find_spec("trackers") is None:
-            return "trackers is not installed"
-        has_it = hasattr(importlib.import_module("trackers"), OcSort.kind)
-        return "" if has_it else "trackers is older than 2.6: pip install 'trackers>=2.6'"
+        return "" if find_spec("trackers") else "pip install 'trackers>=2.6'"
 
     def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
         """See `TargetTracker.update`."""

@@ -6,9 +6,9 @@ images elsewhere. Figures: HOTA, IDF1, MOTA and identity switches of `trackeval`
 the share of boxes that overlap another one by more than .5, and the CPU time of a frame on one
 thread. Each interval is averaged over several first frames.
 
-    python benchmarks/targets.py --sequence MOT_DIR FRAMES --output benchmarks/results
+    python benchmarks/targets.py --sequence MOT_DIR FRAMES
 
-It writes targets.md and targets.png. Without the package `trackers`, its trackers are omitted.
+It writes targets.png. Without the package `trackers`, its trackers are omitted.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ import functools
 import importlib
 import importlib.util
 import itertools
-import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,7 +30,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from moving_camera import MovingCamera
 from numpy.typing import NDArray
-from tables import Table, bold, publish
+from tables import Table, bold
 from target_trackers import TRACKERS, TargetTracker
 
 from pf_tracker_ros.boxes import pairwise_iou
@@ -40,10 +39,6 @@ from pf_tracker_ros.footage import FootageError, open_footage
 OURS = "pf_tracker_ros"
 PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}
 """Interval of the detector to its first frames."""
-# A poor detector: recall, precision, standard deviation of its centers in sides and of its
-# logarithmic sizes, shift in sides, and factor of its width and height.
-_RECALL, _PRECISION, _JITTER = 0.5, 0.6, 0.1
-_SHIFT, _WIDENED = np.array([0.05, 0.05]), np.array([1.15, 1.0])
 FIGURES = ("HOTA", "IDF1", "MOTA", "switches", "overlap %", "CPU ms")
 
 
@@ -80,36 +75,6 @@ class AnnotatedSequence:
         return AnnotatedSequence(
             name, self.frames, self.interval, tuple(truth), tuple(detections), camera
         )
-
-    def degraded(self, seed: int) -> AnnotatedSequence:
-        """The sequence with a poor detector, whose scores say nothing.
-
-        It finds half of the true boxes, and 6 of 10 of its boxes are of targets. All boxes are
-        moved and resized at random, and shifted and widened alike.
-        """
-        draw = np.random.default_rng(seed)
-        everywhere = np.concatenate(self.detections)
-        right = [
-            pairwise_iou(found[:, :4], tracks.boxes).max(axis=1, initial=0.0) > 0.5
-            for tracks, found in zip(self.truth, self.detections, strict=True)
-        ]
-        count_right = float(sum(map(np.sum, right)))
-        true_boxes = sum(len(tracks.ids) for tracks in self.truth)
-        kept = min(_RECALL * true_boxes / max(count_right, 1.0), 1.0)
-        wanted = kept * count_right * (1.0 - _PRECISION) / _PRECISION
-        added = max(wanted - kept * (len(everywhere) - count_right), 0.0) / len(self.detections)
-        detections = []
-        for found in self.detections:
-            false = draw.choice(everywhere, draw.poisson(added))
-            false[:, :2] = draw.choice(everywhere, len(false))[:, :2]
-            rows = np.concatenate([found[draw.random(len(found)) < kept], false])
-            centers = rows[:, :2] + rows[:, 2:4] / 2
-            centers += rows[:, 2:4] * (_SHIFT + _JITTER * draw.normal(size=centers.shape))
-            sizes = rows[:, 2:4] * _WIDENED * np.exp(_JITTER * draw.normal(size=centers.shape))
-            scores = draw.uniform(0.5, 1.0, (len(rows), 1))
-            detections.append(np.hstack([centers - sizes / 2, sizes, scores]))
-        name = f"{self.name}, poor detector"
-        return replace(self, name=name, detections=tuple(detections))
 
 
 def read_sequence(folder: Path, frames: Path) -> AnnotatedSequence:
@@ -155,10 +120,8 @@ def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: 
         seconds += time.process_time() - start
         tracks.append(FrameTracks(*answer))
     if len(tracks) < len(sequence.truth):
-        raise ValueError(
-            f"{sequence.frames} has {len(tracks)} frames; {sequence.name} needs "
-            f"{len(sequence.truth)}"
-        )
+        needed = f"{sequence.name} needs {len(sequence.truth)}"
+        raise FootageError(f"{sequence.frames} has {len(tracks)} frames; {needed}")
     return Run(tracks, seconds)
 
 
@@ -236,21 +199,14 @@ def compare(
                 yield Outcome(name, sequence.name, every, figures)
 
 
-def _line(outcome: Outcome) -> str:
-    figures = "  ".join(f"{name} {outcome.figures[name]:.1f}" for name in FIGURES)
-    return f"{outcome.sequence} every {outcome.every}: {outcome.tracker}  {figures}"
-
-
 def table(outcomes: Sequence[Outcome]) -> Table:
-    """All figures, ours in bold, a group for each sequence and interval."""
-    groups: dict[tuple[str, int], list[list[str]]] = {}
+    """All figures, ours in bold."""
+    rows = []
     for one in outcomes:
         cells = [one.sequence, str(one.every), one.tracker]
         cells += [f"{one.figures[name]:.1f}" for name in FIGURES]
-        row = [bold(cell, one.tracker == OURS) for cell in cells]
-        groups.setdefault((one.sequence, one.every), []).append(row)
-    headings = ("sequence", "every", "tracker", *FIGURES)
-    return Table("Several targets", headings, list(groups.values()), names=3)
+        rows.append([bold(cell, one.tracker == OURS) for cell in cells])
+    return Table("Several targets", ("sequence", "every", "tracker", *FIGURES), rows, names=3)
 
 
 def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
@@ -275,8 +231,8 @@ def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
     figure.savefig(path, dpi=120)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the comparison, print the table and write the files."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the comparison, print the table and write the plot."""
     parser = options_of.parser(__doc__)
     parser.add_argument(
         "--sequence",
@@ -287,47 +243,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar=("MOT_DIR", "FRAMES"),
         help="folder with gt.txt, det.txt and seqinfo.ini, and video or folder of images",
     )
-    parser.add_argument(
-        "--tracker", action="append", default=[], metavar="NAME", help="run only this tracker"
-    )
     parser.add_argument("--seed", type=int, default=0, help="of MultiTracker and Tracker [0]")
-    for name, what in (
-        ("--moving-camera", "crop the images as a camera on a walking robot would see them"),
-        ("--poor-detector", "thin, move and resize the detections, and add false ones"),
-    ):
-        parser.add_argument(name, action="store_true", help=what)
+    parser.add_argument(
+        "--moving-camera",
+        action="store_true",
+        help="crop the images as a camera on a walking robot would see them",
+    )
     options_of.add_folder(parser)
     options = parser.parse_args(arguments)
-    missing = {name: what for name, one in TRACKERS.items() if (what := one.missing())}
-    for name in options.tracker:
-        if name not in TRACKERS or name in missing:
-            parser.error(f"{name} cannot run: {missing.get(name, 'there is no such tracker')}")
     if importlib.util.find_spec("trackeval") is None:
         parser.error("trackeval is not installed: pip install --no-deps trackeval")
-    trackers = {
-        name: functools.partial(one, seed=options.seed)
-        for name, one in TRACKERS.items()
-        if name not in missing and (not options.tracker or name in options.tracker)
-    }
-    for name, what in missing.items():
-        print(f"{name} is left out: {what}.")
+    trackers = {}
+    for name, kind in TRACKERS.items():
+        if missing := kind.missing():
+            print(f"{name} is left out: {missing}.")
+        else:
+            trackers[name] = functools.partial(kind, seed=options.seed)
     cv2.setNumThreads(1)
-    try:
+    with options_of.told_errors(parser):
         sequences = [read_sequence(*paths) for paths in options.sequence]
         if options.moving_camera:
             sequences = [sequence.carried() for sequence in sequences]
-        if options.poor_detector:
-            sequences = [sequence.degraded(options.seed) for sequence in sequences]
         outcomes = []
         for outcome in compare(sequences, trackers):
-            print(_line(outcome), flush=True)
+            print(f"{outcome.sequence} every {outcome.every}: {outcome.tracker}", flush=True)
             outcomes.append(outcome)
-        publish(options.output / "targets.md", [table(outcomes)])
+        table(outcomes).show()
+        options.output.mkdir(parents=True, exist_ok=True)
         plot(options.output / "targets.png", outcomes)
-    except (FootageError, OSError, ValueError, configparser.Error) as error:
-        parser.error(" ".join(str(error).split()))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

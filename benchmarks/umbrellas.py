@@ -6,13 +6,10 @@ settings of `li2007` run on the same scenes: color alone with 60 particles, colo
 color and texture stay on the target, with jitter for 30 particles and steadily for 60.
 
     python benchmarks/umbrellas.py --seeds 30
-
-It writes umbrellas.md.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scenes import UmbrellaScene
 from scenes.scene import FRAME_INTERVAL
-from tables import Table, publish
+from tables import Table
 from tracking_runs import estimates_of, spans
 
 from pf_tracker_ros.evaluation.metrics import center_errors, overlap
@@ -113,23 +110,21 @@ def table(runs: Sequence[Run]) -> Table:
         rows.append([setting, *map(str, counts), *(f"{one:.2f}" for one in figures)])
     headings = ("setting", "switched", "lost", "held", "center error px", "of held ones")
     headings += ("jitter of held ones px",)
-    return Table(f"Umbrellas, number of scenes: {len(runs) // len(SETTINGS)}", headings, [rows])
+    return Table(f"Umbrellas, number of scenes: {len(runs) // len(SETTINGS)}", headings, rows)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the experiment, print the table and write the file."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the experiment and print the table."""
     parser = options_of.parser(__doc__)
     options_of.add_seeds(parser, 30, "number of scenes")
-    options_of.add_folder(parser)
     options = parser.parse_args(arguments)
     runs: list[Run] = []
-    with options_of.told_errors(parser), progress_bar(options.seeds, "scenes") as on_progress:
+    with progress_bar(options.seeds, "scenes") as on_progress:
         for seed in range(options.seeds):
             runs += run_scene(seed)
             on_progress("", 1)
-        publish(options.output / "umbrellas.md", [table(runs)])
-    return 0
+    table(runs).show()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

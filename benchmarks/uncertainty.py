@@ -1,18 +1,17 @@
-r"""Calibration of a preset: confidence and states compared with ground truth.
+r"""Calibration of `default`: confidence and states compared with ground truth.
 
 A frame is right if its overlap is above one half; frames without a target take no part.
 
-    python benchmarks/uncertainty.py SEQUENCE_DIR... --preset default --seeds 3
+    python benchmarks/uncertainty.py SEQUENCE_DIR... --seeds 3
 
 With `--group`, such as for kinds of footage, it also reports all figures of each group. It writes
-uncertainty.md and uncertainty.png.
+uncertainty.png.
 """
 
 from __future__ import annotations
 
 import math
 import re
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -22,7 +21,7 @@ import arguments as options_of
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from tables import Table, publish
+from tables import Table
 from tracking_runs import estimates_of, timed_images
 
 from pf_tracker_ros import Estimate
@@ -90,14 +89,15 @@ def together(parts: Sequence[Frames]) -> Frames:
     return Frames(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
 
-def measured(sequences: Sequence[Footage], preset: str, seeds: int) -> list[Frames]:
-    """Output of a preset for all frames but the first, for each sequence, all seeds."""
+def measured(sequences: Sequence[Footage], seeds: int) -> list[Frames]:
+    """Output of `default` for all frames but the first, for each sequence, all seeds."""
     parts = []
     with progress_bar(len(sequences), "sequences") as on_progress:
         for footage in sequences:
             truth, interval = usable_ground_truth(footage), footage.nominal_interval
             runs = [
-                estimates_of(preset, seed, timed_images(footage), truth[0]) for seed in range(seeds)
+                estimates_of("default", seed, timed_images(footage), truth[0])
+                for seed in range(seeds)
             ]
             parts.append(together([compared(one, truth[1:], interval) for one in runs]))
             on_progress(footage.name, 1)
@@ -126,7 +126,7 @@ def summary(groups: Mapping[str, Frames], title: str) -> Table:
     """The figures of each group of sequences, such as a kind of footage."""
     columns = [figures(frames) for frames in groups.values()]
     rows = [[name, *(_text(one[name]) for one in columns)] for name in columns[0]]
-    return Table(title, ("figure", *groups), [rows])
+    return Table(title, ("figure", *groups), rows)
 
 
 def figures(frames: Frames) -> dict[str, float]:
@@ -153,7 +153,7 @@ def reliability_table(frames: Frames) -> Table:
         [f"{one.low:.1f} to {one.high:.1f}", f"{count * one.share:.0f}", _text(one.right)]
         for one in reliability(frames.labeled)
     ]
-    return Table("Right frames by confidence", ("confidence", "frames", "right"), [rows])
+    return Table("Right frames by confidence", ("confidence", "frames", "right"), rows)
 
 
 def plot(path: Path, frames: Frames, title: str) -> None:
@@ -181,10 +181,10 @@ def _text(figure: float) -> str:
     return "-" if math.isnan(figure) else f"{figure:.3f}"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, print the tables and write the files."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Measure, print the tables and write the plot."""
     parser = options_of.sequence_parser(__doc__)
-    options_of.add_preset(parser)
+    options_of.add_folder(parser)
     parser.add_argument(
         "--group",
         action="append",
@@ -196,20 +196,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with options_of.told_errors(parser):
         sequences = read_sequences(options.sequences)
         members = grouped([footage.name for footage in sequences], options.group)
-        parts = measured(sequences, options.preset, options.seeds)
+        parts = measured(sequences, options.seeds)
         frames = together(parts)
         groups = {"all": frames} | {
             name: together([parts[number] for number in numbers])
             for name, numbers in members.items()
         }
         runs = f"{counted(len(sequences), 'sequence')}, {counted(options.seeds, 'seed')}"
-        title = f"Uncertainty of preset {options.preset}: {runs}"
-        publish(
-            options.output / "uncertainty.md", [summary(groups, title), reliability_table(frames)]
-        )
-        plot(options.output / "uncertainty.png", frames, f"{options.preset}: {runs}")
-    return 0
+        title = f"Uncertainty: {runs}"
+        summary(groups, title).show()
+        reliability_table(frames).show()
+        options.output.mkdir(parents=True, exist_ok=True)
+        plot(options.output / "uncertainty.png", frames, f"default: {runs}")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

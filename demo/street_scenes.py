@@ -24,7 +24,7 @@ from scenes.stage import Actor, Stage
 from scenes.street import Street
 from scenes.textures import fractal_noise, smooth_path
 from scenes.trees import Tree, plant
-from scenes.walkers import GAIT_VIEWS, Person, gait_views
+from scenes.walkers import Person
 
 WIDTH, HEIGHT = 800, 450
 RATE, FRAMES = 20.0, 240
@@ -138,17 +138,13 @@ SCENES: dict[str, Callable[[], StreetFootage]] = {"hidden": hidden, "people": pe
 def _actor(generator: np.random.Generator, walk: Walk) -> Actor:
     height = _FARTHEST + _GROWTH * (walk.lane - _HOUSE_LINE)
     facing = 1 if walk.speed > 0.0 else -1
-    person = Person(height, walk.coat, walk.trousers, facing)
-    plain = [person.sprite(view) for view in range(GAIT_VIEWS)]
-    cloth = fractal_noise(generator, plain[0].pixels.shape[:2], 14.0)
-    factors = 1.0 + 0.35 * (cloth - cloth.mean())
+    cloth = fractal_noise(generator, (240, 200), 14.0)
     times = np.arange(FRAMES) / RATE
     columns = _MARGIN + walk.start + walk.speed * times
     columns += 3.0 * smooth_path(generator, FRAMES, period=40.0)[:, 0]
-    rows = np.full(FRAMES, walk.lane)
-    sprites = tuple(sprite.textured(factors) for sprite in plain)
-    views = gait_views(columns, facing, height)
-    return Actor(sprites, views, np.stack([columns, rows], axis=1))
+    feet = np.stack([columns, np.full(FRAMES, walk.lane)], axis=1)
+    person = Person(height, walk.coat, walk.trousers, facing)
+    return person.walking(feet, 1.0 + 0.35 * (cloth - cloth.mean()))
 
 
 def _van(left: float, ground: float) -> NDArray[np.float32]:

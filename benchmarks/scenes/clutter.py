@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from scenes.camera import HandheldCamera
 from scenes.scene import Scene
-from scenes.sprites import Color
+from scenes.sprites import Color, from_hsv
 from scenes.stage import Actor, Stage
 from scenes.street import Street
 from scenes.textures import fractal_noise, smooth_path
-from scenes.walkers import GAIT_VIEWS, Person, gait_views, standing_boxes
+from scenes.walkers import Person, standing_boxes
 
 WIDTH, HEIGHT = 640, 480
 MOST_PATCHES, MOST_DISTRACTORS = 200, 4
@@ -74,13 +74,12 @@ class ClutteredStreet(Scene):
         others = _distractors(crowd, frames, colors)[: round(clutter * MOST_DISTRACTORS)]
         # Farther people have their feet higher in the image.
         people = sorted([*others, target], key=lambda one: one.positions[0, 1])
-        clear = np.zeros((HEIGHT, WIDTH, 4), np.float32)
         camera = HandheldCamera(
             sensor, size=_SIZE, margin=1, frames=frames, shake=0.0, lighting=0.01, noise=3.0
         )
         boxes = standing_boxes(target.positions - camera.offsets, _PERSON_HEIGHT)
         name = f"street {seed}, clutter {clutter:.2f}"
-        super().__init__(name, Stage(backdrop, tuple(people), clear), camera, boxes)
+        super().__init__(name, Stage(backdrop, tuple(people)), camera, boxes)
 
 
 def _street(generator: np.random.Generator, level: float) -> NDArray[np.uint8]:
@@ -95,9 +94,7 @@ def _clothes(generator: np.random.Generator) -> tuple[Color, Color]:
     hue = generator.uniform(0.0, 360.0)
     coat = (hue, generator.uniform(0.5, 0.8), generator.uniform(0.45, 0.75))
     legs = ((hue + generator.uniform(90.0, 270.0)) % 360.0, generator.uniform(0.3, 0.6), 0.4)
-    pixels = cv2.cvtColor(np.array([[coat, legs]], np.float32), cv2.COLOR_HSV2BGR)[0] * 255.0
-    first, second = ((float(blue), float(green), float(red)) for blue, green, red in pixels)
-    return first, second
+    return from_hsv(*coat), from_hsv(*legs)
 
 
 def _patches(generator: np.random.Generator, colors: tuple[Color, Color]) -> list[_Patch]:
@@ -169,10 +166,6 @@ def _walker(
     clothes: tuple[Color, Color],
 ) -> Actor:
     """A person in cloth of these colors and of a pattern of its own."""
+    pattern = fractal_noise(generator, (120, 120), 14.0)
     person = Person(_PERSON_HEIGHT, *clothes, direction)
-    plain = [person.sprite(view) for view in range(GAIT_VIEWS)]
-    height, width = plain[0].pixels.shape[:2]
-    pattern = fractal_noise(generator, (height, width), 14.0)
-    factors = 1.0 + 0.9 * (pattern - pattern.mean())
-    sprites = tuple(sprite.textured(factors) for sprite in plain)
-    return Actor(sprites, gait_views(feet[:, 0], direction, _PERSON_HEIGHT), feet)
+    return person.walking(feet, 1.0 + 0.9 * (pattern - pattern.mean()))

@@ -16,6 +16,14 @@ from numpy.typing import NDArray
 Color = tuple[float, float, float]
 """Blue, green, red, 0 to 255."""
 
+
+def from_hsv(hue: float, saturation: float, value: float) -> Color:
+    """The color of a hue in degrees, and saturation and value from 0 to 1."""
+    pixel = cv2.cvtColor(np.array([[[hue, saturation, value]]], np.float32), cv2.COLOR_HSV2BGR)
+    blue, green, red = (255.0 * pixel).ravel().tolist()
+    return blue, green, red
+
+
 Points = list[tuple[float, float]] | NDArray[np.floating]
 
 
@@ -31,9 +39,10 @@ class Sprite:
     anchor: tuple[float, float]
 
     def textured(self, factors: NDArray[np.float32]) -> Sprite:
-        """The same sprite, brighter or darker by (H, W) factors."""
+        """The same sprite, brighter or darker by factors of at least its size."""
         pixels = self.pixels.copy()
-        brighter = pixels[..., :3] * factors[..., None]
+        height, width = pixels.shape[:2]
+        brighter = pixels[..., :3] * factors[:height, :width, None]
         pixels[..., :3] = np.minimum(brighter, 255.0 * pixels[..., 3:])
         return Sprite(pixels, self.anchor)
 
@@ -68,34 +77,18 @@ class Placement:
     column: int  # canvas column of the first pixel; may lie outside the canvas
     row: int  # canvas row of the first pixel; may lie outside the canvas
 
-    def relative_to(self, column: int, row: int) -> Placement:
-        """The same pixels on a canvas that begins at this column and row."""
-        return Placement(self.pixels, self.column - column, self.row - row)
-
     def draw(self, canvas: NDArray[np.float32]) -> None:
         """Lay the pixels over a (H, W, 3) float32 canvas, in place; what juts out is cut off."""
-        region = self._region(canvas.shape)
-        if region is None:
-            return
-        target, source = region
-        pixels = self.pixels[source]
-        canvas[target] *= 1.0 - pixels[..., 3:]
-        canvas[target] += pixels[..., :3]
-
-    def _region(
-        self, shape: tuple[int, ...]
-    ) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
         height, width = self.pixels.shape[:2]
-        top, bottom = max(self.row, 0), min(self.row + height, shape[0])
-        left, right = max(self.column, 0), min(self.column + width, shape[1])
+        top, bottom = max(self.row, 0), min(self.row + height, canvas.shape[0])
+        left, right = max(self.column, 0), min(self.column + width, canvas.shape[1])
         if top >= bottom or left >= right:
-            return None
-        target = (slice(top, bottom), slice(left, right))
-        source = (
-            slice(top - self.row, bottom - self.row),
-            slice(left - self.column, right - self.column),
-        )
-        return target, source
+            return
+        rows, columns = slice(top - self.row, bottom - self.row), slice(left - self.column, None)
+        pixels = self.pixels[rows, columns][:, : right - left]
+        target = canvas[top:bottom, left:right]
+        target *= 1.0 - pixels[..., 3:]
+        target += pixels[..., :3]
 
 
 class Drawing:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scenes.sprites import Color, Drawing, Sprite
+from scenes.stage import Actor
 
 GAIT_VIEWS = 12
 """Number of views of a person in one cycle of two steps; the view after the last is the first."""
@@ -34,11 +35,6 @@ def standing_boxes(feet: NDArray[np.float64], height: float) -> NDArray[np.float
     width = _PERSON_WIDTH * height
     corners = feet + 0.5 - (width / 2, height - 1.0)
     return np.hstack([corners, np.broadcast_to((width, height), corners.shape)])
-
-
-def gait_views(columns: NDArray[np.float64], facing: int, height: float) -> NDArray[np.int64]:
-    """(frames,) views of a walker by the columns of the feet: two steps take them one cycle."""
-    return np.floor(facing * columns / (0.8 * height) * GAIT_VIEWS).astype(np.int64) % GAIT_VIEWS
 
 
 def panels(across: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,29 +90,19 @@ class Canopy:
         distance = np.hypot(across, along)
         rim = 1.0 - 0.06 * np.abs(np.sin(_PANELS / 2 * angle + np.pi / 2)) ** 0.7
         inside = (root > 0.0) & (distance <= rim)
-        shade = self._shade(across, along, angle, distance)
+        # Light from high on the left; the cloth sags between the ribs.
+        normal = np.stack([2 * self.bulge * across, 2 * self.bulge * along, np.ones_like(across)])
+        normal /= np.linalg.norm(normal, axis=0)
+        light = np.array([-0.35, -0.45, 0.82])
+        shade = 0.72 + 0.34 * np.tensordot(light, normal, axes=1)
+        ribs = np.abs(np.sin(_PANELS / 2 * angle + np.pi / 2))
+        shade *= np.where((ribs < 0.05 / np.maximum(distance, 0.1)) & (distance > 0.08), 0.86, 1.0)
         first = self.pattern(across, along) >= 0.0
         cloth = np.where(first[..., None], self.colors[0], self.colors[1]) * shade[..., None]
         coverage = inside.astype(np.float32)
         enlarged = np.dstack([np.clip(cloth, 0, 255) * coverage[..., None], coverage])
         pixels = cv2.resize(enlarged.astype(np.float32), (size, size), interpolation=cv2.INTER_AREA)
         return Sprite(pixels, (0.0, 0.0)).held_at_centroid()
-
-    def _shade(
-        self,
-        across: NDArray[np.float64],
-        along: NDArray[np.float64],
-        angle: NDArray[np.float64],
-        distance: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
-        # Diffuse light from high on the left; the cloth sags between the ribs.
-        normal = np.stack([2 * self.bulge * across, 2 * self.bulge * along, np.ones_like(across)])
-        normal /= np.linalg.norm(normal, axis=0)
-        light = np.array([-0.35, -0.45, 0.82])
-        shade = 0.72 + 0.34 * np.tensordot(light, normal, axes=1)
-        ribs = np.abs(np.sin(_PANELS / 2 * angle + np.pi / 2))
-        width = 0.05 / np.maximum(distance, 0.1)
-        return np.asarray(shade * np.where((ribs < width) & (distance > 0.08), 0.86, 1.0))
 
 
 @dataclass(frozen=True)
@@ -128,13 +114,24 @@ class Person:
     trousers: Color  # color of the legs
     facing: int  # 1 when looking to the right, -1 to the left
 
-    def sprite(self, view: int | None) -> Sprite:
-        """The person at one view of the gait, or standing for None; held at the feet."""
+    def walking(self, feet: NDArray[np.float64], cloth: NDArray[np.float32] | None = None) -> Actor:
+        """The person on a way of the (frames, 2) feet; two steps take them one cycle of the gait.
+
+        The cloth has (H, W) factors of the brightness, for at least the size of a sprite.
+        """
+        sprites = [self.sprite(view) for view in range(GAIT_VIEWS)]
+        if cloth is not None:
+            sprites = [sprite.textured(cloth) for sprite in sprites]
+        cycles = self.facing * feet[:, 0] / (0.8 * self.height)
+        return Actor(tuple(sprites), np.floor(cycles * GAIT_VIEWS).astype(int) % GAIT_VIEWS, feet)
+
+    def sprite(self, view: int) -> Sprite:
+        """The person at one view of the gait, held at the feet."""
         scale = self.height / 70.0
         width, height = int(np.ceil(56 * scale)), int(np.ceil(74 * scale))
         middle, ground = width / 2, height - 2.0
         drawing = Drawing(width, height)
-        swing = 0.12 if view is None else np.sin(2.0 * np.pi * view / GAIT_VIEWS)
+        swing = np.sin(2.0 * np.pi * view / GAIT_VIEWS)
         hip = ground - 33 * scale
         for leg, darkness in ((-swing, 0.75), (swing, 1.0)):
             self._draw_leg(drawing, (middle, hip), ground, scale, swing=leg, darkness=darkness)

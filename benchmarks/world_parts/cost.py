@@ -41,7 +41,7 @@ def cost_table(on_progress: OnProgress) -> Table:
             on_progress("cost", 1)
         rows.append(cells)
     headings = ("640 x 480", "rectified, ms", "plumb_bob, ms")
-    return Table("CPU time of a position", headings, [rows])
+    return Table("CPU time of a position", headings, rows)
 
 
 def least_cpu_ms(run: Callable[[], object], rounds: int = 15, count: int = 100) -> float:

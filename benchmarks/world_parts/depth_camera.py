@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tables import Table
 
+from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.world import CameraModel, Localizer
 from world_parts.errors import auroc
@@ -46,7 +47,7 @@ def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
         depth = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         mask = cv2.imread(str(folder / f"{stem}_mask.jpg"), cv2.IMREAD_GRAYSCALE)
         if image is None or depth is None or mask is None:
-            raise ValueError(f"{path} or its image or mask is no image")
+            raise FootageError(f"{path} or its image or mask is no image")
         yield DepthFrame(image, depth, mask > 127)
 
 
@@ -72,7 +73,7 @@ def depth_table(folder: Path, on_progress: OnProgress) -> Table:
     """Frames of a depth camera, as they are, with holes, and with a passing occluder."""
     headings = ("", "off by over 10 %, %", "median error, %", "AUROC of the occlusion")
     rows = [_row(case, folder, on_progress) for case in CASES]
-    return Table("Frames of a depth camera", headings, [rows])
+    return Table("Frames of a depth camera", headings, rows)
 
 
 def _row(case: Case, folder: Path, on_progress: OnProgress) -> list[str]:

@@ -53,7 +53,7 @@ def plane_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgre
     title = f"The ground from people of a known height (median of {RUNS} draws)"
     headings = ("boxes", "people's height", "median error after alignment, m", "before, m")
     headings += ("bias of the range, %", "camera's height, m", "pitch, degrees", "roll")
-    return Table(title, headings, [rows], names=2)
+    return Table(title, headings, rows, names=2)
 
 
 def on_ground(plane: GroundPlane, points: Array) -> Array:

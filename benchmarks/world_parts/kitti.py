@@ -80,7 +80,7 @@ def kitti_table(sequences: Sequence[LabeledBoxes], on_progress: OnProgress) -> T
     figures = ("median %", "90 %", "NEES", "inside")
     headings = ("boxes", "located", f"range {figures[0]}", *figures[1:])
     headings += (f"position {figures[0]}", *figures[1:], "no place")
-    return Table("KITTI, people and cyclists before a moving car", headings, [groups, rows])
+    return Table("KITTI, people and cyclists before a moving car", headings, [*groups, *rows])
 
 
 def _kitti_row(

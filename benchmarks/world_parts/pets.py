@@ -145,7 +145,7 @@ def pets_table(camera: FixedCamera, tracks: GroundTracks, on_progress: OnProgres
         )
     ]
     headings = ("PETS 2009, detector's boxes", "frames", "median", "90 %", "NEES", "inside")
-    return Table("People before a calibrated camera", headings, [rows])
+    return Table("People before a calibrated camera", headings, rows)
 
 
 def locate_all(camera: FixedCamera, localizer: Localizer, boxes: Array) -> list[Array | None]:

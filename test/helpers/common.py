@@ -57,6 +57,24 @@ def grain(seed, height, width, low=0, high=255, *, scale=2.5, channels=3):
     return cv2.normalize(smooth, None, low, high, cv2.NORM_MINMAX).reshape(noise.shape)
 
 
+def two_walkers(height, width, rows, right, count=16):
+    """Images and (count, 2) boxes of two colored walkers on a ground, who approach each other."""
+    rng = np.random.default_rng(4)
+    ground = rng.integers(90, 150, (height, width, 3)).astype(np.uint8)
+    sprites = [rng.integers(0, 120, (40, 24, 3)).astype(np.uint8) for _ in range(2)]
+    sprites[0][..., 2] = 240
+    sprites[1][..., 0] = 240
+    images, boxes = [], []
+    for frame in range(count):
+        image = ground.copy()
+        corners = [(30 + 3 * frame, rows[0]), (right - 3 * frame, rows[1])]
+        for (x, y), sprite in zip(corners, sprites, strict=True):
+            image[y : y + 40, x : x + 24] = sprite
+        images.append(image)
+        boxes.append([(float(x), float(y), 24.0, 40.0) for x, y in corners])
+    return images, boxes
+
+
 def region_of(image, boxes):
     """The region of an image that covers some boxes."""
     return Region(Frame(image), np.atleast_2d(boxes))

@@ -46,21 +46,23 @@ def test_what_was_not_measured_is_an_error(name, message):
 def test_a_part_is_measured_and_the_others_are_kept(tmp_path, monkeypatch, capsys):
     path = tmp_path / "figures.json"
     path.write_text(json.dumps({"parts": {"node": {"commit": "earlier"}}}))
-    quick = [["frame_cost.py", "--only", "loop", "--turns", "1"]]
+    quick = [["growth_model.py", "--runs", "2"]]
     parts = {"quick": lambda footage, seeds: quick, "absent": lambda footage, seeds: []}
     monkeypatch.setattr(figures, "PARTS", parts)
     assert figures.main(["measure", str(tmp_path), "--seeds", "1", "--output", str(path)]) == 0
     found = json.loads(path.read_text())
     assert found["parts"].keys() == {"node", "quick"}
     part = found["parts"]["quick"]
-    assert part["commands"] == ["frame_cost.py --only loop --turns 1"]
-    assert [len(table["rows"]) for table in part["tables"]] == [2]
+    assert part["commands"] == ["growth_model.py --runs 2"]
+    assert [len(table["rows"]) for table in part["tables"]] == [3]
     assert found["machine"]["versions"].keys() >= {"python", "numpy"}
     # A benchmark that fails is named.
-    monkeypatch.setattr(figures, "PARTS", {"bad": lambda footage, seeds: [["frame_cost.py", "-x"]]})
+    monkeypatch.setattr(
+        figures, "PARTS", {"bad": lambda footage, seeds: [["growth_model.py", "-x"]]}
+    )
     with pytest.raises(SystemExit):
         figures.main(["measure", str(tmp_path), "--output", str(path)])
-    assert "bad: frame_cost.py has ended with code 2" in capsys.readouterr().err
+    assert "bad: growth_model.py has ended with code 2" in capsys.readouterr().err
 
 
 def test_footage_makes_the_commands(tmp_path):

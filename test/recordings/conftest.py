@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from archives import TARGET
-from common import QUICK, run_command
+from common import QUICK, run_command, two_walkers
 from make_vision_msgs import DEFINITIONS
 from subprocesses import processes_below, wait_until
 
@@ -24,7 +24,6 @@ from pf_tracker_ros.recordings.archives import executors, results
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-_COUNT = 16
 _INTERVAL = 40_000_000
 _NAMES = ("x", "y", "width", "height")
 
@@ -196,20 +195,7 @@ def watch():
 @pytest.fixture(scope="session")
 def walkers():
     """(images, boxes (frames, 2, 4)) of two colored walkers on a textured ground."""
-    rng = np.random.default_rng(4)
-    ground = rng.integers(90, 150, (160, 240, 3)).astype(np.uint8)
-    sprites = [rng.integers(0, 120, (40, 24, 3)).astype(np.uint8) for _ in range(2)]
-    sprites[0][..., 2] = 240
-    sprites[1][..., 0] = 240
-    images, boxes = [], []
-    for frame in range(_COUNT):
-        image = ground.copy()
-        corners = [(30 + 3 * frame, 20), (180 - 3 * frame, 100)]
-        for (x, y), sprite in zip(corners, sprites, strict=True):
-            image[y : y + 40, x : x + 24] = sprite
-        images.append(image)
-        boxes.append([(float(x), float(y), 24.0, 40.0) for x, y in corners])
-    return images, boxes
+    return two_walkers(160, 240, (20, 100), 180)
 
 
 @pytest.fixture

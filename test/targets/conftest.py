@@ -5,17 +5,13 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import pytest
+from common import overlap, texture
 
 from pf_tracker_ros import Detections, MultiTracker
 
 WIDTH, HEIGHT = 320, 200
 SIZE = np.array([24.0, 40.0])
 INTERVAL = 0.1
-
-
-def texture(seed, height, width, low, high):
-    noise = np.random.default_rng(seed).integers(low, high, (height // 6 + 1, width // 6 + 1, 3))
-    return cv2.resize(noise.astype(np.uint8), (width, height), interpolation=cv2.INTER_CUBIC)
 
 
 @dataclass(frozen=True)
@@ -253,13 +249,6 @@ def run_through(tracker, drawn, every=10, frames=None, labels=None):
 @pytest.fixture(scope="session")
 def run():
     return run_through
-
-
-def overlap(one, other):
-    one, other = np.asarray(one, float), np.asarray(other, float)
-    sides = np.minimum(one[:2] + one[2:], other[:2] + other[2:]) - np.maximum(one[:2], other[:2])
-    shared = np.maximum(sides, 0.0).prod()
-    return shared / (one[2:].prod() + other[2:].prod() - shared)
 
 
 @pytest.fixture(scope="session")

@@ -2,30 +2,9 @@
 
 import numpy as np
 import pytest
+from sessions import at, ids, make_session, show
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.session import Session
-from pf_tracker_ros.tracking.presets import preset_parameters
-
-STEP = 100_000_000
-
-
-def at(number):
-    return 1 + number * STEP
-
-
-def make_session(max_targets, **parameters):
-    named = {name.replace("__", "."): value for name, value in parameters.items()}
-    session = Session(preset_parameters("default", max_targets) | named, seed=0)
-    session.frame_buffer.limit(frames=50, megabytes=64.0)
-    return session
-
-
-def show(session, drawn, number, found=None):
-    """Process a frame; `found` are the targets that a detector finds in it, None without one."""
-    if found is not None:
-        session.add_detections(drawn.detections(number, found), at(number))
-    return session.process(Frame(drawn.images[number], at(number)))
 
 
 @pytest.mark.parametrize("max_targets", [1, 8])
@@ -33,8 +12,8 @@ def test_missed_detections_do_not_hide_a_selected_target_that_the_image_shows(wa
     """Two in a row of a detector of two frames in a second, then one that finds it."""
     session = make_session(max_targets)
     for number in range(25):
-        found = None if number % 5 else [0] if number in (0, 5, 20) else []
-        outcome = show(session, walkers, number, found)
+        found = [0] if number in (0, 5, 20) else []
+        outcome = show(session, walkers, [number], 5, found)
         if number == 0 and max_targets > 1:
             session.select(1)
         assert [(one.id, one.estimate.state) for one in outcome.targets] == [(1, "tracking")]
@@ -46,8 +25,7 @@ def test_a_detector_that_does_not_see_a_target_ends_it_or_its_tracking(walkers):
     session.request(tuple(walkers.boxes[0][0]))
     states = []
     for number in range(30):
-        found = None if number % 2 else [0, 1] if number < 6 else []
-        outcome = show(session, walkers, number, found)
+        outcome = show(session, walkers, [number], 2, [0, 1] if number < 6 else [])
         states.append({one.id: one.estimate.state for one in outcome.targets})
     assert states[7] == {1: "tracking", 2: "tracking"}
     assert states[-1] == {1: "occluded"}
@@ -58,7 +36,7 @@ def test_the_misses_of_a_detector_that_has_stopped_are_forgotten(walkers):
     session = make_session(8)
     session.request(tuple(walkers.boxes[0][0]))
     for number in range(24):
-        show(session, walkers, number, None if number % 2 else [0] if number < 6 else [])
+        show(session, walkers, [number], 2, [0] if number < 6 else [])
     factors = []
     for number in range(24, 150):
         session.process(Frame(walkers.images[23], at(number)))
@@ -78,8 +56,7 @@ def test_what_a_detector_sees_counts_with_the_image(walkers, log_odds, is_found,
     """A miss counts against it, and finding the target again for it."""
     session = make_session(8)
     session.request(tuple(walkers.boxes[0][0]))
-    for number in range(3):
-        show(session, walkers, number, [0])
+    show(session, walkers, range(3), 1, [0])
     track = session._manager.get_track(1).with_existence(log_odds, is_found=is_found)
     assert track.existence_log_odds == log_odds
     assert track.filter_state.detector_factor == pytest.approx(factor)
@@ -88,8 +65,7 @@ def test_what_a_detector_sees_counts_with_the_image(walkers, log_odds, is_found,
 def test_a_detector_of_other_things_does_not_count_against_a_target_drawn_by_hand(walkers):
     session = make_session(8)
     session.request(tuple(walkers.boxes[0][0]))
-    for number in range(30):
-        outcome = show(session, walkers, number, None if number % 2 else [1])
+    outcome = show(session, walkers, range(30), 2, [1])
     assert outcome.targets[0].estimate.state == "tracking"
 
 
@@ -111,10 +87,9 @@ def test_a_selected_target_keeps_its_id_until_it_is_found_again(crossing, iou, m
     """With one target, the other person is told apart from it, and does not replace it."""
     session = make_session(max_targets)
     for number in range(45):
-        found = None if number % 2 else [0] if number < 4 else [0, 1]
-        outcome = show(session, crossing, number, found)
+        outcome = show(session, crossing, [number], 2, [0] if number < 4 else [0, 1])
         if number == 2:
-            assert [one.id for one in outcome.targets] == [1]
+            assert ids(outcome) == [1]
             session.select(1)
         if number > 2:
             assert outcome.selected == 1
@@ -122,7 +97,7 @@ def test_a_selected_target_keeps_its_id_until_it_is_found_again(crossing, iou, m
         if number == 26:
             assert outcome.estimate.state != "tracking"
         if max_targets == 1 and number > 2:
-            assert [one.id for one in outcome.targets] == [1]
+            assert ids(outcome) == [1]
     assert outcome.estimate.state == "tracking"
     assert iou(outcome.estimate.box, crossing.boxes[44][0]) > 0.5
 
@@ -130,7 +105,6 @@ def test_a_selected_target_keeps_its_id_until_it_is_found_again(crossing, iou, m
 def test_a_selected_target_ends_when_it_may_not_come_back(crossing):
     session = make_session(1, track__reidentify_within=1.0)
     for number in range(45):
-        found = None if number % 2 else [0] if number < 4 else [1]
-        outcome = show(session, crossing, number, found)
+        outcome = show(session, crossing, [number], 2, [0] if number < 4 else [1])
     # The other one is the target now.
-    assert [one.id for one in outcome.targets] == [2]
+    assert ids(outcome) == [2]

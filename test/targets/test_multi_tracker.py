@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Detections, MultiTracker
-from pf_tracker_ros.background import BackgroundModel
-from pf_tracker_ros.frames.frame import TiledImage
 from pf_tracker_ros.parameters import ParameterError
 
 INTERVAL = 0.1
@@ -172,38 +170,6 @@ def test_a_copy_goes_on_with_the_same_bits(run, walkers, make_tracker, as_told, 
 
 
 # Shared work
-
-
-def test_a_frame_is_preprocessed_once_for_all_targets(walkers, make_tracker, monkeypatch):
-    counts = {"background": 0, "pixels": 0}
-    learn, compute = BackgroundModel.update, TiledImage.read
-
-    def count_learning(self, *arguments):
-        counts["background"] += 1
-        return learn(self, *arguments)
-
-    def count_pixels(self, part, make):
-        def counted(inner):
-            counts["pixels"] += (inner.bottom - inner.top) * (inner.right - inner.left)
-            return make(inner)
-
-        return compute(self, part, counted)
-
-    monkeypatch.setattr(BackgroundModel, "update", count_learning)
-    monkeypatch.setattr(TiledImage, "read", count_pixels)
-    work = []
-    for copies in (1, 3):
-        tracker = make_tracker(working_size=12)
-        for number in range(copies):
-            # As near as separate targets may be.
-            tracker.start(walkers.images[0], walkers.boxes[0][0] + (10 * number, 0, 0, 0))
-        counts.update(background=0, pixels=0)
-        tracker.update(walkers.images[1], INTERVAL)
-        assert len(tracker.targets) == copies
-        work.append(dict(counts))
-    assert work[0]["background"] == work[1]["background"] == 1
-    assert work[0]["pixels"] > 0
-    assert work[1]["pixels"] < 1.5 * work[0]["pixels"]
 
 
 def test_one_wrong_detection_does_not_move_a_target_away(walkers, make_tracker, iou):

@@ -4,20 +4,14 @@ The rules are the same for both.
 """
 
 import pytest
+from sessions import at
 
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
 from pf_tracker_ros.tracking.presets import preset_parameters
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-STEP = SECOND // 10
 BEFORE_JUMP = "target refused: it was drawn on a frame from before time went back; draw it again"
-
-
-def at(number):
-    return START + number * STEP
 
 
 class Feed:

@@ -3,8 +3,8 @@
 import json
 import math
 
-import numpy as np
 import pytest
+from common import two_walkers
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.duration import Duration
 from std_msgs.msg import UInt32
@@ -12,8 +12,6 @@ from std_msgs.msg import UInt32
 from pf_tracker_ros import Detections
 from pf_tracker_ros.node.tracker import target_subscriptions, tracker_node
 from pf_tracker_ros.node.tracker.target_subscriptions import DETECTIONS_CLASS
-
-FRAMES = 16
 
 
 @pytest.fixture(autouse=True)
@@ -24,20 +22,7 @@ def _fast_reports(fast_reports):
 @pytest.fixture(scope="session")
 def walkers():
     """(images, boxes (frames, 2, 4)) of two colored walkers on a textured ground."""
-    rng = np.random.default_rng(4)
-    ground = rng.integers(90, 150, (200, 320, 3)).astype(np.uint8)
-    sprites = [rng.integers(0, 120, (40, 24, 3)).astype(np.uint8) for _ in range(2)]
-    sprites[0][..., 2] = 240
-    sprites[1][..., 0] = 240
-    images, boxes = [], []
-    for frame in range(FRAMES):
-        image = ground.copy()
-        corners = [(30 + 3 * frame, 40), (250 - 3 * frame, 120)]
-        for (x, y), sprite in zip(corners, sprites, strict=True):
-            image[y : y + 40, x : x + 24] = sprite
-        images.append(image)
-        boxes.append([(float(x), float(y), 24.0, 40.0) for x, y in corners])
-    return images, boxes
+    return two_walkers(200, 320, (40, 120), 250)
 
 
 def _send(client, node, topic, message):
