@@ -3,6 +3,8 @@
 Two images are compared by a grid of blocks of sampled pixels. There is a cut between them where
 their blocks correlate by |rho| < 0.8 (a thermal camera may swap black and white) and differ by e in
 the median, beside a usual mean difference of E in the same stream, with (1 - |rho|) e / E > 1.5.
+rho is the largest of three: of the blocks, and of those of either image in the grays of the other.
+Light that jumps makes the brightest of them equally white, and keeps the order of the others.
 The images show another scene until another cut leads back to one like the last before, or for 5 s:
 it may have been the camera that turned. After a gap of over half a second it probably has, as that
 of a robot: these images are not compared.
@@ -67,7 +69,7 @@ class Continuity:
         if difference <= _CUT_ABOVE * usual or not _is_cut(last, samples, usual):
             self._usual = usual + _USUAL_SHARE * (difference - usual)
         elif self._before_cut is not None and (
-            _correlation(self._before_cut, _blocks(samples)) >= _ALIKE_ABOVE
+            _likeness(self._before_cut, _blocks(samples)) >= _ALIKE_ABOVE
         ):
             is_other, self._other_for = False, math.inf
         elif not is_other:
@@ -77,13 +79,13 @@ class Continuity:
 
 def _is_cut(last: NDArray[Any], now: NDArray[Any], usual: float) -> bool:
     before, after = _blocks(last), _blocks(now)
-    correlation = _correlation(before, after)
-    if correlation >= _ALIKE_ABOVE:
+    likeness = _likeness(before, after)
+    if likeness >= _ALIKE_ABOVE:
         return False
     usual = max(usual, _LEAST_USUAL * float(before.std()))
     # An object before a uniform background changes few blocks.
     difference = float(np.median(np.abs(after - before)))
-    return (1.0 - correlation) * difference > _CUT_ABOVE * usual
+    return (1.0 - likeness) * difference > _CUT_ABOVE * usual
 
 
 def _blocks(samples: NDArray[Any]) -> NDArray[np.float32]:
@@ -92,8 +94,24 @@ def _blocks(samples: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(means if means.ndim == 2 else means.mean(axis=2), dtype=np.float32)
 
 
+def _likeness(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """Magnitude of the correlation of blocks, as they are or with the grays of one in the other."""
+    return max(
+        abs(_correlation(one, other)),
+        _correlation(_in_grays_of(other, one), other),
+        _correlation(one, _in_grays_of(one, other)),
+    )
+
+
+def _in_grays_of(model: NDArray[np.float32], blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The blocks with the grays of others, the darkest as the darkest and so on."""
+    mapped = np.empty(blocks.size, np.float32)
+    mapped[np.argsort(blocks, axis=None, kind="stable")] = np.sort(model, axis=None)
+    return mapped.reshape(blocks.shape)
+
+
 def _correlation(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
-    """Magnitude of that of blocks; 1 if one of them has no contrast."""
+    """That of blocks, -1 to 1; 1 if one of them has no contrast."""
     first, second = (blocks.ravel() - blocks.mean() for blocks in (one, other))
     product = math.sqrt(float(first @ first) * float(second @ second))
-    return abs(float(first @ second)) / product if product > 0.0 else 1.0
+    return float(first @ second) / product if product > 0.0 else 1.0

@@ -61,11 +61,19 @@ def test_another_scene_is_the_present_one_after_five_seconds(scenes):
     assert found == [OTHER_SCENE] * 125 + [1.0] * 15
 
 
-@pytest.mark.parametrize("gain", [0.5, 1.6])
-def test_a_jump_of_the_light_is_no_cut(scenes, gain):
-    camera, last = after_motion(scenes[0])
-    image = np.clip(gain * last.astype(float), 0, 255).astype(np.uint8)
-    assert {camera.shows(image) for _ in range(10)} == {1.0}
+@pytest.mark.parametrize("gain", [0.5, 1.6, 2.5, 3.5])
+def test_a_jump_of_the_light_and_back_is_no_cut(scenes, gain):
+    gray = np.repeat(scenes[0].mean(axis=2, keepdims=True), 3, axis=2)
+    camera, last = after_motion(gray)
+    # 2.5 makes 0.7 of the image white, and 3.5 makes 0.9 of it.
+    image = np.clip(gain * last, 0, 255)
+    assert {camera.shows(one) for one in [image] * 10 + [last] * 10} == {1.0}
+
+
+def test_a_cut_to_a_bright_scene_is_one(scenes):
+    camera, _ = after_motion(scenes[0])
+    image = np.clip(2.5 * at(scenes[1], 0).astype(float), 0, 255)
+    assert {camera.shows(image) for _ in range(10)} == {OTHER_SCENE}
 
 
 def test_an_object_before_a_uniform_background_is_no_cut(scenes):
