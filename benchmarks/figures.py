@@ -89,6 +89,8 @@ def _positions(footage: Path, seeds: int) -> list[Command]:
         "--pets": footage / "mot" / "PETS09-S2L1",
         "--calibration": footage / "world" / "calibration.xml",
     }
+    if not places["--calibration"].exists():
+        del places["--pets"]
     words = [word for option, path in places.items() if path.exists()
              for word in (option, str(path))]  # fmt: skip
     return [["world.py", "--cost", *words]]
