@@ -19,8 +19,8 @@ import math
 
 from pf_tracker_ros.stamps import NANOSECONDS
 
-# People per square meter to whom a box may go over.
-_OTHERS_DENSITY = 0.05
+# People per square meter to whom a box may go over: anywhere, and after somebody was in front.
+_OTHERS_DENSITY, _CROSSING_DENSITY = 0.05, 1.0
 # Least log odds by the place: it contradicts the prediction.
 _LEAST_LOG_ODDS = -4.0
 # Confidences closer to 0 or 1 count as this, since those of 0 and 1 are infinite.
@@ -40,7 +40,14 @@ class Trust:
         # Log odds by the place; None until the target is measured, 0 where nothing was predicted.
         self._by_place: float | None = None
         self._measured_since = 0
-        self._is_doubted = False
+        self._is_doubted = self._is_crossed = False
+
+    @property
+    def others_density(self) -> float:
+        """People per square meter to whom the box may have gone over; 0 without a doubt."""
+        if not self._is_doubted:
+            return 0.0
+        return _CROSSING_DENSITY if self._is_crossed else _OTHERS_DENSITY
 
     def lose_sight(self, *, is_hidden: bool) -> None:
         """The target gives no measurement; the next one decides.
@@ -52,6 +59,10 @@ class Trust:
         if is_hidden:
             self.doubted_for = math.inf
 
+    def cross(self) -> None:
+        """Something was in front of the target, which is out of sight."""
+        self._is_crossed = True
+
     def contradict(self, stamp: int) -> None:
         """The target is in another place than predicted.
 
@@ -59,6 +70,7 @@ class Trust:
             stamp: Of the frame, nanoseconds.
         """
         self._is_doubted, self._by_place, self._measured_since = True, _LEAST_LOG_ODDS, stamp
+        self._is_crossed = False
 
     def measure(
         self,
@@ -86,6 +98,7 @@ class Trust:
         needed = max(-log_odds, 0.0) * hold / -_LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
+        self._is_crossed &= self._is_doubted
 
 
 def log_odds_by_place(log_density: float | None, squared: float | None) -> float:

@@ -38,6 +38,10 @@ _CORRELATION_TIMES = 0.3, 5.0
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
 # Share of each measurement in the height of a target.
 _HEIGHT_RATE = 0.1
+# Covered share of a box from which on it may be of what is in front.
+_COVERED_ABOVE = 0.5
+# Log odds by the place below which a box is not on the target.
+_CONTRADICTION = -3.0
 # What a box with absurd numbers raises; the other targets are still located.
 _UNUSABLE = ValueError, ArithmeticError
 
@@ -151,13 +155,16 @@ class WorldTracks:
         track.place_odds = 0.0
         problem = distrust(target, parameters.min_confidence)
         if problem:
-            track.trust.lose_sight(is_hidden=target.state != "tracking")
-            track.filter.interrupt()
+            track.lose_sight(is_hidden=target.state != "tracking")
         if target.state == "lost":
             track.box_errors.reset()
         try:
             if problem:
                 covered_share = track.covered_share(target, scene)
+                if covered_share is not None and covered_share > _COVERED_ABOVE:
+                    track.trust.cross()
+                if target.state == "occluded":
+                    track.place_odds = track.contradiction(target, scene)
             else:
                 place = localizer.locate(
                     target.box,
@@ -192,6 +199,11 @@ class WorldTracks:
             predicted_for=predicted_for,
             coasts=coasts,
         )
+
+
+def _is_behind(place: Place) -> bool:
+    """Whether the target is behind something: the box may be of that."""
+    return "depth" not in place.method and (place.occlusion or 0.0) > _COVERED_ABOVE
 
 
 def _doubt(target: ReportedTarget, trust: Trust) -> str:
@@ -295,6 +307,29 @@ class _Track:
             return None
         return scene.localizer.covered_share(target.box, depth, predicted)
 
+    def lose_sight(self, *, is_hidden: bool) -> None:
+        """There is no measurement; see `Trust.lose_sight`."""
+        self.trust.lose_sight(is_hidden=is_hidden)
+        self.filter.interrupt()
+
+    def contradiction(self, target: ReportedTarget, scene: _Scene) -> float:
+        """Log odds, at most 0, by the place of a box that is no measurement; 0 if it fits."""
+        place = scene.localizer.locate(
+            target.box,
+            target.box_covariance,
+            depth=scene.sensed.depth,
+            predicted_range=self.predicted_range(scene),
+            methods=scene.methods,
+        )
+        if place is None or _is_behind(place):
+            return 0.0
+        pose = scene.sensed.pose.pose
+        measured = in_fixed_frame(place, pose.rotation, pose.translation)
+        log_odds = self.filter.log_odds(
+            scene.frame.stamp, measured.mean, measured.covariance, self.trust.others_density
+        )
+        return log_odds if log_odds < _CONTRADICTION else 0.0
+
     def hint(self, covered_share: float | None, scene: _Scene) -> Hint:
         """What the tracker may take of it: what covers it, and where to look for it."""
         filtered = self.filter.predict(scene.frame.stamp)
@@ -309,10 +344,18 @@ class _Track:
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
+        if _is_behind(place):
+            self.lose_sight(is_hidden=True)
+            self.trust.cross()
+            return (
+                f"target {target.id} is behind something that covers {place.occlusion:.0%} of "
+                "its box"
+            )
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         stamp, parameters = scene.frame.stamp, scene.parameters
-        is_used = self.filter.update(stamp, measured.mean, measured.covariance)
+        others = self.trust.others_density
+        is_used = self.filter.update(stamp, measured.mean, measured.covariance, others)
         innovation = self.filter.normalized_innovation
         by_place = log_odds_by_place(self.filter.log_density, innovation)
         if not is_used:

@@ -64,6 +64,8 @@ def _is_as_expected(box: NDArray[np.float64], hint: Hint, image_size: tuple[int,
     if not ((center >= 0.0) & (center < image_size)).all():
         return True
     ratios = np.abs(np.log(box[2:] / expected[2:]))
-    allowed = max(_NEAR, 2.0 * hint.center_std / expected[2])
+    # What is there in meters is known: not the target.
+    vague = 0.0 if hint.place_odds < 0.0 else 2.0 * hint.center_std / expected[2]
+    allowed = max(_NEAR, vague)
     is_near = bool(relative_center_distances(box, expected) < allowed)
     return is_near and float(ratios.max()) < np.log(_SAME_SIZE)

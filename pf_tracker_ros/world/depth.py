@@ -18,6 +18,7 @@ prediction, the target may also be in a mode behind the chosen one that scores n
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,6 +50,9 @@ _EDGE_WEIGHT = 0.2
 _PREDICTION_SD = 0.05
 # Distance in standard deviations beyond which no mode is the predicted target.
 _PREDICTION_GATE = 4.0
+# Standard deviation, as a share of the distance, from which a prediction does not tell what is
+# nearer than the target.
+_VAGUE_ABOVE = 0.25
 # Largest difference in aspect ratio between image and depth.
 _ASPECT_TOLERANCE = 0.02
 # Standard deviation of the distance: a person's thickness, meters, and a share of the distance.
@@ -76,6 +80,11 @@ class ExpectedDepth:
     def is_prediction(self) -> bool:
         """Whether it excludes depths."""
         return self.floor == 0.0
+
+    @property
+    def is_vague(self) -> bool:
+        """Whether it does not tell what is nearer than the target."""
+        return self.sd > _VAGUE_ABOVE * self.depth
 
     def log_likelihoods(self, depths: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) log likelihoods of depths, up to a constant."""
@@ -136,7 +145,7 @@ def read_depth(
     depth: NDArray[np.generic],
     samples: BoxSamples,
     target_probability: NDArray[np.float64] | None = None,
-    expected: ExpectedDepth | None = None,
+    expected: Sequence[ExpectedDepth] = (),
 ) -> DepthReading | None:
     """The depth of a target in a box.
 
@@ -146,7 +155,8 @@ def read_depth(
         samples: Of the box and a ring around it.
         target_probability: (R, C) probability, 0 to 1, of each sample in the box to be the
             target's.
-        expected: What else is known of its depth; chooses between modes.
+        expected: What else is known of its depth, independently of each other; chooses between
+            modes.
 
     Returns:
         None where too few samples have a depth.
@@ -163,14 +173,14 @@ def read_depth(
     weights = weights[is_in_box]
     is_valid[samples.inside] = False
     chosen = _choose_mode(depths, weights, values[is_valid], expected)
+    clear = [one for one in expected if one.is_prediction and not one.is_vague]
     if chosen is None:
-        nearer = None if expected is None else _share_nearer(depths, expected.depth)
+        nearer = _share_nearer(depths, clear[0].depth) if clear else None
         return DepthReading(None, math.nan, 0.5, nearer)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     mean = float(weights[inside] @ depths[inside] / weights[inside].sum())
-    is_predicted = expected is not None and expected.is_prediction
-    reference = expected.depth if expected is not None and is_predicted else max(mean, farthest)
+    reference = clear[0].depth if clear else max(mean, farthest)
     return DepthReading(
         mean,
         math.hypot(_THICKNESS_SD, _RELATIVE_SD * mean),
@@ -217,7 +227,7 @@ def _choose_mode(
     depths: NDArray[np.float64],
     weights: NDArray[np.float64],
     around: NDArray[np.float64],
-    expected: ExpectedDepth | None,
+    expected: Sequence[ExpectedDepth],
 ) -> tuple[float, float] | None:
     """Middle of the target's mode, and of the farthest one that may also be the target's.
 
@@ -249,10 +259,10 @@ def _choose_mode(
     if not modes:
         return None
     log_scores = np.log(scores)
-    if expected is not None:
-        log_scores += expected.log_likelihoods(np.array(modes))
+    for one in expected:
+        log_scores += one.log_likelihoods(np.array(modes))
     best = int(np.argmax(log_scores))
-    if expected is not None and expected.excludes(modes[best]):
+    if any(one.excludes(modes[best]) for one in expected):
         return None
     farthest = max(
         mode
