@@ -28,6 +28,7 @@ from pf_tracker_ros.world import (
     PositionFilter,
     in_fixed_frame,
 )
+from pf_tracker_ros.world.position_filter import CONTRADICTION
 from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
 
 # Times after which half of a box's errors correlate by 1/e, seconds. Those of a tracker last longer
@@ -40,8 +41,6 @@ _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
 _HEIGHT_RATE = 0.1
 # Covered share of a box from which on it may be of what is in front.
 _COVERED_ABOVE = 0.5
-# Log odds by the place below which a box is not on the target.
-_CONTRADICTION = -3.0
 # What a box with absurd numbers raises; the other targets are still located.
 _UNUSABLE = ValueError, ArithmeticError
 
@@ -328,7 +327,7 @@ class _Track:
         log_odds = self.filter.log_odds(
             scene.frame.stamp, measured.mean, measured.covariance, self.trust.others_density
         )
-        return log_odds if log_odds < _CONTRADICTION else 0.0
+        return log_odds if log_odds <= CONTRADICTION else 0.0
 
     def hint(self, covered_share: float | None, scene: _Scene) -> Hint:
         """What the tracker may take of it: what covers it, and where to look for it."""

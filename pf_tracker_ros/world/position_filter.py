@@ -33,14 +33,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
 
+CONTRADICTION = -3.0
+"""Log odds of a measurement, against others, up to which it is not of the target."""
 # Asymmetry of a covariance that is rounding, over its largest number.
 _ROUNDING = 1e-6
 # Largest number of the input, in its unit; squares and cubes of larger ones would overflow.
 _LARGEST = 1e12
 # Standard deviation of the velocity of a new target, meters per second: people walk at 1.4.
 _FIRST_SPEED_SD = 1.2
-# Log odds of a measurement, against another one, up to which it is not of the target.
-_LEAST_LOG_ODDS = -3.0
 # Least white share of a measurement's covariance: boxes are rounded, also at high rates.
 _LEAST_WHITE = 0.02
 
@@ -210,7 +210,7 @@ class PositionFilter:
         innovation = self._innovation((stamp - self._stamp) * 1e-9, place, noise)
         self.normalized_innovation, self.log_density = innovation.squared, innovation.log_density
         self.has_restarted = False
-        if innovation.squared <= self._gate and innovation.log_odds(others) > _LEAST_LOG_ODDS:
+        if innovation.squared <= self._gate and innovation.log_odds(others) > CONTRADICTION:
             self._state = innovation.predicted.correct(
                 place, self._observed(noise), self._white * noise, considered=len(self._times)
             )
