@@ -101,17 +101,20 @@ class Trust:
         self._is_crossed &= self._is_doubted
 
 
-def log_odds_by_place(log_density: float | None, squared: float | None) -> float:
+def log_odds_by_place(
+    log_density: float | None, squared: float | None, others: float = _OTHERS_DENSITY
+) -> float:
     """Log odds that a measurement is of the target, by its place, -4 up.
 
     Args:
         log_density: Of the measurement given its prediction, 1/m^2; None without one.
         squared: Its normalized innovation; None without a prediction.
+        others: Density of others, 1/m^2, above 0.
     """
     if log_density is None or squared is None:
         return 0.0
     largest = log_density + squared / 2.0
-    by_place = log_density - min(math.log(_OTHERS_DENSITY), largest)
+    by_place = log_density - min(math.log(others), largest)
     return max(by_place, _LEAST_LOG_ODDS)
 
 

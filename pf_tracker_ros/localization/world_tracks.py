@@ -358,7 +358,11 @@ class _Track:
         innovation = self.filter.normalized_innovation
         by_place = log_odds_by_place(self.filter.log_density, innovation)
         if not is_used:
-            self.place_odds = by_place
+            self.place_odds = (
+                log_odds_by_place(self.filter.log_density, innovation, others)
+                if others
+                else by_place
+            )
             return (
                 f"the position of target {target.id} jumped (squared innovation "
                 f"{innovation or 0.0:.1f}), as if the box were on something else"

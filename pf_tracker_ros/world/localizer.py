@@ -239,9 +239,7 @@ class Localizer:
         edges = BoxEdges.of(box, None, self._image_size)
         if edges is None:
             return None
-        expected = self._predicted_depth(
-            View.of(self.camera, edges, self.plane), predicted_range
-        )
+        expected = self._predicted_depth(View.of(self.camera, edges, self.plane), predicted_range)
         if expected is None or expected.is_vague:
             return None
         depth = check_depth(depth, self._image_size)
