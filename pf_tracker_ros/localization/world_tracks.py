@@ -41,6 +41,8 @@ _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
 _HEIGHT_RATE = 0.1
 # Covered share of a box from which on it may be of what is in front.
 _COVERED_ABOVE = 0.5
+# Log odds that a tracked box shows a target that depth does not show there, but something nearer.
+_HIDDEN_LOG_ODDS = -6.0
 # What a box with absurd numbers raises; the other targets are still located.
 _UNUSABLE = ValueError, ArithmeticError
 
@@ -173,8 +175,10 @@ class WorldTracks:
                     predicted_range=track.predicted_range(scene),
                     methods=scene.methods,
                 )
-                if place:
-                    covered_share = place.occlusion
+                covered_share = place.occlusion if place else track.covered_share(target, scene)
+                if _is_behind(place, covered_share):
+                    problem = track.hide(target, covered_share or 0.0)
+                elif place:
                     problem = track.measure(target, place, scene)
                 else:
                     hint = _contradiction(scene.sensed.pose)
@@ -200,9 +204,10 @@ class WorldTracks:
         )
 
 
-def _is_behind(place: Place) -> bool:
-    """Whether the target is behind something: the box may be of that."""
-    return "depth" not in place.method and (place.occlusion or 0.0) > _COVERED_ABOVE
+def _is_behind(place: Place | None, covered_share: float | None) -> bool:
+    """Whether the target, if it is where it is predicted, is hidden by what the box shows."""
+    is_seen = place is not None and "depth" in place.method
+    return not is_seen and covered_share is not None and covered_share > _COVERED_ABOVE
 
 
 def _doubt(target: ReportedTarget, trust: Trust) -> str:
@@ -311,6 +316,15 @@ class _Track:
         self.trust.lose_sight(is_hidden=is_hidden)
         self.filter.interrupt()
 
+    def hide(self, target: ReportedTarget, covered_share: float) -> str:
+        """Depth shows something in front where the tracker sees the target; why it is no place."""
+        self.lose_sight(is_hidden=True)
+        self.trust.cross()
+        self.place_odds = _HIDDEN_LOG_ODDS
+        return (
+            f"target {target.id} is behind something that covers {covered_share:.0%} of its box"
+        )
+
     def contradiction(self, target: ReportedTarget, scene: _Scene) -> float:
         """Log odds, at most 0, by the place of a box that is no measurement; 0 if it fits."""
         place = scene.localizer.locate(
@@ -320,7 +334,7 @@ class _Track:
             predicted_range=self.predicted_range(scene),
             methods=scene.methods,
         )
-        if place is None or _is_behind(place):
+        if place is None:
             return 0.0
         pose = scene.sensed.pose.pose
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
@@ -343,13 +357,6 @@ class _Track:
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
-        if _is_behind(place):
-            self.lose_sight(is_hidden=True)
-            self.trust.cross()
-            return (
-                f"target {target.id} is behind something that covers {place.occlusion:.0%} of "
-                "its box"
-            )
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         stamp, parameters = scene.frame.stamp, scene.parameters

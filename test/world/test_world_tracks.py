@@ -104,7 +104,7 @@ def located(depths, states=("tracking",), right=0.0, count=30, start=0.0):
     """The last result of a target at 6 m, after `count` frames at 10 Hz that show it.
 
     Args:
-        depths: Of each further frame, meters, in the whole image.
+        depths: Of each further frame, meters.
         states: Of these frames, in turn.
         right: Where the boxes of these frames are, pixels to the right.
     """
@@ -117,7 +117,7 @@ def located(depths, states=("tracking",), right=0.0, count=30, start=0.0):
         target = ReportedTarget(1, "", state, 0.9, box, np.eye(4))
         stamp = round((1.0 + index * 0.1) * NANOSECONDS)
         frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
-        image = np.full((480, 640), depth, np.float32)
+        image = np.broadcast_to(depth, (480, 640)).astype(np.float32)
         (found,) = tracks.advance(frame, replace(SENSED, depth=image), parameters)
     return found
 
@@ -128,16 +128,20 @@ def test_a_box_behind_something_is_no_measurement():
     found = located([3.0])
     assert "behind something that covers 100%" in found.silence
     assert found.covered_share == 1.0
+    assert found.hint.place_odds < -3.0
     # It may have gone over to that: the next place decides.
     assert found.doubt
+    # Behind a part of its box, the rest is measured.
+    assert not located([np.repeat([3.0, 6.0], [250, 230])[:, None] * np.ones(640)]).silence
 
 
 def test_a_box_of_a_hidden_target_on_something_else_contradicts_it():
     # 200 pixels to the right are 2.4 m.
     assert located([6.0], ["occluded"], right=200.0).hint.place_odds < -3.0
     assert located([6.0], ["occluded"]).hint.place_odds == 0.0
-    # What is in front says nothing of the place behind it.
-    assert located([3.0], ["occluded"], right=200.0).hint.place_odds == 0.0
+    # Behind something, its box still is where it is predicted, or not.
+    assert located([3.0], ["occluded"]).hint.place_odds == 0.0
+    assert located([3.0], ["occluded"], right=200.0).hint.place_odds < -3.0
     # A lost one may be anywhere.
     assert located([6.0], ["lost"], right=200.0).hint.place_odds == 0.0
 
