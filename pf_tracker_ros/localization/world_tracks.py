@@ -15,7 +15,7 @@ from pf_tracker_ros.localization.camera_pose import CameraPose
 from pf_tracker_ros.localization.expected_boxes import expected_box, standing
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
-from pf_tracker_ros.localization.trust import Trust, log_odds_by_place
+from pf_tracker_ros.localization.trust import LEAST_LOG_ODDS, Trust, log_odds_by_place
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.world import (
@@ -41,8 +41,6 @@ _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
 _HEIGHT_RATE = 0.1
 # Covered share of a box from which on it may be of what is in front.
 _COVERED_ABOVE = 0.5
-# Log odds that a tracked box shows a target that depth does not show there, but something nearer.
-_HIDDEN_LOG_ODDS = -6.0
 # What a box with absurd numbers raises; the other targets are still located.
 _UNUSABLE = ValueError, ArithmeticError
 
@@ -320,10 +318,8 @@ class _Track:
         """Depth shows something in front where the tracker sees the target; why it is no place."""
         self.lose_sight(is_hidden=True)
         self.trust.cross()
-        self.place_odds = _HIDDEN_LOG_ODDS
-        return (
-            f"target {target.id} is behind something that covers {covered_share:.0%} of its box"
-        )
+        self.place_odds = LEAST_LOG_ODDS
+        return f"target {target.id} is behind something that covers {covered_share:.0%} of its box"
 
     def contradiction(self, target: ReportedTarget, scene: _Scene) -> float:
         """Log odds, at most 0, by the place of a box that is no measurement; 0 if it fits."""
@@ -341,7 +337,7 @@ class _Track:
         log_odds = self.filter.log_odds(
             scene.frame.stamp, measured.mean, measured.covariance, self.trust.others_density
         )
-        return log_odds if log_odds <= CONTRADICTION else 0.0
+        return max(log_odds, LEAST_LOG_ODDS) if log_odds <= CONTRADICTION else 0.0
 
     def hint(self, covered_share: float | None, scene: _Scene) -> Hint:
         """What the tracker may take of it: what covers it, and where to look for it."""
