@@ -33,6 +33,7 @@ class Trust:
     Attributes:
         doubted_for: Seconds until its place and confidence suffice, infinite while it is hidden; 0
             without a doubt.
+        is_crossed: Whether something was in front of it since it has been in doubt.
     """
 
     def __init__(self) -> None:
@@ -40,14 +41,13 @@ class Trust:
         # Log odds by the place; None until the target is measured, 0 where nothing was predicted.
         self._by_place: float | None = None
         self._measured_since = 0
-        self._is_doubted = self._is_crossed = False
+        self._is_doubted = False
+        self.is_crossed = False
 
     @property
     def others_density(self) -> float:
-        """People per square meter to whom the box may have gone over; 0 without a doubt."""
-        if not self._is_doubted:
-            return 0.0
-        return _CROSSING_DENSITY if self._is_crossed else _OTHERS_DENSITY
+        """People per square meter to whom the box may go over."""
+        return _CROSSING_DENSITY if self.is_crossed else _OTHERS_DENSITY
 
     def lose_sight(self, *, is_hidden: bool) -> None:
         """The target gives no measurement; the next one decides.
@@ -61,7 +61,7 @@ class Trust:
 
     def cross(self) -> None:
         """Something was in front of the target, which is out of sight."""
-        self._is_crossed = True
+        self.is_crossed = True
 
     def contradict(self, stamp: int) -> None:
         """The target is in another place than predicted.
@@ -70,7 +70,7 @@ class Trust:
             stamp: Of the frame, nanoseconds.
         """
         self._is_doubted, self._by_place, self._measured_since = True, LEAST_LOG_ODDS, stamp
-        self._is_crossed = False
+        self.is_crossed = False
 
     def measure(
         self,
@@ -98,7 +98,7 @@ class Trust:
         needed = max(-log_odds, 0.0) * hold / -LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
-        self._is_crossed &= self._is_doubted
+        self.is_crossed &= self._is_doubted
 
 
 def log_odds_by_place(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -322,10 +323,15 @@ class _Track:
         return f"target {target.id} is behind something that covers {covered_share:.0%} of its box"
 
     def contradiction(self, target: ReportedTarget, scene: _Scene) -> float:
-        """Log odds, at most 0, by the place of a box that is no measurement; 0 if it fits."""
+        """Log odds, at most 0, by the place of a box that is no measurement; 0 if it fits.
+
+        Without depth, it only has the size that the target had before.
+        """
+        if scene.sensed.depth is None:
+            return 0.0
         place = scene.localizer.locate(
             target.box,
-            target.box_covariance,
+            copy(self.box_errors).add(scene.frame.stamp, target.box, target.box_covariance),
             depth=scene.sensed.depth,
             predicted_range=self.predicted_range(scene),
             methods=scene.methods,
@@ -357,15 +363,16 @@ class _Track:
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         stamp, parameters = scene.frame.stamp, scene.parameters
         others = self.trust.others_density
-        is_used = self.filter.update(stamp, measured.mean, measured.covariance, others)
+        is_used = self.filter.update(
+            stamp,
+            measured.mean,
+            measured.covariance,
+            others if self.trust.is_crossed else 0.0,
+        )
         innovation = self.filter.normalized_innovation
         by_place = log_odds_by_place(self.filter.log_density, innovation)
         if not is_used:
-            self.place_odds = (
-                log_odds_by_place(self.filter.log_density, innovation, others)
-                if others
-                else by_place
-            )
+            self.place_odds = log_odds_by_place(self.filter.log_density, innovation, others)
             return (
                 f"the position of target {target.id} jumped (squared innovation "
                 f"{innovation or 0.0:.1f}), as if the box were on something else"
