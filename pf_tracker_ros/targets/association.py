@@ -254,7 +254,8 @@ class ReIdentifier:
         candidates = [track for track in track_set.tracks if _is_candidate(track, track_set.tracks)]
         if not missing or not candidates:
             return track_set
-        distances = np.array([self._distances(before, candidates) for before in missing])
+        frame = track_set.frame
+        distances = np.array([self._distances(before, candidates, frame) for before in missing])
         pairs = assign(distances, 1.0)
         matches = {candidates[column].key: missing[row] for row, column in pairs.items()}
         found = {before.key for before in matches.values()}
@@ -268,12 +269,17 @@ class ReIdentifier:
             ended_tracks=tuple(track for track in track_set.ended_tracks if track.key not in found),
         )
 
-    def _distances(self, before: Track, candidates: Sequence[Track]) -> NDArray[np.float64]:
+    def _distances(
+        self, before: Track, candidates: Sequence[Track], frame: int
+    ) -> NDArray[np.float64]:
         """(N,) appearance distances of a missing track over the largest; infinite if excluded."""
         distances = self._appearance.distance(
             before.descriptor, np.array([track.descriptor for track in candidates])
         )
-        allowed = [_can_be_same(before, track) for track in candidates]
+        allowed = [
+            _can_be_same(before, track) and not _is_unexpected(before, track, frame)
+            for track in candidates
+        ]
         return np.where(allowed, distances / before.largest_distance, math.inf)
 
 
@@ -298,6 +304,15 @@ def _can_be_same(before: Track, track: Track) -> bool:
     offset = box[:2] + box[2:] / 2 - last[:2] - last[2:] / 2
     is_near = math.hypot(*offset) <= (_MAX_OFFSET + _MAX_SPEED * since) * last[3]
     return began_after and is_near and _allows_label(before, track.label)
+
+
+def _is_unexpected(before: Track, track: Track, frame: int) -> bool:
+    """Whether a track is elsewhere than a missing one is expected in a frame."""
+    expected = before.expected_place
+    if expected is None or expected.frame != frame - 1:
+        return False
+    center = track.box[0] + track.box[2] / 2
+    return bool(abs(center - expected.center[0]) > expected.reach)
 
 
 def _allows_label(before: Track, label: str) -> bool:

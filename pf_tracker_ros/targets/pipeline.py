@@ -73,7 +73,7 @@ class TrackingPipeline:
         return replace(
             track_set,
             tracks=tuple(
-                with_hint(track, hints[track.key], image_size, operations)
+                with_hint(track, hints[track.key], track_set.frame, image_size, operations)
                 if track.key in hints
                 else track
                 for track in track_set.tracks

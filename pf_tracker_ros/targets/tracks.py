@@ -83,6 +83,20 @@ class DistractorCandidate(NamedTuple):
     seconds: float
 
 
+class ExpectedPlace(NamedTuple):
+    """Where a target is expected by its position in meters.
+
+    Attributes:
+        frame: Number of the frame.
+        center: (2,) of its box, pixels.
+        reach: Distance across the image from which on it is somebody else, pixels.
+    """
+
+    frame: int
+    center: NDArray[np.float64]
+    reach: float
+
+
 @dataclass(frozen=True, eq=False)
 class Track:
     """A target; a value.
@@ -110,6 +124,7 @@ class Track:
             have been visible.
         distractor_candidate: None where nothing beside it looks like it.
         time_since_end: Seconds since it ended; None for active tracks.
+        expected_place: The last one that a localizer has said; None without.
     """
 
     key: TrackKey
@@ -133,6 +148,7 @@ class Track:
     unseen_for: float = 0.0
     distractor_candidate: DistractorCandidate | None = None
     time_since_end: float | None = None
+    expected_place: ExpectedPlace | None = None
 
     @property
     def is_manual(self) -> bool:
