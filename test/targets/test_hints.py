@@ -84,6 +84,9 @@ def test_a_box_that_is_known_to_be_elsewhere_moves_to_a_vague_place_too(session,
         track = with_hint(manager.get_track(1), hint, 7, size, operations)
         assert track.box == pytest.approx(box)
         assert track.filter_state.place_factor == pytest.approx(math.exp(odds))
+        # Somebody else: beyond four standard deviations and half a side.
+        assert track.expected_place.frame == 7
+        assert track.expected_place.reach == pytest.approx(2.9 * width)
 
 
 def test_a_tracked_target_is_left_to_the_image(session, walkers):

@@ -10,7 +10,7 @@ from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.association import ReIdentifier, learn_others
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.tracks import TrackSet
+from pf_tracker_ros.targets.tracks import ExpectedPlace, TrackSet
 
 INTERVAL, EVERY = 0.1, 5
 
@@ -146,6 +146,21 @@ def test_a_selected_target_may_look_as_different_as_half_way_to_the_others(
     before, new = missing
     before = replace(before, others_distance=others)
     track_set = TrackSet(tracks=(before, replace(new, descriptor=unit(distance))))
+    tracks = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
+    assert [track.key for track in tracks] == ([before.key] if is_same else [before.key, new.key])
+
+
+@pytest.mark.parametrize(
+    ("frame", "offset", "is_same"),
+    # The new track begins in frame 5, and is expected by the hint of the one before.
+    [(4, 29.0, True), (4, 31.0, False), (4, -31.0, False), (3, 31.0, True)],
+)
+def test_who_is_far_from_the_expected_place_is_another_one(missing, frame, offset, is_same):
+    before, new = missing
+    center = new.box[:2] + new.box[2:] / 2 + (offset, 100.0)
+    expected = ExpectedPlace(frame, center, 30.0)
+    before = replace(before, descriptor=new.descriptor, expected_place=expected)
+    track_set = TrackSet(frame=5, tracks=(before, new))
     tracks = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
     assert [track.key for track in tracks] == ([before.key] if is_same else [before.key, new.key])
 
