@@ -161,7 +161,7 @@ class WorldTracks:
         try:
             if problem:
                 covered_share = track.covered_share(target, scene)
-                if covered_share is not None and covered_share > _COVERED_ABOVE:
+                if _is_covered(covered_share):
                     track.trust.cross()
                 if target.state == "occluded":
                     track.place_odds = track.contradiction(target, scene)
@@ -175,8 +175,8 @@ class WorldTracks:
                     methods=scene.methods,
                 )
                 covered_share = place.occlusion if place else track.covered_share(target, scene)
-                if _is_behind(place, covered_share):
-                    problem = track.hide(target, covered_share or 0.0)
+                if _is_absent(place, covered_share):
+                    problem = track.hide(target, covered_share)
                 elif place:
                     problem = track.measure(target, place, scene)
                 else:
@@ -187,12 +187,13 @@ class WorldTracks:
         predicted_for = track.predicted_for(stamp)
         coasts = 0.0 < predicted_for <= parameters.coast
         is_kept = coasts or target.state != "lost"
+        is_measured = place is not None and not place.is_absent
         return LocatedTarget(
             reported=target,
             bearing=_bearing(place, localizer, target),
             place=place,
             world=track.world(stamp, target) if is_kept else None,
-            normalized_innovation=track.filter.normalized_innovation if place else None,
+            normalized_innovation=track.filter.normalized_innovation if is_measured else None,
             rejected_for=track.rejected_for(stamp),
             covered_share=covered_share,
             hint=track.hint(covered_share, scene),
@@ -203,10 +204,13 @@ class WorldTracks:
         )
 
 
-def _is_behind(place: Place | None, covered_share: float | None) -> bool:
-    """Whether the target, if it is where it is predicted, is hidden by what the box shows."""
-    is_seen = place is not None and "depth" in place.method
-    return not is_seen and covered_share is not None and covered_share > _COVERED_ABOVE
+def _is_absent(place: Place | None, covered_share: float | None) -> bool:
+    """Whether depth shows something else where a target is predicted."""
+    return place.is_absent if place else _is_covered(covered_share)
+
+
+def _is_covered(share: float | None) -> bool:
+    return share is not None and share > _COVERED_ABOVE
 
 
 def _doubt(target: ReportedTarget, trust: Trust) -> str:
@@ -315,12 +319,13 @@ class _Track:
         self.trust.lose_sight(is_hidden=is_hidden)
         self.filter.interrupt()
 
-    def hide(self, target: ReportedTarget, covered_share: float) -> str:
-        """Depth shows something in front where the tracker sees the target; why it is no place."""
+    def hide(self, target: ReportedTarget, covered_share: float | None) -> str:
+        """Depth does not show a tracked target where it is predicted; why it is no place."""
         self.lose_sight(is_hidden=True)
-        self.trust.cross()
+        if _is_covered(covered_share):
+            self.trust.cross()
         self.place_odds = LEAST_LOG_ODDS
-        return f"target {target.id} is behind something that covers {covered_share:.0%} of its box"
+        return f"depth shows something else where target {target.id} is predicted"
 
     def contradiction(self, target: ReportedTarget, scene: _Scene) -> float:
         """Log odds, at most 0, by the place of a box that is no measurement; 0 if it fits.
@@ -338,6 +343,9 @@ class _Track:
         )
         if place is None:
             return 0.0
+        if place.is_absent and not _is_covered(place.occlusion):
+            # It is not behind something, either.
+            return LEAST_LOG_ODDS
         pose = scene.sensed.pose.pose
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         log_odds = self.filter.log_odds(

@@ -122,12 +122,13 @@ def located(depths, states=("tracking",), right=0.0, count=30, start=0.0):
     return found
 
 
-def test_a_box_behind_something_is_no_measurement():
-    """Whatever its edges say: it may be of what is in front."""
+@pytest.mark.parametrize(("depth", "share"), [(3.0, 1.0), (10.0, 0.0)])
+def test_a_box_without_the_depth_of_its_target_is_no_measurement(depth, share):
+    """Whatever its edges say: it is of what is in front, or of what is behind."""
     assert not located([6.0]).silence
-    found = located([3.0])
-    assert "behind something that covers 100%" in found.silence
-    assert found.covered_share == 1.0
+    found = located([depth])
+    assert "depth shows something else where target 1 is predicted" in found.silence
+    assert found.covered_share == share
     assert found.hint.place_odds < -3.0
     # It may have gone over to that: the next place decides.
     assert found.doubt
@@ -139,6 +140,7 @@ def test_a_box_of_a_hidden_target_on_something_else_contradicts_it():
     # 200 pixels to the right are 2.4 m.
     assert located([6.0], ["occluded"], right=200.0).hint.place_odds < -3.0
     assert located([6.0], ["occluded"]).hint.place_odds == 0.0
+    assert located([10.0], ["occluded"]).hint.place_odds < -3.0
     # Behind something, its box still is where it is predicted, or not.
     assert located([3.0], ["occluded"]).hint.place_odds == 0.0
     assert located([3.0], ["occluded"], right=200.0).hint.place_odds < -3.0
