@@ -7,7 +7,8 @@
        cost = 5/2 log(1 + d^2 / 3) + 1/2 log(|S| / |R|) + 0.3 (size) + 1 (other label)
               + 2 (appearance distance / mean appearance distance of the track - 2.4)
 
-   Pairs with d^2 above a gate are excluded. The Hungarian algorithm minimizes the sum over all
+   Pairs with d^2 above a gate are excluded, and those of a missing track with what is far from
+   where a localizer expects it. The Hungarian algorithm minimizes the sum over all
    pairs; a pair above the maximum cost is none.
 2. `correct_id_switches`: where two detected tracks are near each other and their descriptors fit
    better the other way round, they exchange filters.
@@ -135,6 +136,8 @@ class Associator:
         relative = distances / track.mean_appearance_distance
         costs += _APPEARANCE_WEIGHT * (relative - _NEUTRAL_DISTANCE)
         costs[squared > _GATE] = np.inf
+        if track.expected_place and track.is_missing:
+            costs[track.expected_place.excludes(boxes)] = np.inf
         return costs
 
 
@@ -254,8 +257,7 @@ class ReIdentifier:
         candidates = [track for track in track_set.tracks if _is_candidate(track, track_set.tracks)]
         if not missing or not candidates:
             return track_set
-        frame = track_set.frame
-        distances = np.array([self._distances(before, candidates, frame) for before in missing])
+        distances = np.array([self._distances(before, candidates) for before in missing])
         pairs = assign(distances, 1.0)
         matches = {candidates[column].key: missing[row] for row, column in pairs.items()}
         found = {before.key for before in matches.values()}
@@ -269,17 +271,12 @@ class ReIdentifier:
             ended_tracks=tuple(track for track in track_set.ended_tracks if track.key not in found),
         )
 
-    def _distances(
-        self, before: Track, candidates: Sequence[Track], frame: int
-    ) -> NDArray[np.float64]:
+    def _distances(self, before: Track, candidates: Sequence[Track]) -> NDArray[np.float64]:
         """(N,) appearance distances of a missing track over the largest; infinite if excluded."""
         distances = self._appearance.distance(
             before.descriptor, np.array([track.descriptor for track in candidates])
         )
-        allowed = [
-            _can_be_same(before, track) and not _is_unexpected(before, track, frame)
-            for track in candidates
-        ]
+        allowed = [_can_be_same(before, track) for track in candidates]
         return np.where(allowed, distances / before.largest_distance, math.inf)
 
 
@@ -303,16 +300,9 @@ def _can_be_same(before: Track, track: Track) -> bool:
     box, last = track.box, before.box if before.time_since_end is None else before.predicted_box
     offset = box[:2] + box[2:] / 2 - last[:2] - last[2:] / 2
     is_near = math.hypot(*offset) <= (_MAX_OFFSET + _MAX_SPEED * since) * last[3]
+    if before.time_since_end is None and before.expected_place:
+        is_near = is_near and not before.expected_place.excludes(box[None])[0]
     return began_after and is_near and _allows_label(before, track.label)
-
-
-def _is_unexpected(before: Track, track: Track, frame: int) -> bool:
-    """Whether a track is elsewhere than a missing one is expected in a frame."""
-    expected = before.expected_place
-    if expected is None or expected.frame != frame - 1:
-        return False
-    center = track.box[0] + track.box[2] / 2
-    return bool(abs(center - expected.center[0]) > expected.reach)
 
 
 def _allows_label(before: Track, label: str) -> bool:

@@ -32,13 +32,12 @@ _LEAST_ODDS = -20.0
 
 
 def with_hint(
-    track: Track, hint: Hint, frame: int, image_size: tuple[int, int], operations: StateOperations
+    track: Track, hint: Hint, image_size: tuple[int, int], operations: StateOperations
 ) -> Track:
     """The track before the next frame, with a hint of the last one.
 
     Args:
         track: In the last frame.
-        frame: Number of that frame.
         hint: Of that frame.
         image_size: (width, height), pixels.
         operations: Moves its filter state.
@@ -50,7 +49,7 @@ def with_hint(
         standing=hint.standing,
         place_factor=math.exp(min(max(hint.place_odds, _LEAST_ODDS), 0.0)),
     )
-    track = replace(track, filter_state=filter_state, expected_place=_place(hint, frame))
+    track = replace(track, filter_state=filter_state, expected_place=_place(hint))
     is_seen = filter_state.estimate.state == "tracking"
     if hint.box is None or is_seen or _is_as_expected(track.box, hint, image_size):
         return track
@@ -59,12 +58,11 @@ def with_hint(
     return replace(track, filter_state=filter_state, box_filter=box_filter)
 
 
-def _place(hint: Hint, frame: int) -> ExpectedPlace | None:
+def _place(hint: Hint) -> ExpectedPlace | None:
     if hint.box is None:
         return None
-    box = np.array(hint.box)
-    reach = _REACH * hint.center_std + _REACH_SIDES * hint.box[2]
-    return ExpectedPlace(frame, box[:2] + box[2:] / 2, reach)
+    x, _, width, _ = hint.box
+    return ExpectedPlace(x + width / 2, _REACH * hint.center_std + _REACH_SIDES * width)
 
 
 def _is_as_expected(box: NDArray[np.float64], hint: Hint, image_size: tuple[int, int]) -> bool:

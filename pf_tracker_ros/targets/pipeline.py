@@ -73,7 +73,7 @@ class TrackingPipeline:
         return replace(
             track_set,
             tracks=tuple(
-                with_hint(track, hints[track.key], track_set.frame, image_size, operations)
+                with_hint(track, hints[track.key], image_size, operations)
                 if track.key in hints
                 else track
                 for track in track_set.tracks
@@ -138,6 +138,7 @@ class TrackingPipeline:
             track_set = self.initiator.confirm(track_set, frame.size)
         if len(track_set.tracks) > 1:
             track_set = self._redetector.find(track_set, frame)
-        return self._distractors.initiate(
+        track_set = self._distractors.initiate(
             track_set, frame, interval, has_detections=detections is not None
         )
+        return track_set.without_expected_places()
