@@ -8,8 +8,8 @@
               + 2 (appearance distance / mean appearance distance of the track - 2.4)
 
    Pairs with d^2 above a gate are excluded, and those of a missing track with what is far from
-   where a localizer expects it. The Hungarian algorithm minimizes the sum over all
-   pairs; a pair above the maximum cost is none.
+   where a localizer expects it. The Hungarian algorithm minimizes the sum over all pairs; a pair
+   above the maximum cost is none.
 2. `correct_id_switches`: where two detected tracks are near each other and their descriptors fit
    better the other way round, they exchange filters.
 3. `ReIdentifier`: a new track takes over the key of a lost one with a similar appearance.

@@ -190,7 +190,7 @@ class Localizer:
                 [one for one in expected if one is not None],
             )
             if reading is not None:
-                occlusion, is_absent = reading.occlusion, reading.depth is None
+                occlusion, is_absent = reading.occlusion, reading.is_absent
                 surface = self._surface(edges, view.plane, reading)
         if surface is not None and view.has_foot and surface.shows_distance:
             usable["depth"], depth_sd = 1.0 / (surface.distance + TO_MIDDLE), surface.sd
