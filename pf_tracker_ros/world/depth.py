@@ -50,9 +50,6 @@ _EDGE_WEIGHT = 0.2
 _PREDICTION_SD = 0.05
 # Distance in standard deviations beyond which no mode is the predicted target.
 _PREDICTION_GATE = 4.0
-# Standard deviation, as a share of the distance, from which a prediction does not tell what is
-# nearer than the target.
-_VAGUE_ABOVE = 0.25
 # Largest difference in aspect ratio between image and depth.
 _ASPECT_TOLERANCE = 0.02
 # Standard deviation of the distance: a person's thickness, meters, and a share of the distance.
@@ -80,11 +77,6 @@ class ExpectedDepth:
     def is_prediction(self) -> bool:
         """Whether it excludes depths."""
         return self.floor == 0.0
-
-    @property
-    def is_vague(self) -> bool:
-        """Whether it does not tell what is nearer than the target."""
-        return self.sd > _VAGUE_ABOVE * self.depth
 
     def log_likelihoods(self, depths: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) log likelihoods of depths, up to a constant."""
@@ -175,15 +167,15 @@ def read_depth(
     weights = weights[is_in_box]
     is_valid[samples.inside] = False
     chosen = _choose_mode(depths, weights, values[is_valid], expected)
-    clear = [one for one in expected if one.is_prediction and not one.is_vague]
+    predicted = [one.depth for one in expected if one.is_prediction]
     if chosen is None:
-        nearer = _share_nearer(depths, clear[0].depth) if clear else None
-        is_absent = any(one.is_prediction for one in expected) and float(weights.sum()) > 0.0
+        nearer = _share_nearer(depths, predicted[0]) if predicted else None
+        is_absent = bool(predicted) and float(weights.sum()) > 0.0
         return DepthReading(None, math.nan, 0.5, nearer, is_absent)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     mean = float(weights[inside] @ depths[inside] / weights[inside].sum())
-    reference = clear[0].depth if clear else max(mean, farthest)
+    reference = predicted[0] if predicted else max(mean, farthest)
     return DepthReading(
         mean,
         math.hypot(_THICKNESS_SD, _RELATIVE_SD * mean),

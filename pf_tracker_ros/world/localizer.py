@@ -46,6 +46,8 @@ METHODS = ("ground", "height", "depth")
 _WIDTH, _WIDTH_SD = 0.29, 0.11
 # Least and largest height of a target, meters; the largest is also that of its standard deviation.
 _LEAST_HEIGHT, _LARGEST_HEIGHT = 1e-3, 1e3
+# Standard deviation of a prediction, as a share of its distance, from which on it says nothing.
+_VAGUE_ABOVE = 0.25
 # Largest range of a position, meters: beyond, the box says nothing.
 _FARTHEST = 1e4
 # Likelihood that a target is not where its box says: it sits, or is partly hidden.
@@ -241,7 +243,7 @@ class Localizer:
         if edges is None:
             return None
         expected = self._predicted_depth(View.of(self.camera, edges, self.plane), predicted_range)
-        if expected is None or expected.is_vague:
+        if expected is None:
             return None
         depth = check_depth(depth, self._image_size)
         samples = BoxSamples.of(edges.box, self._image_size, depth.shape)
@@ -250,7 +252,7 @@ class Localizer:
     def _predicted_depth(
         self, view: View, predicted_range: tuple[float, float] | None
     ) -> ExpectedDepth | None:
-        """What the prediction says of the depth along the optical axis; None without."""
+        """What the prediction says of the depth along the optical axis; None if it is vague."""
         forward = float(view.rays[2, 2])
         if predicted_range is None or forward <= 0.0:
             return None
@@ -263,7 +265,7 @@ class Localizer:
                 f"predicted_range is {predicted_range!r}; expected a positive distance and a "
                 "standard deviation from 0 up, in meters"
             )
-        return ExpectedDepth(mean * forward, sd * forward)
+        return None if sd > _VAGUE_ABOVE * mean else ExpectedDepth(mean * forward, sd * forward)
 
     def _depth_by_box(self, view: View, inverses: Mapping[str, float]) -> ExpectedDepth | None:
         """What the box says of the depth along the optical axis; None behind the camera."""
