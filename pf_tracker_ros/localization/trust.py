@@ -46,7 +46,7 @@ class Trust:
 
     @property
     def others_density(self) -> float:
-        """People per square meter to whom the box may go over."""
+        """People per square meter to whom the box may have gone over, for the filter's gate."""
         return _CROSSING_DENSITY if self.is_crossed else _OTHERS_DENSITY
 
     def lose_sight(self, *, is_hidden: bool) -> None:
