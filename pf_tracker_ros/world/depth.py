@@ -18,6 +18,7 @@ prediction, the target may also be in a mode behind the chosen one that scores n
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,12 +103,14 @@ class DepthReading:
         row: Mean row of its samples as a share of the box's height.
         occlusion: Share of the samples that are nearer than the target; None where nothing says how
             far the target is.
+        is_absent: Whether nothing is at a predicted depth.
     """
 
     depth: float | None
     sd: float
     row: float
     occlusion: float | None
+    is_absent: bool = False
 
 
 def check_depth(depth: object, image_size: tuple[int, int]) -> NDArray[np.generic]:
@@ -136,7 +139,7 @@ def read_depth(
     depth: NDArray[np.generic],
     samples: BoxSamples,
     target_probability: NDArray[np.float64] | None = None,
-    expected: ExpectedDepth | None = None,
+    expected: Sequence[ExpectedDepth] = (),
 ) -> DepthReading | None:
     """The depth of a target in a box.
 
@@ -146,7 +149,8 @@ def read_depth(
         samples: Of the box and a ring around it.
         target_probability: (R, C) probability, 0 to 1, of each sample in the box to be the
             target's.
-        expected: What else is known of its depth; chooses between modes.
+        expected: What else is known of its depth, independently of each other; chooses between
+            modes.
 
     Returns:
         None where too few samples have a depth.
@@ -163,14 +167,15 @@ def read_depth(
     weights = weights[is_in_box]
     is_valid[samples.inside] = False
     chosen = _choose_mode(depths, weights, values[is_valid], expected)
+    predicted = [one.depth for one in expected if one.is_prediction]
     if chosen is None:
-        nearer = None if expected is None else _share_nearer(depths, expected.depth)
-        return DepthReading(None, math.nan, 0.5, nearer)
+        nearer = _share_nearer(depths, predicted[0]) if predicted else None
+        is_absent = bool(predicted) and float(weights.sum()) > 0.0
+        return DepthReading(None, math.nan, 0.5, nearer, is_absent)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     mean = float(weights[inside] @ depths[inside] / weights[inside].sum())
-    is_predicted = expected is not None and expected.is_prediction
-    reference = expected.depth if expected is not None and is_predicted else max(mean, farthest)
+    reference = predicted[0] if predicted else max(mean, farthest)
     return DepthReading(
         mean,
         math.hypot(_THICKNESS_SD, _RELATIVE_SD * mean),
@@ -217,7 +222,7 @@ def _choose_mode(
     depths: NDArray[np.float64],
     weights: NDArray[np.float64],
     around: NDArray[np.float64],
-    expected: ExpectedDepth | None,
+    expected: Sequence[ExpectedDepth],
 ) -> tuple[float, float] | None:
     """Middle of the target's mode, and of the farthest one that may also be the target's.
 
@@ -249,10 +254,10 @@ def _choose_mode(
     if not modes:
         return None
     log_scores = np.log(scores)
-    if expected is not None:
-        log_scores += expected.log_likelihoods(np.array(modes))
+    for one in expected:
+        log_scores += one.log_likelihoods(np.array(modes))
     best = int(np.argmax(log_scores))
-    if expected is not None and expected.excludes(modes[best]):
+    if any(one.excludes(modes[best]) for one in expected):
         return None
     farthest = max(
         mode

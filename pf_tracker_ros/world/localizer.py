@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,6 +46,8 @@ METHODS = ("ground", "height", "depth")
 _WIDTH, _WIDTH_SD = 0.29, 0.11
 # Least and largest height of a target, meters; the largest is also that of its standard deviation.
 _LEAST_HEIGHT, _LARGEST_HEIGHT = 1e-3, 1e3
+# Standard deviation of a prediction, as a share of its distance, from which on it says nothing.
+_VAGUE_ABOVE = 0.25
 # Largest range of a position, meters: beyond, the box says nothing.
 _FARTHEST = 1e4
 # Likelihood that a target is not where its box says: it sits, or is partly hidden.
@@ -176,12 +178,21 @@ class Localizer:
             return None
         inverses = box_measurements(view, self._target_height)
         usable = {name: value for name, value in inverses.items() if name in methods}
-        surface, occlusion, depth_sd = None, None, 0.0
+        surface, occlusion, is_absent, depth_sd = None, None, False, 0.0
         if depth is not None and "depth" in methods:
-            expected = self._expected_depth(view, inverses, predicted_range)
-            reading = self._read_depth(edges.box, depth, image, target_probability, expected)
+            expected = (
+                self._predicted_depth(view, predicted_range),
+                self._depth_by_box(view, inverses),
+            )
+            reading = self._read_depth(
+                edges.box,
+                depth,
+                image,
+                target_probability,
+                [one for one in expected if one is not None],
+            )
             if reading is not None:
-                occlusion = reading.occlusion
+                occlusion, is_absent = reading.occlusion, reading.is_absent
                 surface = self._surface(edges, view.plane, reading)
         if surface is not None and view.has_foot and surface.shows_distance:
             usable["depth"], depth_sd = 1.0 / (surface.distance + TO_MIDDLE), surface.sd
@@ -206,6 +217,7 @@ class Localizer:
             bearing.direction,
             bearing.covariance,
             occlusion,
+            is_absent,
         )
 
     def covered_share(
@@ -221,7 +233,8 @@ class Localizer:
             predicted_range: See `locate`.
 
         Returns:
-            None where the box is outside the image or has too few pixels with a depth.
+            None where the box is outside the image, has too few pixels with a depth, or the
+            prediction is vague.
 
         Raises:
             ValueError: An argument has a wrong type, shape or range.
@@ -229,36 +242,36 @@ class Localizer:
         edges = BoxEdges.of(box, None, self._image_size)
         if edges is None:
             return None
-        expected = self._expected_depth(
-            View.of(self.camera, edges, self.plane), {}, predicted_range
-        )
+        expected = self._predicted_depth(View.of(self.camera, edges, self.plane), predicted_range)
         if expected is None:
             return None
         depth = check_depth(depth, self._image_size)
         samples = BoxSamples.of(edges.box, self._image_size, depth.shape)
         return share_nearer(depth, samples, expected.depth)
 
-    def _expected_depth(
-        self,
-        view: View,
-        inverses: Mapping[str, float],
-        predicted_range: tuple[float, float] | None,
+    def _predicted_depth(
+        self, view: View, predicted_range: tuple[float, float] | None
     ) -> ExpectedDepth | None:
-        """What the prediction, or else the box, says of the depth along the optical axis."""
+        """What the prediction says of the depth along the optical axis; None if it is vague."""
+        forward = float(view.rays[2, 2])
+        if predicted_range is None or forward <= 0.0:
+            return None
+        try:
+            mean, sd = map(float, predicted_range)
+        except (TypeError, ValueError):
+            mean = sd = math.nan
+        if not (0.0 < mean < math.inf and 0.0 <= sd < math.inf):
+            raise ValueError(
+                f"predicted_range is {predicted_range!r}; expected a positive distance and a "
+                "standard deviation from 0 up, in meters"
+            )
+        return None if sd > _VAGUE_ABOVE * mean else ExpectedDepth(mean * forward, sd * forward)
+
+    def _depth_by_box(self, view: View, inverses: Mapping[str, float]) -> ExpectedDepth | None:
+        """What the box says of the depth along the optical axis; None behind the camera."""
         forward = float(view.rays[2, 2])
         if forward <= 0.0:
             return None
-        if predicted_range is not None:
-            try:
-                mean, sd = map(float, predicted_range)
-            except (TypeError, ValueError):
-                mean = sd = math.nan
-            if not (0.0 < mean < math.inf and 0.0 <= sd < math.inf):
-                raise ValueError(
-                    f"predicted_range is {predicted_range!r}; expected a positive distance and a "
-                    "standard deviation from 0 up, in meters"
-                )
-            return ExpectedDepth(mean * forward, sd * forward)
         if not inverses:
             # A part of a person is about as wide as the whole.
             angle = view.edges.box[2] * float(np.linalg.norm(view.jacobians[2, :, 0]))
@@ -277,7 +290,7 @@ class Localizer:
         depth: NDArray[np.generic],
         image: NDArray[np.generic] | None,
         target_probability: NDArray[np.generic] | None,
-        expected: ExpectedDepth | None,
+        expected: Sequence[ExpectedDepth],
     ) -> DepthReading | None:
         depth = check_depth(depth, self._image_size)
         samples = BoxSamples.of(box, self._image_size, depth.shape)

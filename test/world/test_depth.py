@@ -56,8 +56,8 @@ def test_the_target_is_not_the_largest_mode_but_the_one_inside_the_box():
 def test_the_prediction_chooses_between_modes():
     depth = scene()
     depth[100:380, 290:335] = 2.0
-    occluder = read(depth, expected=ExpectedDepth(2.0, 0.2))
-    target = read(depth, expected=ExpectedDepth(4.1, 0.2))
+    occluder = read(depth, expected=[ExpectedDepth(2.0, 0.2)])
+    target = read(depth, expected=[ExpectedDepth(4.1, 0.2)])
     assert occluder.depth == pytest.approx(2.0)
     assert target.depth == pytest.approx(4.0)
     # Of the columns of the box's 120, 45 show what is before the target.
@@ -78,16 +78,16 @@ def test_noise_leaves_the_median_and_the_prediction_does_not_move_it():
     assert np.mean(depths) == pytest.approx(4.0, abs=0.005)
     assert np.std(depths) < 0.01
     for predicted in (3.6, 4.0, 4.4):
-        assert read(depth, expected=ExpectedDepth(predicted, 0.2)).depth == depths[-1]
+        assert read(depth, expected=[ExpectedDepth(predicted, 0.2)]).depth == depths[-1]
 
 
 def test_nothing_at_the_predicted_distance_is_a_hidden_target():
     depth = scene()
     depth[100:380, 240:400] = 1.5
-    reading = read(depth, expected=ExpectedDepth(4.0, 0.1))
-    assert (reading.depth, reading.occlusion) == (None, 1.0)
+    reading = read(depth, expected=[ExpectedDepth(4.0, 0.1)])
+    assert (reading.depth, reading.occlusion, reading.is_absent) == (None, 1.0, True)
     # A guess from the box excludes nothing.
-    reading = read(scene(), expected=ExpectedDepth(1.0, 0.05, floor=0.05))
+    reading = read(scene(), expected=[ExpectedDepth(1.0, 0.05, floor=0.05)])
     assert reading.depth == pytest.approx(4.0)
 
 
@@ -109,6 +109,9 @@ def test_the_map_of_the_target_chooses():
         assert read_depth(depth, samples, probability).depth == pytest.approx(expected)
     nothing = read_depth(depth, samples, samples.resample(np.zeros((4, 4))))
     assert nothing.depth is nothing.occlusion is None
+    predicted = [ExpectedDepth(4.0, 0.1)]
+    nothing = read_depth(depth, samples, samples.resample(np.zeros((4, 4))), predicted)
+    assert not nothing.is_absent
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (240, 320), (960, 1280), (30, 40)])

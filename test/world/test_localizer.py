@@ -191,6 +191,25 @@ def test_the_width_of_a_half_figure_tells_it_from_an_occluder(camera):
     assert place.occlusion == pytest.approx(0.5, abs=0.05)
 
 
+def test_the_box_chooses_a_surface_where_the_prediction_is_vague(camera, box_of, level):
+    """Somebody before a wall who was last seen long ago, walking away."""
+    box, foot = box_of(camera, level, 4.0)
+    x, y, width, height = box
+    depth = depth_of((x + 0.3 * width, y, 0.4 * width, height), foot[2], background=7.0)
+    # Their map is of the wall as well.
+    place = Localizer(camera, level.height).locate(
+        box,
+        depth=depth,
+        target_probability=np.tile([1.0, 0.2, 1.0], (3, 1)),
+        predicted_range=(20.0, 10.0),
+    )
+    np.testing.assert_allclose(place.position, middle(foot, level), atol=0.05)
+    # Nor does it tell what is nearer than they are.
+    assert place.occlusion == 0.0
+    assert Localizer(camera, level.height).covered_share(box, depth, (20.0, 10.0)) is None
+    assert Localizer(camera, level.height).covered_share(box, depth, (20.0, 1.0)) == 1.0
+
+
 def test_depth_wins_over_what_it_contradicts(camera, box_of, level):
     """A child: the ground agrees with the depth, the height does not."""
     box, foot = box_of(camera, level, 4.0, height=1.0)
