@@ -44,7 +44,12 @@ DOCUMENTS = ("README.md", "docs/benchmarks.md", "docs/performance.md", "docs/wor
 PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "opencv-python-headless")
 PACKAGES += ("dlib-bin", "onnxruntime", "trackeval", "trackers")
 # Kinds of footage, by the beginnings of the sequences' names.
-KINDS = ("otb_|uav_|tld_car|vot_", "pets_|tud_|tld_ped", "tir_", "ir|vbird|vdrone")
+KINDS = {
+    "color": "otb_|uav_|tld_car|vot_",
+    "pedestrians": "pets_|tud_|tld_ped",
+    "thermal": "tir_",
+    "aircraft, birds": "ir|vbird|vdrone",
+}
 END = "<!-- end of figures -->"
 _BLOCK = re.compile(rf"<!-- figures (.+?) -->\n(.*?){END}", re.DOTALL)
 
@@ -96,7 +101,7 @@ def _positions(footage: Path, seeds: int) -> list[Command]:
     return [["world.py", "--cost", *words]]
 
 
-_GROUPS = [word for kind in KINDS for word in ("--group", kind)]
+_GROUPS = [word for kind in KINDS.items() for word in ("--group", "=".join(kind))]
 PARTS: Mapping[str, Part] = {
     "peers": _on_sequences("peers.py", seeds=1),
     "confidence": _on_sequences("uncertainty.py", *_GROUPS, seeds=1),

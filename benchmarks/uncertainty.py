@@ -104,21 +104,22 @@ def measured(sequences: Sequence[Footage], seeds: int) -> list[Frames]:
     return parts
 
 
-def grouped(names: Sequence[str], patterns: Sequence[str]) -> dict[str, list[int]]:
-    """Pattern to the indices of the names that it matches from their start.
+def grouped(names: Sequence[str], wanted: Sequence[str]) -> dict[str, list[int]]:
+    """Name of a group, NAME=PATTERN or PATTERN, to the indices that it matches from their start.
 
     Raises:
         EvaluationError: A pattern is no regular expression, or matches no name.
     """
     groups = {}
-    for pattern in patterns:
+    for one in wanted:
+        title, _, pattern = one.rpartition("=")
         try:
             members = [number for number, name in enumerate(names) if re.match(pattern, name)]
         except re.error as error:
             raise EvaluationError(f"--group '{pattern}': {error}") from error
         if not members:
             raise EvaluationError(f"--group '{pattern}' matches no sequence")
-        groups[pattern] = members
+        groups[title or pattern] = members
     return groups
 
 
@@ -189,7 +190,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--group",
         action="append",
         default=[],
-        metavar="PATTERN",
+        metavar="[NAME=]PATTERN",
         help="a regular expression for the beginning of names of sequences; may be repeated",
     )
     options = parser.parse_args(arguments)

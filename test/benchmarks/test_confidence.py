@@ -78,7 +78,7 @@ def test_frames_long_after_the_target_was_lost_are_counted():
 
 def test_groups_are_named_by_the_beginning_of_their_sequences():
     names = ["otb_car", "pets_t1", "otb_dog"]
-    assert uncertainty.grouped(names, ["otb_", "pets_"]) == {"otb_": [0, 2], "pets_": [1]}
+    assert uncertainty.grouped(names, ["color=otb_", "pets_"]) == {"color": [0, 2], "pets_": [1]}
     for pattern, message in (("tud_", "matches no sequence"), ("(", "--group '\\('")):
         with pytest.raises(uncertainty.EvaluationError, match=message):
             uncertainty.grouped(names, [pattern])
