@@ -82,7 +82,9 @@ class TrackAssessor:
                 target may be free; not where a detector tells where targets are, nor beside other
                 targets, whose boxes would challenge it.
         """
-        frame_confidence, similarities = self._frame_confidence(state, measurement.assessed)
+        frame_confidence, similarities = self._frame_confidence(
+            state, measurement.assessed, takes_turns=is_challenged and state.standing is None
+        )
         known_distractor = state.known_distractor
         if frame_confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
             known_distractor = as_box(measurement.box)
@@ -154,15 +156,16 @@ class TrackAssessor:
         return assessment._replace(box=box, particles=particles, boxes=boxes, learns=False)
 
     def _frame_confidence(
-        self, state: FilterState, assessed: AssessedBox
+        self, state: FilterState, assessed: AssessedBox, *, takes_turns: bool
     ) -> tuple[float, Sequence[float] | None]:
         """Confidence of the frame alone, and its similarities to the exemplars.
 
-        In every other frame those of the last one serve, if the target is surely seen with them.
+        In every other frame those of the last one may serve, if the target is surely seen with
+        them. Among people that a detector finds, or for a robot, each frame counts.
         """
         if self._redetector is None:
             return self._confidence.assess(state, assessed), None
-        if state.similarities is not None and state.followed_frames % 2 == 0:
+        if takes_turns and state.similarities is not None and state.followed_frames % 2 == 0:
             held = assessed._replace(similarities=state.similarities)
             confidence = self._confidence.assess(state, held)
             if confidence >= SURE_ABOVE:
