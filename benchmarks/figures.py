@@ -73,8 +73,8 @@ def _on_sequences(script: str, *options: str, seeds: int) -> Part:
     return commands
 
 
-def _always(*command: str) -> Part:
-    return lambda footage, seeds: [[*command]]
+def _always(*commands: str) -> Part:
+    return lambda footage, seeds: [command.split() for command in commands]
 
 
 def _several_targets(*options: str) -> Part:
@@ -110,9 +110,11 @@ PARTS: Mapping[str, Part] = {
     "targets": _several_targets(),
     "targets, moving camera": _several_targets("--moving-camera"),
     "positions": _positions,
-    "following a person": _always("follow.py", "--seeds", "100", "2"),
+    "following a person": _always("follow.py --seeds 100 2"),
     "frame cost": _always("frame_cost.py"),
-    "cost of several targets": _always("multi_target_cost.py"),
+    "cost of several targets": _always(
+        "multi_target_cost.py", "multi_target_cost.py --size 1920x1080"
+    ),
     "node": _always("node.py"),
     "umbrellas": _always("umbrellas.py"),
     "infrared": _on_sequences("infrared.py", seeds=3),

@@ -173,8 +173,8 @@ def main() -> None:
         worst = median(float(np.percentile(times, 99)) for times in rounds)
         figures = (median(medians), median(means), min(medians), worst)
         rows.append([way, *(f"{value:.1f}" for value in figures)])
-    headings = (f"{options.size}, one thread", "CPU ms a frame", "mean", "least median", "99 %")
-    Table("Several targets", headings, rows).show()
+    headings = (options.size, "median", "mean", "least median", "99 %")
+    Table(f"Several targets, {options.size}", headings, rows).show()
 
 
 if __name__ == "__main__":

@@ -19,10 +19,10 @@ import math
 
 from pf_tracker_ros.stamps import NANOSECONDS
 
-LEAST_LOG_ODDS = -4.0
-"""Least log odds by the place: it contradicts the prediction."""
-# People per square meter to whom a box may go over: anywhere, and after somebody was in front.
-_OTHERS_DENSITY, _CROSSING_DENSITY = 0.05, 1.0
+# People per square meter to whom a box may go over.
+_OTHERS_DENSITY = 0.05
+# Least log odds by the place: it contradicts the prediction.
+_LEAST_LOG_ODDS = -4.0
 # Confidences closer to 0 or 1 count as this, since those of 0 and 1 are infinite.
 _LEAST_CONFIDENCE = 1e-3
 
@@ -33,7 +33,6 @@ class Trust:
     Attributes:
         doubted_for: Seconds until its place and confidence suffice, infinite while it is hidden; 0
             without a doubt.
-        is_crossed: Whether something was in front of it since it has been in doubt.
     """
 
     def __init__(self) -> None:
@@ -42,12 +41,6 @@ class Trust:
         self._by_place: float | None = None
         self._measured_since = 0
         self._is_doubted = False
-        self.is_crossed = False
-
-    @property
-    def others_density(self) -> float:
-        """People per square meter to whom the box may have gone over, for the filter's gate."""
-        return _CROSSING_DENSITY if self.is_crossed else _OTHERS_DENSITY
 
     def lose_sight(self, *, is_hidden: bool) -> None:
         """The target gives no measurement; the next one decides.
@@ -59,18 +52,13 @@ class Trust:
         if is_hidden:
             self.doubted_for = math.inf
 
-    def cross(self) -> None:
-        """Something was in front of the target, which is out of sight."""
-        self.is_crossed = True
-
     def contradict(self, stamp: int) -> None:
         """The target is in another place than predicted.
 
         Args:
             stamp: Of the frame, nanoseconds.
         """
-        self._is_doubted, self._by_place, self._measured_since = True, LEAST_LOG_ODDS, stamp
-        self.is_crossed = False
+        self._is_doubted, self._by_place, self._measured_since = True, _LEAST_LOG_ODDS, stamp
 
     def measure(
         self,
@@ -95,27 +83,23 @@ class Trust:
         if self._by_place is None:
             self._by_place, self._measured_since = by_place, stamp
         log_odds = self._by_place + _logit(confidence) - _logit(min_confidence)
-        needed = max(-log_odds, 0.0) * hold / -LEAST_LOG_ODDS
+        needed = max(-log_odds, 0.0) * hold / -_LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
-        self.is_crossed &= self._is_doubted
 
 
-def log_odds_by_place(
-    log_density: float | None, squared: float | None, others: float = _OTHERS_DENSITY
-) -> float:
+def log_odds_by_place(log_density: float | None, squared: float | None) -> float:
     """Log odds that a measurement is of the target, by its place, -4 up.
 
     Args:
         log_density: Of the measurement given its prediction, 1/m^2; None without one.
         squared: Its normalized innovation; None without a prediction.
-        others: Density of others, 1/m^2, above 0.
     """
     if log_density is None or squared is None:
         return 0.0
     largest = log_density + squared / 2.0
-    by_place = log_density - min(math.log(others), largest)
-    return max(by_place, LEAST_LOG_ODDS)
+    by_place = log_density - min(math.log(_OTHERS_DENSITY), largest)
+    return max(by_place, _LEAST_LOG_ODDS)
 
 
 def _logit(confidence: float) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +15,7 @@ from pf_tracker_ros.localization.camera_pose import CameraPose
 from pf_tracker_ros.localization.expected_boxes import expected_box, standing
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
-from pf_tracker_ros.localization.trust import LEAST_LOG_ODDS, Trust, log_odds_by_place
+from pf_tracker_ros.localization.trust import Trust, log_odds_by_place
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.world import (
@@ -29,7 +28,6 @@ from pf_tracker_ros.world import (
     PositionFilter,
     in_fixed_frame,
 )
-from pf_tracker_ros.world.position_filter import CONTRADICTION
 from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
 
 # Times after which half of a box's errors correlate by 1/e, seconds. Those of a tracker last longer
@@ -40,8 +38,6 @@ _CORRELATION_TIMES = 0.3, 5.0
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
 # Share of each measurement in the height of a target.
 _HEIGHT_RATE = 0.1
-# Covered share of a box from which on it may be of what is in front.
-_COVERED_ABOVE = 0.5
 # What a box with absurd numbers raises; the other targets are still located.
 _UNUSABLE = ValueError, ArithmeticError
 
@@ -155,16 +151,13 @@ class WorldTracks:
         track.place_odds = 0.0
         problem = distrust(target, parameters.min_confidence)
         if problem:
-            track.lose_sight(is_hidden=target.state != "tracking")
+            track.trust.lose_sight(is_hidden=target.state != "tracking")
+            track.filter.interrupt()
         if target.state == "lost":
             track.box_errors.reset()
         try:
             if problem:
                 covered_share = track.covered_share(target, scene)
-                if _is_covered(covered_share):
-                    track.trust.cross()
-                if target.state == "occluded":
-                    track.place_odds = track.contradiction(target, scene)
             else:
                 place = localizer.locate(
                     target.box,
@@ -174,10 +167,8 @@ class WorldTracks:
                     predicted_range=track.predicted_range(scene),
                     methods=scene.methods,
                 )
-                covered_share = place.occlusion if place else track.covered_share(target, scene)
-                if _is_absent(place, covered_share):
-                    problem = track.hide(target, covered_share)
-                elif place:
+                if place:
+                    covered_share = place.occlusion
                     problem = track.measure(target, place, scene)
                 else:
                     hint = _contradiction(scene.sensed.pose)
@@ -187,13 +178,12 @@ class WorldTracks:
         predicted_for = track.predicted_for(stamp)
         coasts = 0.0 < predicted_for <= parameters.coast
         is_kept = coasts or target.state != "lost"
-        is_measured = place is not None and not place.is_absent
         return LocatedTarget(
             reported=target,
             bearing=_bearing(place, localizer, target),
             place=place,
             world=track.world(stamp, target) if is_kept else None,
-            normalized_innovation=track.filter.normalized_innovation if is_measured else None,
+            normalized_innovation=track.filter.normalized_innovation if place else None,
             rejected_for=track.rejected_for(stamp),
             covered_share=covered_share,
             hint=track.hint(covered_share, scene),
@@ -202,15 +192,6 @@ class WorldTracks:
             predicted_for=predicted_for,
             coasts=coasts,
         )
-
-
-def _is_absent(place: Place | None, covered_share: float | None) -> bool:
-    """Whether depth shows something else where a target is predicted."""
-    return place.is_absent if place else _is_covered(covered_share)
-
-
-def _is_covered(share: float | None) -> bool:
-    return share is not None and share > _COVERED_ABOVE
 
 
 def _doubt(target: ReportedTarget, trust: Trust) -> str:
@@ -314,45 +295,6 @@ class _Track:
             return None
         return scene.localizer.covered_share(target.box, depth, predicted)
 
-    def lose_sight(self, *, is_hidden: bool) -> None:
-        """There is no measurement; see `Trust.lose_sight`."""
-        self.trust.lose_sight(is_hidden=is_hidden)
-        self.filter.interrupt()
-
-    def hide(self, target: ReportedTarget, covered_share: float | None) -> str:
-        """Depth does not show a tracked target where it is predicted; why it is no place."""
-        self.lose_sight(is_hidden=True)
-        if _is_covered(covered_share):
-            self.trust.cross()
-        self.place_odds = LEAST_LOG_ODDS
-        return f"depth shows something else where target {target.id} is predicted"
-
-    def contradiction(self, target: ReportedTarget, scene: _Scene) -> float:
-        """Log odds, at most 0, by the place of a box that is no measurement; 0 if it fits.
-
-        Without depth, it only has the size that the target had before.
-        """
-        if scene.sensed.depth is None:
-            return 0.0
-        place = scene.localizer.locate(
-            target.box,
-            copy(self.box_errors).add(scene.frame.stamp, target.box, target.box_covariance),
-            depth=scene.sensed.depth,
-            predicted_range=self.predicted_range(scene),
-            methods=scene.methods,
-        )
-        if place is None:
-            return 0.0
-        if place.is_absent and not _is_covered(place.occlusion):
-            # It is not behind something, either.
-            return LEAST_LOG_ODDS
-        pose = scene.sensed.pose.pose
-        measured = in_fixed_frame(place, pose.rotation, pose.translation)
-        log_odds = self.filter.log_odds(
-            scene.frame.stamp, measured.mean, measured.covariance, self.trust.others_density
-        )
-        return max(log_odds, LEAST_LOG_ODDS) if log_odds <= CONTRADICTION else 0.0
-
     def hint(self, covered_share: float | None, scene: _Scene) -> Hint:
         """What the tracker may take of it: what covers it, and where to look for it."""
         filtered = self.filter.predict(scene.frame.stamp)
@@ -370,17 +312,11 @@ class _Track:
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         stamp, parameters = scene.frame.stamp, scene.parameters
-        others = self.trust.others_density
-        is_used = self.filter.update(
-            stamp,
-            measured.mean,
-            measured.covariance,
-            others if self.trust.is_crossed else 0.0,
-        )
+        is_used = self.filter.update(stamp, measured.mean, measured.covariance)
         innovation = self.filter.normalized_innovation
         by_place = log_odds_by_place(self.filter.log_density, innovation)
         if not is_used:
-            self.place_odds = log_odds_by_place(self.filter.log_density, innovation, others)
+            self.place_odds = by_place
             return (
                 f"the position of target {target.id} jumped (squared innovation "
                 f"{innovation or 0.0:.1f}), as if the box were on something else"

@@ -7,9 +7,8 @@
        cost = 5/2 log(1 + d^2 / 3) + 1/2 log(|S| / |R|) + 0.3 (size) + 1 (other label)
               + 2 (appearance distance / mean appearance distance of the track - 2.4)
 
-   Pairs with d^2 above a gate are excluded, and those of a missing track with what is far from
-   where a localizer expects it. The Hungarian algorithm minimizes the sum over all pairs; a pair
-   above the maximum cost is none.
+   Pairs with d^2 above a gate are excluded. The Hungarian algorithm minimizes the sum over all
+   pairs; a pair above the maximum cost is none.
 2. `correct_id_switches`: where two detected tracks are near each other and their descriptors fit
    better the other way round, they exchange filters.
 3. `ReIdentifier`: a new track takes over the key of a lost one with a similar appearance.
@@ -136,8 +135,6 @@ class Associator:
         relative = distances / track.mean_appearance_distance
         costs += _APPEARANCE_WEIGHT * (relative - _NEUTRAL_DISTANCE)
         costs[squared > _GATE] = np.inf
-        if track.expected_place and track.is_missing:
-            costs[track.expected_place.excludes(boxes)] = np.inf
         return costs
 
 
@@ -300,8 +297,6 @@ def _can_be_same(before: Track, track: Track) -> bool:
     box, last = track.box, before.box if before.time_since_end is None else before.predicted_box
     offset = box[:2] + box[2:] / 2 - last[:2] - last[2:] / 2
     is_near = math.hypot(*offset) <= (_MAX_OFFSET + _MAX_SPEED * since) * last[3]
-    if before.time_since_end is None and before.expected_place:
-        is_near = is_near and not before.expected_place.excludes(box[None])[0]
     return began_after and is_near and _allows_label(before, track.label)
 
 

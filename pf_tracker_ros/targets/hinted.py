@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import relative_center_distances
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
-from pf_tracker_ros.targets.tracks import ExpectedPlace, Track
+from pf_tracker_ros.targets.tracks import Track
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.tracking.state_operations import StateOperations
 from pf_tracker_ros.values import replace
@@ -24,9 +24,6 @@ _NEAR, _SAME_SIZE = 0.3, 1.25
 _TOO_NEAR = 1.6
 # Standard deviation of the expected center, in widths of the box, from which on it says nothing.
 _VAGUE_ABOVE = 1.0
-# Whoever is farther from an expected place than so many standard deviations, and sides for the
-# motion of the camera in a frame, is somebody else.
-_REACH, _REACH_SIDES = 4.0, 0.5
 # Log odds by the place that count at least; nothing is impossible.
 _LEAST_ODDS = -20.0
 
@@ -49,20 +46,13 @@ def with_hint(
         standing=hint.standing,
         place_factor=math.exp(min(max(hint.place_odds, _LEAST_ODDS), 0.0)),
     )
-    track = replace(track, filter_state=filter_state, expected_place=_place(hint))
+    track = replace(track, filter_state=filter_state)
     is_seen = filter_state.estimate.state == "tracking"
     if hint.box is None or is_seen or _is_as_expected(track.box, hint, image_size):
         return track
     filter_state = replace(operations.move_to(filter_state, hint.box), last_seen_box=hint.box)
     box_filter = BoxKalmanFilter.initiate(np.array(hint.box))
     return replace(track, filter_state=filter_state, box_filter=box_filter)
-
-
-def _place(hint: Hint) -> ExpectedPlace | None:
-    if hint.box is None:
-        return None
-    x, _, width, _ = hint.box
-    return ExpectedPlace(x + width / 2, _REACH * hint.center_std + _REACH_SIDES * width)
 
 
 def _is_as_expected(box: NDArray[np.float64], hint: Hint, image_size: tuple[int, int]) -> bool:
@@ -74,8 +64,6 @@ def _is_as_expected(box: NDArray[np.float64], hint: Hint, image_size: tuple[int,
     if not ((center >= 0.0) & (center < image_size)).all():
         return True
     ratios = np.abs(np.log(box[2:] / expected[2:]))
-    # What is there in meters is known: not the target.
-    vague = 0.0 if hint.place_odds < 0.0 else 2.0 * hint.center_std / expected[2]
-    allowed = max(_NEAR, vague)
+    allowed = max(_NEAR, 2.0 * hint.center_std / expected[2])
     is_near = bool(relative_center_distances(box, expected) < allowed)
     return is_near and float(ratios.max()) < np.log(_SAME_SIZE)

@@ -138,7 +138,6 @@ class TrackingPipeline:
             track_set = self.initiator.confirm(track_set, frame.size)
         if len(track_set.tracks) > 1:
             track_set = self._redetector.find(track_set, frame)
-        track_set = self._distractors.initiate(
+        return self._distractors.initiate(
             track_set, frame, interval, has_detections=detections is not None
         )
-        return track_set.without_expected_places()

@@ -83,22 +83,6 @@ class DistractorCandidate(NamedTuple):
     seconds: float
 
 
-class ExpectedPlace(NamedTuple):
-    """Where a target is expected by its position in meters.
-
-    Attributes:
-        column: Of the center of its box, pixels.
-        reach: Distance across the image from which on it is somebody else, pixels.
-    """
-
-    column: float
-    reach: float
-
-    def excludes(self, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(N,) whether (N, 4) boxes are of somebody else."""
-        return np.abs(boxes[:, 0] + boxes[:, 2] / 2 - self.column) > self.reach
-
-
 @dataclass(frozen=True, eq=False)
 class Track:
     """A target; a value.
@@ -126,7 +110,6 @@ class Track:
             have been visible.
         distractor_candidate: None where nothing beside it looks like it.
         time_since_end: Seconds since it ended; None for active tracks.
-        expected_place: Where a localizer expects it in the next frame; None where that is unknown.
     """
 
     key: TrackKey
@@ -150,7 +133,6 @@ class Track:
     unseen_for: float = 0.0
     distractor_candidate: DistractorCandidate | None = None
     time_since_end: float | None = None
-    expected_place: ExpectedPlace | None = None
 
     @property
     def is_manual(self) -> bool:
@@ -399,14 +381,6 @@ class TrackSet:
         return replace(
             self,
             tracks=tuple(replace(track, is_selected=track.key == key) for track in self.tracks),
-        )
-
-    def without_expected_places(self) -> TrackSet:
-        """The track set after the frame in which targets were expected."""
-        if all(track.expected_place is None for track in self.tracks):
-            return self
-        return replace(
-            self, tracks=tuple(replace(track, expected_place=None) for track in self.tracks)
         )
 
     @property

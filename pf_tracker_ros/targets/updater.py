@@ -155,8 +155,8 @@ class Updater:
 
     def _update_alone(self, track: Track, frame: Frame, interval: float) -> Track:
         """The only track, without a detector: the image alone says where it is."""
-        target_filter, state = self._target_filter, track.filter_state
-        (prediction,) = target_filter.predict([(state, state.is_size_due)], frame, interval)
+        target_filter = self._target_filter
+        (prediction,) = target_filter.predict([(track.filter_state, True)], frame, interval)
         stepped = target_filter.step(prediction)
         filter_state, box_filter = self._correct_by_image(track, stepped, is_sized=True)
         return track.older(interval, filter_state=filter_state, box_filter=box_filter)
@@ -179,10 +179,8 @@ class Updater:
             if track.is_distractor or is_left_out:
                 continue
             indices.append(index)
-            is_due = _is_size_due(
-                track, detection, is_silent=scene.is_silent, is_alone=bool(alone[index])
-            )
-            states.append((track.filter_state, is_due))
+            estimates_size = bool(alone[index]) or _is_size_due(track, detection, scene.is_silent)
+            states.append((track.filter_state, estimates_size))
         predictions = self._target_filter.predict(states, scene.frame, scene.interval)
         return dict(zip(indices, predictions, strict=True))
 
@@ -250,11 +248,9 @@ class Updater:
         filter_state, box_filter = track.filter_state, track.box_filter
         if not is_occluded_by_other:
             if frame_prediction is None:
-                is_due = _is_size_due(
-                    track, detection, is_silent=scene.is_silent, is_alone=is_alone
-                )
+                estimates_size = is_alone or _is_size_due(track, detection, scene.is_silent)
                 (frame_prediction,) = self._target_filter.predict(
-                    [(filter_state, is_due)], frame, interval
+                    [(filter_state, estimates_size)], frame, interval
                 )
             likelihood = None
             if len(boxes) or not is_alone:
@@ -408,14 +404,9 @@ def _needs_size(track: Track, detection: Detection | None, is_silent: bool) -> b
     return detection is None and (track.is_undetected or track.is_selected or is_silent)
 
 
-def _is_size_due(
-    track: Track, detection: Detection | None, *, is_silent: bool, is_alone: bool
-) -> bool:
+def _is_size_due(track: Track, detection: Detection | None, is_silent: bool) -> bool:
     """Whether its size is estimated in this frame."""
-    state = track.filter_state
-    if is_alone:
-        return state.is_size_due
-    is_due = track.is_selected or state.followed_frames % _SIZE_EVERY == 0
+    is_due = track.is_selected or track.filter_state.followed_frames % _SIZE_EVERY == 0
     return is_due and _needs_size(track, detection, is_silent)
 
 

@@ -28,7 +28,7 @@ from pf_tracker_ros.cues.fusion import DistractorRatios, Templates
 from pf_tracker_ros.filter import KalmanFilter, MotionModel, ParticleSet
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.tracking.estimate import Estimate, TrackStatus
-from pf_tracker_ros.tracking.exemplars import SURE_ABOVE, Exemplars
+from pf_tracker_ros.tracking.exemplars import Exemplars
 from pf_tracker_ros.tracking.hints import Standing
 
 # Share from which on it counts, and least factor of the odds.
@@ -194,18 +194,6 @@ class FilterState:
     def outside_factor(self) -> float:
         """Factor of the odds that the next box shows the target, from outside of the image."""
         return self.occlusion_evidence.factor * self.place_factor * self.detector_factor
-
-    @property
-    def is_size_due(self) -> bool:
-        """Whether to estimate the size in the next frame: every other one while surely seen.
-
-        Always for a robot that is told about the ground, as the size tells it the distance.
-        """
-        return (
-            self.followed_frames % 2 == 0
-            or self.confidence < SURE_ABOVE
-            or self.standing is not None
-        )
 
     @property
     def doubt(self) -> float:

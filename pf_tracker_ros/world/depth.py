@@ -103,14 +103,12 @@ class DepthReading:
         row: Mean row of its samples as a share of the box's height.
         occlusion: Share of the samples that are nearer than the target; None where nothing says how
             far the target is.
-        is_absent: Whether nothing is at a predicted depth.
     """
 
     depth: float | None
     sd: float
     row: float
     occlusion: float | None
-    is_absent: bool = False
 
 
 def check_depth(depth: object, image_size: tuple[int, int]) -> NDArray[np.generic]:
@@ -170,8 +168,7 @@ def read_depth(
     predicted = [one.depth for one in expected if one.is_prediction]
     if chosen is None:
         nearer = _share_nearer(depths, predicted[0]) if predicted else None
-        is_absent = bool(predicted) and float(weights.sum()) > 0.0
-        return DepthReading(None, math.nan, 0.5, nearer, is_absent)
+        return DepthReading(None, math.nan, 0.5, nearer)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     mean = float(weights[inside] @ depths[inside] / weights[inside].sum())

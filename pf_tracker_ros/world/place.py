@@ -72,7 +72,6 @@ class Place:
         bearing_covariance: (2, 2) of the bearing, rad^2; see `Bearing`.
         occlusion: Share, 0 to 1, of the box's depth pixels that are nearer than the target; None
             without depth.
-        is_absent: Whether depth shows nothing in the box at the predicted range.
 
     Example:
         >>> from pf_tracker_ros.world import CameraModel, Localizer
@@ -88,7 +87,6 @@ class Place:
     bearing: NDArray[np.float64]
     bearing_covariance: NDArray[np.float64]
     occlusion: float | None = None
-    is_absent: bool = False
 
     @property
     def range(self) -> float:

@@ -26,15 +26,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros.filter.gaussian import Gaussian
 
-CONTRADICTION = -3.0
-"""Log odds of a measurement, against others, up to which it is not of the target."""
 # Asymmetry of a covariance that is rounding, over its largest number.
 _ROUNDING = 1e-6
 # Largest number of the input, in its unit; squares and cubes of larger ones would overflow.
@@ -70,34 +67,6 @@ class FilteredPosition:
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
     covariance: NDArray[np.float64]
-
-
-class _Innovation(NamedTuple):
-    """A measurement and its prediction.
-
-    Attributes:
-        predicted: The state.
-        squared: Normalized innovation, squared.
-        largest: Logarithm of the largest density of a measurement given the prediction, 1/m^2.
-    """
-
-    predicted: Gaussian
-    squared: float
-    largest: float
-
-    @property
-    def log_density(self) -> float:
-        """Logarithm of the density of the measurement given its prediction, 1/m^2."""
-        return self.largest - 0.5 * self.squared
-
-    def log_odds(self, others: float) -> float:
-        """Log odds against others of a density in 1/m^2; infinite without others.
-
-        Of a target that may be anywhere, too, the density is nowhere below that of others.
-        """
-        if others <= 0.0:
-            return math.inf
-        return self.log_density - min(math.log(others), self.largest)
 
 
 class PositionFilter:
@@ -181,9 +150,7 @@ class PositionFilter:
         """Nothing is measured for a while: rejections before and after that are not of one run."""
         self.rejected_since = None
 
-    def update(
-        self, stamp: int, position: ArrayLike, covariance: ArrayLike, others: float = 0.0
-    ) -> bool:
+    def update(self, stamp: int, position: ArrayLike, covariance: ArrayLike) -> bool:
         """Take a measurement.
 
         Args:
@@ -191,11 +158,9 @@ class PositionFilter:
                 one is ignored.
             position: (2,) or (3,) in the fixed frame, meters; z is ignored.
             covariance: (2, 2) or (3, 3), m^2.
-            others: Density of others that the measurement may be of, 1/m^2; 0 for none.
 
         Returns:
-            Whether the measurement was used: it is neither late, nor outside the gate, nor far more
-            likely of another one.
+            Whether the measurement was used: it is neither late nor outside the gate.
 
         Raises:
             ValueError: A number is not finite, or the covariance not symmetric and positive
@@ -207,13 +172,17 @@ class PositionFilter:
             return True
         if stamp <= self._stamp:
             return False
-        innovation = self._innovation((stamp - self._stamp) * 1e-9, place, noise)
-        self.normalized_innovation, self.log_density = innovation.squared, innovation.log_density
-        self.has_restarted = False
-        if innovation.squared <= self._gate and innovation.log_odds(others) > CONTRADICTION:
-            self._state = innovation.predicted.correct(
-                place, self._observed(noise), self._white * noise, considered=len(self._times)
-            )
+        interval = (stamp - self._stamp) * 1e-9
+        predicted = self._predicted(interval)
+        observed, white = self._observed(noise), self._white * noise
+        innovation = place - observed @ predicted.mean
+        expected = observed @ predicted.covariance @ observed.T + white
+        squared = float(innovation @ np.linalg.solve(expected, innovation))
+        self.normalized_innovation, self.has_restarted = squared, False
+        self.log_density = -0.5 * (squared + float(np.linalg.slogdet(2.0 * math.pi * expected)[1]))
+        if squared <= self._gate:
+            considered = len(self._times)
+            self._state = predicted.correct(place, observed, white, considered=considered)
             self._stamp, self.rejected_since = stamp, None
             return True
         if self.rejected_since is None:
@@ -223,26 +192,6 @@ class PositionFilter:
         self._start(stamp, place, noise)
         self.has_restarted = True
         return True
-
-    def log_odds(
-        self, stamp: int, position: ArrayLike, covariance: ArrayLike, others: float
-    ) -> float:
-        """Log odds that a measurement is of the target and not of another one; 0 before the first.
-
-        Args:
-            stamp: See `update`; likewise the others.
-            position: See `update`.
-            covariance: See `update`.
-            others: See `update`; above 0.
-
-        Raises:
-            ValueError: As for `update`.
-        """
-        place, noise = _horizontal(position, covariance)
-        if self._stamp is None or stamp <= self._stamp:
-            return 0.0
-        innovation = self._innovation((stamp - self._stamp) * 1e-9, place, noise)
-        return innovation.log_odds(others)
 
     def predict(self, stamp: int) -> FilteredPosition | None:
         """Position and velocity at a stamp; at the last measurement's for an earlier one.
@@ -267,18 +216,6 @@ class PositionFilter:
         covariance[4:, :2] = covariance[:2, 4:].T
         self._state = Gaussian(mean, covariance)
         self._stamp, self.rejected_since = stamp, None
-
-    def _innovation(
-        self, interval: float, place: NDArray[np.float64], noise: NDArray[np.float64]
-    ) -> _Innovation:
-        """A measurement some seconds after the last one."""
-        predicted = self._predicted(interval)
-        observed, white = self._observed(noise), self._white * noise
-        difference = place - observed @ predicted.mean
-        expected = observed @ predicted.covariance @ observed.T + white
-        squared = float(difference @ np.linalg.solve(expected, difference))
-        largest = -0.5 * float(np.linalg.slogdet(2.0 * math.pi * expected)[1])
-        return _Innovation(predicted, squared, largest)
 
     def _predicted(self, interval: float) -> Gaussian:
         if self._state is None:

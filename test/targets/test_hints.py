@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.hinted import with_hint
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.hints import Hint, Standing
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -70,23 +69,6 @@ def test_a_vague_place_or_one_outside_of_the_image_or_too_near_says_nothing(sess
     other = Session(preset_parameters("default"), seed=0)
     hide(other, walkers)
     assert show(session, blank, 8, hint).box == show(other, blank, 8).box
-
-
-def test_a_box_that_is_known_to_be_elsewhere_moves_to_a_vague_place_too(session, walkers):
-    """Within two standard deviations of it, the box could be right by its place in the image."""
-    estimate, blank = hide(session, walkers)
-    left, top, width, height = estimate.box
-    expected = (left + width, top, width, height)
-    manager = session._manager
-    size, operations = Frame(blank, 0).size, manager._target_filter.operations
-    for odds, box in ((0.0, estimate.box), (-3.5, expected)):
-        hint = Hint(None, expected, 0.6 * width, place_odds=odds)
-        track = with_hint(manager.get_track(1), hint, size, operations)
-        assert track.box == pytest.approx(box)
-        assert track.filter_state.place_factor == pytest.approx(math.exp(odds))
-        # Somebody else: beyond four standard deviations and half a side.
-        assert track.expected_place.column == pytest.approx(expected[0] + width / 2)
-        assert track.expected_place.reach == pytest.approx(2.9 * width)
 
 
 def test_a_tracked_target_is_left_to_the_image(session, walkers):

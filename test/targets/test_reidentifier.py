@@ -8,9 +8,9 @@ import pytest
 from pf_tracker_ros import Detections
 from pf_tracker_ros.appearances.color_stripes import ColorStripes
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.association import Associator, ReIdentifier, learn_others
+from pf_tracker_ros.targets.association import ReIdentifier, learn_others
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.tracks import ExpectedPlace, TrackSet
+from pf_tracker_ros.targets.tracks import TrackSet
 
 INTERVAL, EVERY = 0.1, 5
 
@@ -148,22 +148,6 @@ def test_a_selected_target_may_look_as_different_as_half_way_to_the_others(
     track_set = TrackSet(tracks=(before, replace(new, descriptor=unit(distance))))
     tracks = ReIdentifier(ColorStripes()).reidentify(track_set).tracks
     assert [track.key for track in tracks] == ([before.key] if is_same else [before.key, new.key])
-
-
-@pytest.mark.parametrize(
-    ("offset", "is_same"), [(29.0, True), (-29.0, True), (31.0, False), (-31.0, False)]
-)
-def test_who_is_far_from_the_expected_place_is_another_one(missing, offset, is_same):
-    before, new = missing
-    expected = ExpectedPlace(new.box[0] + new.box[2] / 2 + offset, 30.0)
-    before = replace(before, descriptor=new.descriptor, expected_place=expected)
-    tracks = ReIdentifier(ColorStripes()).reidentify(TrackSet(tracks=(before, new))).tracks
-    assert [track.key for track in tracks] == ([before.key] if is_same else [before.key, new.key])
-    # Nor is a detection there assigned to it, unless it is seen.
-    detection = Detection(new.box, 0.9, new.label, new.descriptor)
-    associator = Associator(ColorStripes())
-    assert bool(associator.assign([before], [detection])) == is_same
-    assert associator.assign([replace(before, existence_log_odds=1.0)], [detection]) == {0: 0}
 
 
 @pytest.mark.parametrize(("is_selected", "factor"), [(True, np.exp(0.9)), (False, 1.0)])

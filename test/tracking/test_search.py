@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.cues.correlation_response import CorrelationResponse
 from pf_tracker_ros.filter import ParticleSet, ProposalParameters
 from pf_tracker_ros.tracking import target_filter, track_assessor
 from pf_tracker_ros.tracking.exemplars import Exemplars
@@ -271,37 +270,27 @@ def test_the_mean_of_a_mode_excludes_the_other_mode():
     np.testing.assert_allclose(mode_mean(particles, boxes, 2), states[2])
 
 
-def test_a_sure_target_is_asked_for_size_and_exemplars_in_turns_and_a_doubtful_one_for_both(
-    monkeypatch,
-):
-    """A frame with two sizes has two response maps."""
-    compared, sizes = [], []
-    compare, read = Exemplars.similarities, CorrelationResponse._read
+def test_a_sure_target_is_compared_with_its_exemplars_in_every_other_frame(monkeypatch):
+    compared, compare = [], Exemplars.similarities
 
-    def counted_compare(*arguments):
+    def counted(*arguments):
         compared.append(1)
         return compare(*arguments)
 
-    def counted_read(*arguments):
-        (windows,) = read(*arguments)
-        sizes.append(len(windows.sides))
-        return [windows]
-
-    monkeypatch.setattr(Exemplars, "similarities", counted_compare)
-    monkeypatch.setattr(CorrelationResponse, "_read", counted_read)
+    monkeypatch.setattr(Exemplars, "similarities", counted)
     monkeypatch.setattr(Redetector, "search", lambda *_, **__: [])
     monkeypatch.setattr(Redetector, "challenger", lambda *_, **__: None)
     tracker = Tracker.from_preset("default")
     tracker.start(frame(120, 100), (120, 100, 36, 36))
 
-    def asked(count, *, visible):
+    def count(frames, *, visible):
         compared.clear()
-        sizes.clear()
-        for _ in range(count):
+        for _ in range(frames):
             tracker.update(frame(120, 100, visible=visible))
-        return len(compared), sorted(sizes)
+        return len(compared)
 
-    asked(10, visible=True)
-    assert asked(8, visible=True) == (4, [1] * 4 + [2] * 4)
-    assert asked(1, visible=False)[0] == 1
-    assert asked(4, visible=False) == (4, [2] * 4)
+    count(10, visible=True)
+    assert count(8, visible=True) == 4
+    # In doubt in each, from the first one on.
+    assert count(1, visible=False) == 1
+    assert count(4, visible=False) == 4

@@ -85,7 +85,7 @@ def test_nothing_at_the_predicted_distance_is_a_hidden_target():
     depth = scene()
     depth[100:380, 240:400] = 1.5
     reading = read(depth, expected=[ExpectedDepth(4.0, 0.1)])
-    assert (reading.depth, reading.occlusion, reading.is_absent) == (None, 1.0, True)
+    assert (reading.depth, reading.occlusion) == (None, 1.0)
     # A guess from the box excludes nothing.
     reading = read(scene(), expected=[ExpectedDepth(1.0, 0.05, floor=0.05)])
     assert reading.depth == pytest.approx(4.0)
@@ -109,9 +109,6 @@ def test_the_map_of_the_target_chooses():
         assert read_depth(depth, samples, probability).depth == pytest.approx(expected)
     nothing = read_depth(depth, samples, samples.resample(np.zeros((4, 4))))
     assert nothing.depth is nothing.occlusion is None
-    predicted = [ExpectedDepth(4.0, 0.1)]
-    nothing = read_depth(depth, samples, samples.resample(np.zeros((4, 4))), predicted)
-    assert not nothing.is_absent
 
 
 @pytest.mark.parametrize("shape", [(480, 640), (240, 320), (960, 1280), (30, 40)])

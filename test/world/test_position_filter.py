@@ -184,30 +184,3 @@ def test_wrong_parameters_are_rejected(name, values):
     for value in values:
         with pytest.raises(ValueError, match=name):
             PositionFilter(**{name: value})
-
-
-@pytest.mark.parametrize(
-    ("interval", "others", "farthest"),
-    [
-        # The variance of the innovation: twice 0.01 and that of a speed of 1.2 m/s in the interval.
-        # A wide prediction, nowhere less likely than others: log odds -3 at a squared 6.
-        (1.0, 1.0, np.sqrt(6.0 * 1.46)),
-        # Fewer others than its 0.109 per square meter: twice 3 and the logarithm of the ratio.
-        (1.0, 0.05, np.sqrt(2.0 * (np.log(0.109 / 0.05) + 3.0) * 1.46)),
-        # A narrow one of 7.9 per square meter.
-        (0.01, 1.0, np.sqrt(2.0 * (np.log(1.0 / (2.0 * np.pi * 0.020144)) + 3.0) * 0.020144)),
-        # Fewer others: the gate.
-        (0.01, 0.05, np.sqrt(13.8 * 0.020144)),
-        (1.0, 0.0, np.sqrt(13.8 * 1.46)),
-    ],
-)
-def test_a_measurement_far_likelier_of_others_is_not_used(interval, others, farthest):
-    for distance, is_used in ((0.99 * farthest, True), (1.01 * farthest, False)):
-        tracker = PositionFilter(0.0, (0.0,))
-        tracker.update(0, (5.0, 0.0), 0.01 * np.eye(2))
-        stamp = round(interval * SECOND)
-        place = 5.0, distance
-        if others:
-            log_odds = tracker.log_odds(stamp, place, 0.01 * np.eye(2), others)
-            assert (log_odds > -3.0) == is_used or farthest**2 / 0.020144 > 13.7
-        assert tracker.update(stamp, place, 0.01 * np.eye(2), others) == is_used

@@ -1,7 +1,6 @@
 """Targets of a tracker over time: errors of its boxes that last, doubt, and predictions."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,60 +97,3 @@ def test_who_comes_back_where_he_was_expected_is_the_same_at_once(confidence):
 def test_the_pose_of_a_hidden_target_is_predicted_for_a_while():
     found = silences([0.0] * 20 + [None] * 10, coast=0.5)
     assert [index for index, one in enumerate(found) if one] == list(range(25, 30))
-
-
-def located(depths, states=("tracking",), right=0.0, count=30, start=0.0):
-    """The last result of a target at 6 m, after `count` frames at 10 Hz that show it.
-
-    Args:
-        depths: Of each further frame, meters.
-        states: Of these frames, in turn.
-        right: Where the boxes of these frames are, pixels to the right.
-    """
-    tracks, parameters = WorldTracks(), LocalizerParameters(coast=0.0)
-    lower, upper = 240.0 + 500.0 * 1.5 / 6.0, 240.0 - 500.0 * 0.25 / 6.0
-    frames = [(6.0, "tracking", 0.0)] * count
-    frames += [(depth, state, right) for depth, state in zip(depths, states, strict=True)]
-    for index, (depth, state, offset) in enumerate(frames):
-        box = 300.0 + offset, upper, 40.0, lower - upper
-        target = ReportedTarget(1, "", state, 0.9, box, np.eye(4))
-        stamp = round((1.0 + index * 0.1) * NANOSECONDS)
-        frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
-        image = np.broadcast_to(depth, (480, 640)).astype(np.float32)
-        (found,) = tracks.advance(frame, replace(SENSED, depth=image), parameters)
-    return found
-
-
-@pytest.mark.parametrize(("depth", "share"), [(3.0, 1.0), (10.0, 0.0)])
-def test_a_box_without_the_depth_of_its_target_is_no_measurement(depth, share):
-    """Whatever its edges say: it is of what is in front, or of what is behind."""
-    assert not located([6.0]).silence
-    found = located([depth])
-    assert "depth shows something else where target 1 is predicted" in found.silence
-    assert found.covered_share == share
-    assert found.hint.place_odds < -3.0
-    # It may have gone over to that: the next place decides.
-    assert found.doubt
-    # Behind a part of its box, the rest is measured.
-    assert not located([np.repeat([3.0, 6.0], [250, 230])[:, None] * np.ones(640)]).silence
-
-
-def test_a_box_of_a_hidden_target_on_something_else_contradicts_it():
-    # 200 pixels to the right are 2.4 m.
-    assert located([6.0], ["occluded"], right=200.0).hint.place_odds < -3.0
-    assert located([6.0], ["occluded"]).hint.place_odds == 0.0
-    assert located([10.0], ["occluded"]).hint.place_odds < -3.0
-    # Behind something, its box still is where it is predicted, or not.
-    assert located([3.0], ["occluded"]).hint.place_odds == 0.0
-    assert located([3.0], ["occluded"], right=200.0).hint.place_odds < -3.0
-    # A lost one may be anywhere.
-    assert located([6.0], ["lost"], right=200.0).hint.place_odds == 0.0
-
-
-def test_after_somebody_was_in_front_a_place_beside_counts_less():
-    """0.7 m beside after 0.5 s: within the gate, but there is somebody to whom it may belong."""
-    hidden = ["occluded"] * 5
-    crossed = located([3.0] * 5 + [6.0], [*hidden, "tracking"], right=60.0)
-    assert "jumped" in crossed.problem
-    assert crossed.hint.place_odds < -3.0
-    assert "jumped" not in located([6.0] * 6, [*hidden, "tracking"], right=60.0).problem
