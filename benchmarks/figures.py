@@ -98,7 +98,7 @@ def _positions(footage: Path, seeds: int) -> list[Command]:
         del places["--pets"]
     words = [word for option, path in places.items() if path.exists()
              for word in (option, str(path))]  # fmt: skip
-    return [["world.py", "--cost", *words]]
+    return [["world.py", "--cost", *words]] if words else []
 
 
 _GROUPS = [word for kind in KINDS.items() for word in ("--group", "=".join(kind))]
