@@ -80,16 +80,9 @@ def transform(n: int) -> SquareTransform:
     return SquareTransform(np.eye(n))
 
 
-def invert(spectra: Spectrum, samples: int | None = None) -> NDArray[np.float32]:
-    """(..., S, S) real squares of (..., n, n // 2 + 1) half spectra.
-
-    Args:
-        spectra: Half spectra, n even.
-        samples: Samples S along each side, a multiple of n: those between the n are interpolated by
-            the waves. None means n.
-    """
-    cells = spectra.shape[-2]
-    down, across = _inverse(cells, samples or cells)
+def invert(spectra: Spectrum) -> NDArray[np.float32]:
+    """(..., n, n) real squares of (..., n, n // 2 + 1) half spectra."""
+    down, across = _inverse(spectra.shape[-2])
     return (down @ spectra).view(np.float32) @ across
 
 
@@ -98,17 +91,14 @@ def _waves(n: int) -> NDArray[np.complex128]:
 
 
 @cache
-def _inverse(n: int, samples: int) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
+def _inverse(n: int) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
     """The inverse matrices for columns, and for rows of alternating real and imaginary parts."""
-    turns = np.outer(np.arange(samples), np.fft.fftfreq(n, 1 / n)) / samples
-    waves = np.exp(2j * np.pi * turns) / n
-    # The highest frequency represents both signs.
-    waves[:, n // 2] = waves[:, n // 2].real
-    across = waves[:, : n // 2 + 1].T.copy()
+    waves = np.conj(_waves(n)) / n
     # Middle frequencies also represent their conjugates in the other half.
-    across[1 : n // 2] *= 2.0
-    parts = np.stack([across.real, -across.imag], axis=1).reshape(-1, samples)
-    return waves.astype(np.complex64), parts.astype(np.float32)
+    waves[1 : n // 2] *= 2.0
+    half = waves[: n // 2 + 1]
+    across = np.stack([half.real, -half.imag], axis=1).reshape(-1, n)
+    return (np.conj(_waves(n)) / n).astype(np.complex64), across.astype(np.float32)
 
 
 Value = TypeVar("Value", bound=np.inexact)
@@ -267,10 +257,11 @@ def spectra_of(features: NDArray[np.float32], scale: float = 1.0) -> Spectrum:
     object detection".
     """
     cells = features.shape[-1]
-    windowed, flat, flat_energy = _windowed(cells, scale)
+    windowed, flat = _windowed(cells, scale)
     spectra = windowed.apply(features)
     means = spectra[..., :1, :1] / flat[0, 0]
     spectra -= means * flat
+    flat_energy = _half_energy(flat)
     for spectrum, its_means in zip(spectra, means, strict=True):
         energy = _half_energy(spectrum)
         if energy <= _NO_CONTRAST * flat_energy * _energy(its_means):
@@ -344,7 +335,17 @@ def response(trained: Spectrum, spectra: Spectrum, samples: int) -> NDArray[np.f
     """
     cells = spectra.shape[-2]
     product = (np.conj(trained) * spectra).sum(axis=-3) * _to_middle(cells)
-    return invert(product, samples)
+    refined = np.zeros((*product.shape[:-2], samples, samples // 2 + 1), dtype=np.complex64)
+    half = cells // 2
+    refined[..., :half, : half + 1] = product[..., :half, :]
+    refined[..., -half:, : half + 1] = product[..., -half:, :]
+    if samples > cells:
+        # The highest frequency represents both signs, which are distinct in the refined map.
+        refined[..., -half, :] *= 0.5
+        refined[..., half, :] = refined[..., -half, :]
+        refined[..., half] *= 0.5
+    values = np.fft.irfft2(refined, s=(samples, samples))
+    return np.asarray(values * np.float32((samples / cells) ** 2), dtype=np.float32)
 
 
 def response_at_center(trained: Spectrum, spectrum: Spectrum) -> float:
@@ -366,11 +367,10 @@ def _energy(spectrum: Spectrum) -> float:
 
 
 @cache
-def _windowed(cells: int, scale: float) -> tuple[SquareTransform, Spectrum, float]:
-    """The transform with a cosine window; its result for a square of ones, and its energy."""
+def _windowed(cells: int, scale: float) -> tuple[SquareTransform, Spectrum]:
+    """The transform with a cosine window, and its result for a square of ones."""
     windowed = SquareTransform(np.hanning(cells + 2)[1:-1, None] * _interpolation(cells, scale))
-    flat = windowed.apply(np.ones((cells, cells), dtype=np.float32))
-    return windowed, flat, _half_energy(flat)
+    return windowed, windowed.apply(np.ones((cells, cells), dtype=np.float32))
 
 
 def _interpolation(cells: int, scale: float) -> NDArray[np.float64]:
