@@ -54,11 +54,6 @@ class BoxGrid:
             boxes[..., number] = values
         return boxes.reshape(-1, 4)
 
-    def box(self, index: int) -> NDArray[np.float64]:
-        """(4,) box of an index into `boxes`."""
-        row, column = divmod(index, len(self.left))
-        return np.array([self.left[column], self.top[row], *self.size])
-
     @property
     def by_axis(self) -> BoxesByAxis:
         """The boxes as arrays that broadcast to (rows, columns)."""

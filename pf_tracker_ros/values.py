@@ -25,10 +25,8 @@ def replace(value: Value, **fields: Any) -> Value:
         raise TypeError(f"{type(value).__name__} has not all of {list(fields)}")
     copy: Value = object.__new__(type(value))
     before = value.__dict__
-    if len(before) > len(names):
-        # No cached properties, which may depend on the replaced fields.
-        before = {name: before[name] for name in names}
-    copy.__dict__.update(before, **fields)
+    # No cached properties, which may depend on the replaced fields.
+    copy.__dict__.update({name: before[name] for name in names}, **fields)
     if hasattr(copy, "__post_init__"):
         copy.__post_init__()
     return copy

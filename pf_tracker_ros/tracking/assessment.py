@@ -45,7 +45,6 @@ from pf_tracker_ros.filter import ParticleSet
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.tracking.estimate import Estimate, FrozenCueWeights, TrackStatus
-from pf_tracker_ros.tracking.exemplars import Exemplars
 from pf_tracker_ros.tracking.filter_state import Challenger, FilterState
 
 LEAST_SCALE, LARGEST = 0.01, 20.0
@@ -113,7 +112,6 @@ class Assessment(NamedTuple):
         learns: Whether the templates may learn the box.
         known_distractor: See `FilterState.known_distractor`.
         challenger: See `FilterState.challenger`.
-        similarities: See `FilterState.similarities`.
     """
 
     box: NDArray[np.float64]
@@ -124,7 +122,6 @@ class Assessment(NamedTuple):
     learns: bool = True
     known_distractor: Box | None = None
     challenger: Challenger | None = None
-    similarities: Sequence[float] | None = None
 
     def to_estimate(
         self,
@@ -182,8 +179,6 @@ class AssessedBox(NamedTuple):
         particle_std: Computes the standard deviation of the particles' centers, box sizes, if it is
             needed; neutral where there are no particles.
         rival: (4,) likeliest box that does not overlap it, pixels; None if there is none.
-        similarities: Similarities to the exemplars, of the box and then of the rival, if any; None
-            to compare them.
     """
 
     frame: Frame
@@ -192,15 +187,6 @@ class AssessedBox(NamedTuple):
     match: Match
     particle_std: Callable[[], float] = lambda: _NEUTRAL_STD
     rival: NDArray[np.float64] | None = None
-    similarities: Sequence[float] | None = None
-
-    def compare(self, exemplars: Exemplars) -> Sequence[float]:
-        """The similarities to the exemplars, if they are not known yet."""
-        if self.similarities is not None:
-            return self.similarities
-        boxes = [self.box] if self.rival is None else [self.box, self.rival]
-        similarities: list[float] = exemplars.similarities(self.frame, np.array(boxes)).tolist()
-        return similarities
 
 
 class Confidence:
@@ -239,7 +225,8 @@ class Confidence:
         if not odds:
             return odds
         std = max(assessed.particle_std(), _LEAST_STD)
-        similarity, *rivals = assessed.compare(state.exemplars)
+        boxes = [assessed.box] if assessed.rival is None else [assessed.box, assessed.rival]
+        similarity, *rivals = state.exemplars.similarities(assessed.frame, np.array(boxes)).tolist()
         share = 1.0 / (1.0 + sum(math.exp(_RIVAL_SLOPE * (one - similarity)) for one in rivals))
         return odds | {
             "spread": -_STD_ODDS_SLOPE * math.log(std / _NEUTRAL_STD),

@@ -25,9 +25,6 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.oriented_gradients import gradient_descriptors
 from pf_tracker_ros.values import replace
 
-SURE_ABOVE = 0.9
-"""Confidence from which on the target is surely seen."""
-
 _COLORS = ColorStripes()
 _GRADIENT_WEIGHT = 0.7
 _MAX_COUNT = 8
@@ -35,6 +32,8 @@ _MAX_COUNT = 8
 _COMPARED = 3
 # Seconds from one exemplar to the next.
 _INTERVAL = 0.5
+# Confidence from which on the target is surely seen.
+_SURE_ABOVE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +70,7 @@ class Exemplars:
             confidence: Probability that it is the target, 0 to 1; 0 adds nothing.
         """
         age = self.age + interval
-        if age < _INTERVAL or confidence < SURE_ABOVE:
+        if age < _INTERVAL or confidence < _SURE_ABOVE:
             return replace(self, age=age)
         descriptors = np.vstack([self.descriptors, describe(frame, box[None])])
         if len(descriptors) > _MAX_COUNT:

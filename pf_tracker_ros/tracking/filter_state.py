@@ -16,7 +16,6 @@ evidence counts for at most 2 s, and again only after 1 s in which nothing is in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -154,8 +153,6 @@ class FilterState:
             or no search.
         occlusion_evidence: Whether something is in front of it in the next frame.
         challenger: See `Challenger`; None while the target is in sight.
-        similarities: Of the last box, and of the second peak if there is one, to the exemplars,
-            when they were last compared; None before, and without redetection.
         standing: Heights of boxes in the next image; None where nobody says.
         place_factor: Factor, up to 1, of the odds that the box shows the target in the next frame,
             since it was in another place than predicted in meters.
@@ -184,7 +181,6 @@ class FilterState:
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE
     challenger: Challenger | None = None
-    similarities: Sequence[float] | None = None
     standing: Standing | None = None
     place_factor: float = 1.0
     growth: float = 0.0

@@ -301,11 +301,11 @@ class Redetector:
             region, search.grid, responses, state.templates, cue_weights
         )
         if excluded is not None:
-            likelihood[are_same_place(search.grid.boxes, excluded)] = -np.inf
+            likelihood[are_same_place(search.boxes, excluded)] = -np.inf
         best = int(np.argmax(likelihood))
         if likelihood[best] == -np.inf:
             return Candidate(box, 0.0)
-        likeliest = search.grid.box(best)
+        likeliest = search.boxes[best]
         seen = self._fusion.observe(region, likeliest)
         match = self._fusion.match(seen, state.templates)
         rival = search.second_peak(likeliest, likelihood)

@@ -50,6 +50,7 @@ class Search:
     Attributes:
         center_box: As given.
         grid: Boxes of the predicted size.
+        boxes: (M, 4) the same, pixels.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Search:
         self._centers = np.minimum(np.maximum(self._cells.axes, 0.0), np.array(image_size)[:, None])
         left, top = self._centers - size[:, None] / 2
         self.grid = BoxGrid(left, top, size)
+        self.boxes = self.grid.boxes
 
     def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
         """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be drawn.
@@ -100,7 +102,7 @@ class Search:
             predicted: Particles drawn from the transition prior.
             motion: Motion model of the target.
             centers: Transition prior of the centers.
-            log_likelihood: (M,) of `grid.boxes`.
+            log_likelihood: (M,) of `boxes`.
             generator: Source of random numbers.
 
         Returns:
@@ -127,7 +129,7 @@ class Search:
         Args:
             box: (4,) box of the target.
             at_target: Name of a cue to its (1,) response at that box.
-            responses: Name of a cue to its (M,) responses at `grid.boxes`.
+            responses: Name of a cue to its (M,) responses at `boxes`.
         """
         beside = self._beside(box, 0.5)
         return measure_distractor_ratios(
@@ -138,16 +140,16 @@ class Search:
     def second_peak(
         self, box: NDArray[np.float64], log_likelihood: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """(4,) likeliest of `grid.boxes` that does not overlap the target; None if all do.
+        """(4,) likeliest of `boxes` that does not overlap the target; None if all do.
 
         Args:
             box: (4,) box of the target.
-            log_likelihood: (M,) of `grid.boxes`.
+            log_likelihood: (M,) of `boxes`.
         """
         beside = self._beside(box, 1.0)
         if not beside.any():
             return None
-        return self.grid.box(int(np.argmax(np.where(beside, log_likelihood, -np.inf))))
+        return self.boxes[np.argmax(np.where(beside, log_likelihood, -np.inf))]
 
     def distractor_box(
         self,
@@ -161,7 +163,7 @@ class Search:
         Args:
             box: (4,) box of the target.
             at_target: Name of a cue to its (1,) response at that box; at least one cue.
-            responses: Name of a cue to its (M,) responses at `grid.boxes`.
+            responses: Name of a cue to its (M,) responses at `boxes`.
             least_similarity: Geometric mean of the cues' response ratios, 0 (nothing in common) to
                 1 (the same).
 
@@ -181,10 +183,11 @@ class Search:
             is_peak &= similarity >= cv2.dilate(similarity, _NEIGHBORHOOD)
         if not is_peak.any():
             return None
-        return self.grid.box(int(np.argmax(np.where(is_peak, similarity, -1.0))))
+        best: NDArray[np.float64] = self.boxes[int(np.argmax(np.where(is_peak, similarity, -1.0)))]
+        return best
 
     def _beside(self, box: NDArray[np.float64], distance: float) -> NDArray[np.bool_]:
-        """(M,) whether `grid.boxes` are further than a distance, in box sides, from a (4,) box."""
+        """(M,) whether `boxes` are further than a distance, in box sides, from a (4,) box."""
         middle = box[:2] + box[2:] / 2
         across, down = np.abs(self._centers - middle[:, None]) > distance * box[2:, None]
         return (down[:, None] | across).ravel()

@@ -341,7 +341,6 @@ class TargetFilter:
             distractor_box=measurement.distractor_box,
             occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
             challenger=assessment.challenger,
-            similarities=assessment.similarities,
             standing=None,
             place_factor=1.0,
             growth=0.0,

@@ -13,14 +13,11 @@ image tells where the target is: the search tries other sizes, and goes on in th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from pf_tracker_ros.boxes import are_same_place, as_box, relative_center_distances
-from pf_tracker_ros.tracking.assessment import AssessedBox, Assessment, Confidence
+from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
-from pf_tracker_ros.tracking.exemplars import SURE_ABOVE
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
@@ -82,9 +79,7 @@ class TrackAssessor:
                 target may be free; not where a detector tells where targets are, nor beside other
                 targets, whose boxes would challenge it.
         """
-        frame_confidence, similarities = self._frame_confidence(
-            state, measurement.assessed, takes_turns=is_challenged and state.standing is None
-        )
+        frame_confidence = self._confidence.assess(state, measurement.assessed)
         known_distractor = state.known_distractor
         if frame_confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
             known_distractor = as_box(measurement.box)
@@ -102,7 +97,6 @@ class TrackAssessor:
             # there after a cut is something else.
             learns=measurement.frame.odds_factor == 1.0
             and (self._redetector is None or frame_confidence >= _LEARN_ABOVE),
-            similarities=similarities,
         )
         if status.state == "tracking":
             return assessment
@@ -154,24 +148,6 @@ class TrackAssessor:
             state, box, measurement.frame.size, generator
         )
         return assessment._replace(box=box, particles=particles, boxes=boxes, learns=False)
-
-    def _frame_confidence(
-        self, state: FilterState, assessed: AssessedBox, *, takes_turns: bool
-    ) -> tuple[float, Sequence[float] | None]:
-        """Confidence of the frame alone, and its similarities to the exemplars.
-
-        In every other frame those of the last one may serve, if the target is surely seen with
-        them. Among people that a detector finds, or for a robot, each frame counts.
-        """
-        if self._redetector is None:
-            return self._confidence.assess(state, assessed), None
-        if takes_turns and state.similarities is not None and state.followed_frames % 2 == 0:
-            held = assessed._replace(similarities=state.similarities)
-            confidence = self._confidence.assess(state, held)
-            if confidence >= SURE_ABOVE:
-                return confidence, state.similarities
-        compared = assessed._replace(similarities=assessed.compare(state.exemplars))
-        return self._confidence.assess(state, compared), compared.similarities
 
     def _status(
         self,

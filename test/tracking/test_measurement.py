@@ -147,7 +147,7 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     center_box = before.weights @ boxes
     search = Search(center_box, ProposalParameters(share=SHARE, window=WINDOW), frame.size)
     region = searching.predict_frame(state, frame, INTERVAL, prediction, new_rng()).region
-    found = cues.responses(region, search.grid.boxes, state.templates)
+    found = cues.responses(region, search.boxes, state.templates)
     cue_weights = cues.adapt(state.distractor_ratios, 1.5)
     assert measurement.cue_weights == pytest.approx(cue_weights)
     centers = state.motion.center_prior(state.particles.states, INTERVAL)
