@@ -7,8 +7,8 @@ A box contains the target, background beside it, occluders before it, and holes.
 2. A mode is a window of depth that holds the most weight. Remove it and find the next one.
 3. A mode that is also in the ring around the box is a background or an occluder that goes on there.
 4. Choose the mode with the most weight, contrast to the ring and likelihood of the predicted
-   distance. The prediction chooses between modes only: weighting pixels within one would confirm
-   itself.
+   distance, and of that by the box. They choose between modes only: weighting pixels within one
+   would confirm itself.
 5. The distance is the weighted mean of the pixels in the mode.
 
 The share of pixels that are clearly nearer than the target is evidence of an occlusion. Without a

@@ -156,7 +156,7 @@ class Localizer:
                 over the box in any resolution.
             predicted_range: Predicted distance from the camera to the middle of the box, and its
                 standard deviation, meters: chooses between modes of the depth, and is not in the
-                result.
+                result. Of a standard deviation above a quarter of the distance, it says nothing.
             methods: What to use of `METHODS`.
             plane: The ground in this frame, in place of the constructor's.
 

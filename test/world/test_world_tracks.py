@@ -1,6 +1,7 @@
 """Targets of a tracker over time: errors of its boxes that last, doubt, and predictions."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -97,3 +98,21 @@ def test_who_comes_back_where_he_was_expected_is_the_same_at_once(confidence):
 def test_the_pose_of_a_hidden_target_is_predicted_for_a_while():
     found = silences([0.0] * 20 + [None] * 10, coast=0.5)
     assert [index for index, one in enumerate(found) if one] == list(range(25, 30))
+
+
+def test_depth_of_something_before_the_target_neither_silences_nor_moves_it():
+    """A pane of glass at 2.5 m before somebody at 6 m, whose feet are seen."""
+    tracks, box = WorldTracks(), (300.0, 240.0 - 125.0 / 6.0, 40.0, 875.0 / 6.0)
+    # Of the ground up to a wall.
+    rows = np.arange(480.0)[:, None] + 0.5
+    depth = np.minimum(750.0 / np.maximum(rows - 240.0, 1e-6), 9.0) * np.ones((1, 640))
+    depth[219:365, 307:333] = 6.0
+    for index in range(80):
+        target = ReportedTarget(1, "", "tracking", 0.9, box, np.eye(4))
+        stamp = round((1.0 + index / 10.0) * NANOSECONDS)
+        frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
+        shown = np.float32(depth if index < 20 else np.minimum(depth, 2.5))
+        sensed = replace(SENSED, depth=shown)
+        (located,) = tracks.advance(frame, sensed, LocalizerParameters())
+        assert located.silence == ""
+        assert located.world.filtered.position[0] == pytest.approx(6.0, abs=0.5)
