@@ -166,17 +166,10 @@ def _bins(frame: Frame, reduction: int) -> tuple[NDArray[np.intp], NDArray[np.fl
 def _log_ratio(
     frame: Frame, descriptor: Descriptor, reduction: int, boxes: BoxesByAxis
 ) -> NDArray[np.float64]:
-    """Log likelihood ratio of target and image for boxes.
+    """(rows, columns) log likelihood ratios of target and image for (columns,) x (rows,) boxes.
 
-    Args:
-        frame: Frame to search.
-        descriptor: Descriptor of the target.
-        reduction: Reduction of the image.
-        boxes: (columns,) left and (rows,) upper edges and common sides, reduced pixels.
-
-    Returns:
-        (rows, columns) sums over the stripes of the mean log ratio of each color's share in the
-        descriptor to that in the image.
+    Each sums, over the stripes, the mean log ratio of each color's share in the descriptor to that
+    in the image. Edges and common sides of the boxes are reduced pixels.
     """
     bins, shares = frame.cached(("color bins", reduction), lambda: _bins(frame, reduction))
     target = np.square(descriptor.reshape(_STRIPES, _BINS)) * _STRIPES

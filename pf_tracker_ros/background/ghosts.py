@@ -22,12 +22,9 @@ _NEIGHBORS = np.ones((3, 3), np.uint8)
 def find_ghosts(
     foreground: NDArray[np.uint8], image: NDArray[np.uint8], background: NDArray[np.uint8]
 ) -> NDArray[np.bool_]:
-    """(h, w) mask of the ghosts in the foreground.
+    """(h, w) mask of the ghosts in an (h, w) foreground mask, 0 for background.
 
-    Args:
-        foreground: (h, w) foreground mask, 0 for background.
-        image: (h, w) brightness of the image.
-        background: (h, w) brightness of the background model.
+    Image and background model are given by their (h, w) brightness.
     """
     count, labels = cv2.connectedComponents(foreground, connectivity=4)
     outline = foreground > cv2.erode(foreground, _NEIGHBORS)

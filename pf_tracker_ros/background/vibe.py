@@ -115,11 +115,9 @@ class BackgroundModel:
     def update(
         self, image: NDArray[np.uint8], foreground_boxes: Sequence[Box] = ()
     ) -> NDArray[np.uint8]:
-        """Classify the pixels of an image, then learn its background.
+        """Classify the pixels of an image of the first one's shape, then learn its background.
 
-        Args:
-            image: Image of the first one's shape.
-            foreground_boxes: As for the first image, if the model is initialized again.
+        The boxes serve as for the first image, if the model is initialized again.
 
         Returns:
             (h, w) uint8, 255 for foreground, 0 for background; h and w are those of the image

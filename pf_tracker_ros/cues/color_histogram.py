@@ -170,10 +170,6 @@ class ForegroundColorHistogram(ColorHistogram):
     The background cannot match the target's colors, and a box must contain as much background as
     the target's did. Without a background model, no pixel is background.
 
-    Args:
-        parameters: As for `ColorHistogram`.
-        levels: As for `ColorHistogram`.
-
     Source: Zhang Bo, section 2 (foreground extraction before the color histogram).
     """
 

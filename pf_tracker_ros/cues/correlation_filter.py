@@ -153,11 +153,10 @@ class ResponseMaps(NamedTuple):
     def read(
         self, centers: NDArray[np.float64], shares: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(N,) responses at box centers, 0 outside of the windows.
+        """(N,) responses at (N, 2) box centers, image pixels; 0 outside of the windows.
 
-        Args:
-            centers: (N, 2) box centers, image pixels.
-            shares: (N,) weight of the largest window, 0 to 1, in the interpolation between sizes.
+        The (N,) shares, 0 to 1, are the weights of the largest window in the interpolation between
+        sizes.
         """
 
         def read_one(number: int) -> NDArray[np.float32]:
@@ -169,12 +168,9 @@ class ResponseMaps(NamedTuple):
     def read_grid(
         self, x: NDArray[np.float64], y: NDArray[np.float64], share: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """(rows, columns) responses on a grid with sides below 2^15.
+        """(rows, columns) responses at a grid of (columns,) x and (rows,) y, image pixels.
 
-        Args:
-            x: (columns,) x of the centers, image pixels.
-            y: (rows,) y of the centers, image pixels.
-            share: (1,) weight as in `read`.
+        The sides of the grid are below 2^15. The (1,) share is a weight as in `read`.
         """
         center = self.windows.center
 
@@ -248,10 +244,8 @@ def spectra_of(features: NDArray[np.float32], scale: float = 1.0) -> Spectrum:
     would respond to any window. A cosine window lets the features fall to 0 at the borders. All
     channels together are scaled to a fixed energy. A window without contrast has the spectrum 0.
 
-    Args:
-        features: Of K windows.
-        scale: Near 1. The spectra are those of windows whose sides are so many times as long, with
-            features interpolated between these: cheaper than to read other windows.
+    With a scale, near 1, the spectra are those of windows whose sides are so many times as long,
+    with features interpolated between these: cheaper than to read other windows.
 
     Source of the interpolation: Dollár, Appel, Belongie and Perona 2014, "Fast feature pyramids for
     object detection".
@@ -283,16 +277,12 @@ def shifted(spectrum: Spectrum, shift: NDArray[np.float64]) -> Spectrum:
 def train(
     spectrum: Spectrum, target_cells: tuple[float, float], before: Spectrum | None, memory: float
 ) -> Spectrum:
-    """The filter after one more sample; source: Li et al. 2018, equations (8) to (12).
+    """Spectrum of the filter after one more sample, a window centered on the target.
 
-    Args:
-        spectrum: Spectrum of the features of a window centered on the target.
-        target_cells: (width, height) of the target in cells.
-        before: The last filter, None for the first.
-        memory: Weight mu of the change from the last filter, at least 0.
+    The target is (width, height) in cells. Without a filter before, this is the first. The memory
+    is the weight mu, at least 0, of the change from it.
 
-    Returns:
-        The filter's spectrum.
+    Source: Li et al. 2018, equations (8) to (12).
     """
     cells = spectrum.shape[1]
     area = np.float32(cells * cells)
@@ -323,15 +313,9 @@ def train(
 def response(trained: Spectrum, spectra: Spectrum, samples: int) -> NDArray[np.float32]:
     """Response maps: the correlation of filters with windows at every displacement.
 
-    Args:
-        trained: (..., channels, cells, cells // 2 + 1) spectrum from `train`: one filter, or one
-            per window.
-        spectra: (..., channels, cells, cells // 2 + 1) spectra of the windows' features.
-        samples: Samples along each side of the maps, a multiple of the number of cells.
-
-    Returns:
-        (..., samples, samples), about 1 at the target; displacement (0, 0) is at
-        [samples // 2, samples // 2].
+    Filters and windows are (..., channels, cells, cells // 2 + 1) spectra, one filter for all or
+    one per window. The maps are (..., samples, samples), with a multiple of the number of cells,
+    and about 1 at the target; displacement (0, 0) is at [samples // 2, samples // 2].
     """
     cells = spectra.shape[-2]
     product = (np.conj(trained) * spectra).sum(axis=-3) * _to_middle(cells)

@@ -23,11 +23,7 @@ from pf_tracker_ros.registry import Registry
 
 
 def declared_weight(default: float) -> float:
-    """Parameter `weight`, which every cue has.
-
-    Args:
-        default: 0 to 1.
-    """
+    """Parameter `weight`, 0 to 1, which every cue has."""
     return declared(
         default,
         "Weight (exponent) of this cue in the fused likelihood; 0 switches it off. The weights of "
@@ -45,11 +41,9 @@ class CueParameters:
 
 
 def declared_keep(default: float, symbol: str = "") -> float:
-    """Parameter `keep` of cues whose template is an exponential moving average.
+    """Parameter `keep`, 0 to 1, of cues whose template is an exponential moving average.
 
-    Args:
-        default: 0 to 1.
-        symbol: The paper's symbol, empty without one.
+    The symbol is the paper's, empty without one.
     """
     named = f" ({symbol})" if symbol else ""
     return declared(

@@ -18,10 +18,6 @@ def unique_pairs(
 
     If the pairs are so spread out that duplicates are rare, all pairs are returned.
 
-    Args:
-        x: (N,) first numbers, of any sign.
-        y: (N,) second numbers, of any sign.
-
     Returns:
         (K,) indices of the unique pairs, and (N,) for each pair, the position of its equal among
             these.

@@ -34,12 +34,9 @@ Value = TypeVar("Value", np.int32, np.float64)
 def box_sums(
     integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
 ) -> NDArray[Value]:
-    """(..., N) sums over boxes.
+    """(..., N) sums over N boxes, from a (h + 1, w + 1) integral image.
 
-    Args:
-        integral: (h + 1, w + 1) integral image.
-        columns: (..., 2, N) left and right edges of the boxes, 0 to w.
-        rows: (..., 2, N) top and bottom edges, 0 to h.
+    The (..., 2, N) columns are their left and right edges, the rows the top and bottom edges.
     """
     starts = rows * integral.shape[1]
     corners = integral.ravel().take(starts[..., :, None, :] + columns[..., None, :, :])
@@ -50,12 +47,9 @@ def box_sums(
 def box_sums_on_grid(
     integral: NDArray[Value], columns: NDArray[np.intp], rows: NDArray[np.intp]
 ) -> NDArray[Value]:
-    """(R, C) sums over the boxes of a grid.
+    """(R, C) sums over a grid of boxes, from a (h + 1, w + 1) integral image.
 
-    Args:
-        integral: (h + 1, w + 1) integral image.
-        columns: (2, C) left and right edges of each column of boxes.
-        rows: (2, R) top and bottom edges of each row of boxes.
+    The (2, C) columns are their left and right edges, the (2, R) rows the top and bottom edges.
     """
     down = integral.take(rows[1], axis=0)
     down -= integral.take(rows[0], axis=0)
@@ -157,16 +151,10 @@ class ForegroundCue(Cue):
         reduction: int,
         length: int,
     ) -> NDArray[np.intp]:
-        """Edges along an axis, rounded to whole mask pixels.
+        """(2, 2, N) edges along an axis, mask pixels: of boxes and rings, then first and last.
 
-        Args:
-            starts: (N,) left or upper edges of the boxes, image pixels.
-            sides: (N,) widths or heights, or one for all.
-            reduction: Image pixels per mask pixel.
-            length: Size of the mask along the axis.
-
-        Returns:
-            (2, 2, N): boxes and rings, then first and last edges.
+        The (N,) starts and the sides, one for each or for all, are image pixels, of which a mask
+        pixel has `reduction`. The mask has `length` pixels.
         """
         margin = self._ring * sides
         edges = np.empty((2, 2, len(starts)))

@@ -80,23 +80,14 @@ class TemplateParameters:
     )
 
     def required_similarity(self, frames: int) -> float:
-        """The smallest similarity for a template update, 0 to 1.
-
-        Args:
-            frames: Number of frames since the target was initialized.
-        """
+        """The smallest similarity for a template update so many frames after the first, 0 to 1."""
         return self.similarity_above * min(frames / _SETTLING_FRAMES, 1.0)
 
 
 def measure_distractor_ratios(
     at_target: Mapping[str, float], beside: Responses
 ) -> DistractorRatios:
-    """Each cue's largest response beside the target / that at the target.
-
-    Args:
-        at_target: Name to response.
-        beside: Name to (N,) responses, N >= 0.
-    """
+    """Each cue's largest of (N,) responses beside the target, N >= 0, / that at the target."""
     return {
         name: min(max(float(beside[name].max(initial=0.0)), 0.0) / max(own, 1e-3), _LARGEST_RATIO)
         for name, own in at_target.items()
@@ -248,12 +239,7 @@ class CueFusion:
         return next((one for one in growths if one), 0.0)
 
     def adapt(self, distractor_ratios: DistractorRatios, adaptation: float) -> CueWeights:
-        """The cue weights, raised for cues of below-average distractor ratio; they sum to 1.
-
-        Args:
-            distractor_ratios: Smoothed ratios.
-            adaptation: See `FusionParameters`.
-        """
+        """The cue weights, raised for cues of below-average distractor ratio; they sum to 1."""
         if not (distractor_ratios and adaptation):
             return self.cue_weights
         mean = sum(distractor_ratios.values()) / len(distractor_ratios)

@@ -153,15 +153,11 @@ class Hog(Cue):
 def _interpolated(
     integral: NDArray[np.int32], x: NDArray[np.float64], y: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(rows, columns, N, bins) bilinear values of an integral image at subpixel edges.
+    """(rows, columns, N, bins) bilinear values of an (h + 1, w + 1, bins) integral image.
 
-    A pixel counts with the share of it inside, so the small cells of a small target change smoothly
-    when a box moves or grows by part of a pixel.
-
-    Args:
-        integral: (h + 1, w + 1, bins) integral image.
-        x: (columns, N) edges from left to right.
-        y: (rows, N) edges from top to bottom.
+    They are at subpixel edges, (columns, N) along x and (rows, N) along y. A pixel counts with the
+    share of it inside, so the small cells of a small target change smoothly when a box moves or
+    grows by part of a pixel.
     """
     column, row = np.floor(x).astype(np.intp), np.floor(y).astype(np.intp)
     right = (x - column)[None, :, :, None]
@@ -178,10 +174,9 @@ def _interpolated(
 
 
 def normalized_blocks(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(4, blocks down, blocks across, N, bins) the cells of each block, scaled to its unit length.
+    """(4, blocks down, blocks across, N, bins) cells of each block, scaled to its unit length.
 
-    Args:
-        cells: (cells down, cells across, N, bins) sums of gradient magnitude in N boxes.
+    The cells are (cells down, cells across, N, bins) sums of gradient magnitude in N boxes.
     """
     return _corners(cells) * _inverse_lengths(cells)[..., None]
 
@@ -189,8 +184,7 @@ def normalized_blocks(cells: NDArray[np.float32]) -> NDArray[np.float32]:
 def _corners(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """(4, blocks down, blocks across, ...) values of the cells of each block, in reading order.
 
-    Args:
-        values: (cells down, cells across, ...) values of the cells.
+    The values are (cells down, cells across, ...).
     """
     down, across = values.shape[0] - 1, values.shape[1] - 1
     return np.stack(
@@ -199,10 +193,9 @@ def _corners(values: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _inverse_lengths(cells: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(blocks down, blocks across, N) 1 / Euclidean length of each block; 0 without a gradient.
+    """(blocks down, blocks across, N) 1 / Euclidean length of each block of `normalized_blocks`.
 
-    Args:
-        cells: (cells down, cells across, N, bins) sums of gradient magnitude.
+    It is 0 without a gradient.
     """
     squared = _corners(np.einsum("yxnd,yxnd->yxn", cells, cells)).sum(axis=0)
     textured = squared > 0.0

@@ -46,11 +46,7 @@ class Continuity:
         self._other_for = math.inf
 
     def update(self, image: NDArray[np.generic], interval: float) -> float:
-        """Process the next image; all have the same size and type.
-
-        Args:
-            image: As of `Frame`.
-            interval: Seconds since the last one.
+        """Process the next image, as of `Frame`; all have the same size and type.
 
         Returns:
             Factor of the odds that a box in this image shows its target: 1, or `OTHER_SCENE`.

@@ -90,14 +90,7 @@ def _is_camera_motion(
     now: NDArray[np.float32],
     shape: tuple[int, ...],
 ) -> bool:
-    """Whether a common motion of the points is the camera's.
-
-    Args:
-        motion: (3, 3) similarity.
-        before: (P, 2) points in the reference image.
-        now: (P, 2) the same points in this frame.
-        shape: (h, w) of the image.
-    """
+    """Whether a (3, 3) similarity of (P, 2) points is the camera's, in images of (h, w)."""
     height, width = shape
     corners = np.array([[0, width, 0, width], [0, 0, height, height], [1, 1, 1, 1]], float)
     if np.abs(motion @ corners - corners).max() < _MOVES_ABOVE:
@@ -109,11 +102,7 @@ def _is_camera_motion(
 def _track_points(
     before: NDArray[np.uint8], now: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Track points on a grid by pyramidal Lucas-Kanade.
-
-    Args:
-        before: (h, w) image, both sides at least 16.
-        now: Later image of the same size.
+    """Track points on a grid from one image to another, with sides of at least 16.
 
     Returns:
         (P, 2) tracked points, before and now; points on flat surfaces are missing.
@@ -133,14 +122,9 @@ def _track_points(
 def _estimate_similarity(
     before: NDArray[np.float32], now: NDArray[np.float32]
 ) -> NDArray[np.float64] | None:
-    """The similarity transform of most points, by RANSAC; moving objects are outliers.
+    """(3, 3) similarity transform of most of (P, 2) points, from (x, y, 1) before to now.
 
-    Args:
-        before: (P, 2) points.
-        now: (P, 2) the same points later.
-
-    Returns:
-        (3, 3) matrix from (x, y, 1) before to now; None with too few points or inliers.
+    By RANSAC; moving objects are outliers. None with too few points or inliers.
     """
     if len(before) < _MIN_POINTS:
         return None

@@ -33,8 +33,7 @@ _TIME_CONSTANT = 10.0
 def gray_range(image: NDArray[np.generic]) -> GrayRange | None:
     """The (dark, bright) values of an image that become 0 and 255; None for 8 bits.
 
-    Args:
-        image: (H, W) uint16, float32 (pixels that are not finite are ignored) or uint8.
+    Pixels that are not finite are ignored.
     """
     if image.dtype == np.uint8:
         return None
@@ -56,12 +55,10 @@ def sample(image: NDArray[np.generic]) -> Values:
 
 
 def range_of(values: Values, margin: float = _MARGIN) -> GrayRange:
-    """The gray range of (N,) values, N >= 1.
+    """The gray range of (N,) values from `sample`, N >= 1.
 
-    Args:
-        values: Values from `sample`.
-        margin: Margin on both sides, as a share of the range; at least the default if the values
-            are almost equal.
+    The margin on both sides is a share of the range; at least the default if the values are almost
+    equal.
     """
     is_whole = values.dtype == np.uint16
     # For 16 bits a stable sort is a radix sort, which makes the percentiles faster.
@@ -75,24 +72,13 @@ def range_of(values: Values, margin: float = _MARGIN) -> GrayRange:
 
 
 def adapt_range(span: GrayRange, own: GrayRange, interval: float) -> GrayRange:
-    """The range after a frame: the old one, moved towards the frame's by exponential smoothing.
-
-    Args:
-        span: The old range.
-        own: The frame's `gray_range`.
-        interval: Seconds since the last frame.
-    """
+    """The range after a frame, moved towards the frame's own by exponential smoothing."""
     share = -math.expm1(-interval / _TIME_CONSTANT)
     return span[0] + share * (own[0] - span[0]), span[1] + share * (own[1] - span[1])
 
 
 def to_8_bit(image: NDArray[np.generic], span: GrayRange | None) -> NDArray[np.uint8]:
-    """The image with 8 bits per channel; NaN becomes black.
-
-    Args:
-        image: Image as for `gray_range`, or (H, W, 3) uint8.
-        span: Range from `gray_range`.
-    """
+    """The image with 8 bits per channel, by its range from `gray_range`; NaN becomes black."""
     if span is None:
         return image  # type: ignore[return-value]
     low, high = span
@@ -139,12 +125,9 @@ class GainControl:
     outlier_for: float = 0.0
 
     def update(self, image: NDArray[np.generic], interval: float) -> GainControl:
-        """The gain control for this image.
+        """The gain control for this image; images of 8 bits have no range.
 
-        Args:
-            image: (H, W) uint16 or float32; pixels that are not finite are ignored. 8-bit images
-                have no range.
-            interval: Seconds since the last image.
+        Pixels that are not finite are ignored.
         """
         if image.dtype == np.uint8:
             return self
@@ -238,12 +221,9 @@ class Illumination:
         return abs(math.log(self.change)) > math.log(_JUMP)
 
     def update(self, image: NDArray[np.generic], learning: float) -> Illumination:
-        """The illumination of this image.
+        """The illumination of this image, of the last one's size.
 
-        Args:
-            image: (H, W, 3) or (H, W), of the last image's size.
-            learning: Seconds in which templates learned the illumination since the last image; the
-                gain returns to 1 over them.
+        The gain returns to 1 over the seconds in which templates learned the illumination since.
         """
         if image.dtype != np.uint8:
             return self

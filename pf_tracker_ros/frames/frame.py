@@ -52,12 +52,10 @@ class TiledImage:
     def read(
         self, part: PixelRect, compute: Callable[[PixelRect], NDArray[np.uint8]]
     ) -> NDArray[np.uint8]:
-        """The pixels of a part; do not write to them.
+        """The pixels of a part inside the image; do not write to them.
 
-        Args:
-            part: Part inside the image.
-            compute: Computes the pixels of a part of whole tiles, which may be cut at the image's
-                edge. It is not stored, since it refers back to the owner of this image.
+        `compute` computes the pixels of a part of whole tiles, which may be cut at the image's
+        edge. It is not stored, since it refers back to the owner of this image.
         """
         rows = slice(part.top // _TILE, -(-part.bottom // _TILE))
         columns = slice(part.left // _TILE, -(-part.right // _TILE))
@@ -164,10 +162,8 @@ class Frame:
     def expose(self, span: GrayRange | None, illumination: Illumination) -> None:
         """Set the conversion to 8 bits and clear all views, maps and results of the frame.
 
-        Args:
-            span: Values of a 16-bit or 32-bit image that become 0 and 255; None means the image's
-                own range.
-            illumination: Illumination of an 8-bit image; the view is divided by its gain.
+        The span has the values of a 16-bit or 32-bit image that become 0 and 255; None means the
+        image's own range. The view of an 8-bit image is divided by the gain of the illumination.
         """
         self.illumination = illumination
         self.foreground: Foreground | None = None

@@ -236,8 +236,7 @@ class Region:
     def color_bins(self, levels: int) -> NDArray[np.intp]:
         """(h, w) histogram bin of each of `pixels`, red * levels^2 + green * levels + blue.
 
-        Args:
-            levels: Equal steps of each channel, at most 256 (exact in single precision).
+        The levels are equal steps of each channel, at most 256 (exact in single precision).
         """
 
         def compute() -> NDArray[np.intp]:
@@ -255,11 +254,8 @@ class Region:
     def differences(self, smoothed: bool = False) -> NDArray[np.intp]:
         """(h, w) table indices of the padded region's gradients; see `paired_differences`.
 
-        Outside the image the gradient is 0.
-
-        Args:
-            smoothed: Average each pixel with its eight neighbors first, with binomial weights
-                1, 2, 1 along each axis.
+        Outside the image the gradient is 0. If smoothed, each pixel is first averaged with its
+        eight neighbors, with binomial weights 1, 2, 1 along each axis.
         """
 
         def compute() -> NDArray[np.intp]:

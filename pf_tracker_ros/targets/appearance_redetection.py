@@ -41,12 +41,7 @@ class AppearanceRedetector:
         self._appearance = appearance
 
     def find(self, track_set: TrackSet, frame: Frame) -> TrackSet:
-        """The track set with the lost targets moved to where they are found.
-
-        Args:
-            track_set: In this frame.
-            frame: This one.
-        """
+        """The track set with the lost targets moved to where they are found."""
         lost = [track for track in track_set.tracks if _is_due(track)]
         if not lost or track_set.time_since_detection < NO_DETECTOR_AFTER:
             return track_set

@@ -53,9 +53,7 @@ def require_scipy() -> None:
 def assign(costs: NDArray[np.float64], max_cost: float) -> dict[int, int]:
     """Row to column, each at most once, by the Hungarian algorithm.
 
-    Args:
-        costs: (N, M) of each pair; infinite for excluded pairs.
-        max_cost: A pair costs less than this.
+    `costs` are (N, M), infinite for excluded pairs. A pair costs less than `max_cost`.
     """
     from scipy.optimize import linear_sum_assignment
 
@@ -99,12 +97,7 @@ class Associator:
         self._appearance = appearance
 
     def assign(self, tracks: Sequence[Track], detections: Sequence[Detection]) -> dict[int, int]:
-        """Index of a track to the index of its detection; each at most once.
-
-        Args:
-            tracks: N, predicted into this frame.
-            detections: M.
-        """
+        """Index of a track, predicted into this frame, to that of its detection, each once."""
         if not tracks or not detections:
             return {}
         boxes = np.array([one.box for one in detections])
@@ -147,12 +140,6 @@ def learn_others(
     """The tracks; held ones that are detected know how others look that are seen with them.
 
     Others of another label are never taken for them.
-
-    Args:
-        tracks: N.
-        assigned: Detection of each track, or None.
-        detections: All of the frame.
-        appearance: Compares descriptors.
     """
     learned = []
     for track, own in zip(tracks, assigned, strict=True):
@@ -181,11 +168,6 @@ def correct_id_switches(
 
     The appearance decides, as soon as detections show both without overlap. The filters stay where
     they are.
-
-    Args:
-        tracks: N.
-        assigned: Detection of each track, or None.
-        appearance: Compares descriptors.
     """
     corrected = list(tracks)
     clear = [(index, one) for index, one in enumerate(assigned) if one and one.is_clear]
@@ -240,12 +222,9 @@ class ReIdentifier:
         self._appearance = appearance
 
     def reidentify(self, track_set: TrackSet) -> TrackSet:
-        """The track set with the lost tracks that detections show.
+        """The track set of a frame with detections, with the lost tracks that they show.
 
         An ended track is re-identified by the first detection of a new one, or not at all.
-
-        Args:
-            track_set: In a frame with detections.
         """
         missing = [
             *track_set.ended_tracks,

@@ -81,11 +81,9 @@ class BoxKalmanFilter(NamedTuple):
     def initiate(
         cls, box: NDArray[np.float64], growth_variance: float = GROWTH_VARIANCE
     ) -> BoxKalmanFilter:
-        """The filter of a new target, which is most likely at rest.
+        """The filter of a new target in a (4,) box, pixels, which is most likely at rest.
 
-        Args:
-            box: (4,) of the target, pixels.
-            growth_variance: Of the rate of growth, 1/s^2.
+        The variance of the rate of growth is in 1/s^2.
         """
         std = np.concatenate([CENTER_STD * box[2:], _LOG_SIZE_STD])
         velocity_variance = np.concatenate(
@@ -112,15 +110,11 @@ class BoxKalmanFilter(NamedTuple):
     def predict(
         self, interval: float, height: float, growth_variance: float = GROWTH_VARIANCE
     ) -> BoxKalmanFilter:
-        """The filter after an interval.
+        """The filter of a target of a height in pixels, after an interval.
 
         After a pause of more than two seconds the target may have stopped. Its predicted box is
-        then the last one, and the velocity adds to the variance, for up to ten seconds.
-
-        Args:
-            interval: Seconds.
-            height: Of the target, pixels.
-            growth_variance: Of the rate of growth, 1/s^2.
+        then the last one, and the velocity adds to the variance, for up to ten seconds. The
+        variance of the rate of growth is in 1/s^2.
         """
         if interval > _MAX_STEP:
             variance = self.velocity_variance + np.square(self.velocity)
@@ -158,11 +152,9 @@ class BoxKalmanFilter(NamedTuple):
         )
 
     def correct(self, box: NDArray[np.float64], interval: float = math.inf) -> BoxKalmanFilter:
-        """The filter after a detection.
+        """The filter after a (4,) detection, pixels, `interval` seconds after the last one.
 
-        Args:
-            box: (4,) of the detection, pixels.
-            interval: Seconds since the last one: detections in quick succession repeat errors.
+        Detections in quick succession repeat errors.
         """
         std = np.concatenate([CENTER_STD * box[2:], _LOG_SIZE_STD])
         std[2] *= math.sqrt(1.0 + 2.0 * _CORRELATION_TIME / max(interval, 1e-3))
@@ -171,12 +163,7 @@ class BoxKalmanFilter(NamedTuple):
     def correct_center(
         self, center: NDArray[np.float64], std: NDArray[np.float64]
     ) -> BoxKalmanFilter:
-        """The filter after a measurement of the center alone.
-
-        Args:
-            center: (2,) pixels.
-            std: (2,) standard deviation of the measurement, pixels.
-        """
+        """The filter after a measured (2,) center with (2,) standard deviations, pixels."""
         measured = np.concatenate([center, self.mean[2:]])
         return self._correct(measured, np.concatenate([std, [np.inf, np.inf]]))
 
@@ -205,11 +192,7 @@ class BoxKalmanFilter(NamedTuple):
         return self._replace(mean=mean, variance=variance)
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> BoxKalmanFilter:
-        """The filter in the image of a camera that has moved; see `EgoMotion.update`.
-
-        Args:
-            camera_motion: (3, 3) similarity.
-        """
+        """The filter after the camera has moved by a (3, 3) similarity, see `EgoMotion.update`."""
         linear, shift = camera_motion[:2, :2], camera_motion[:2, 2]
         mean, velocity = self.mean.copy(), self.velocity.copy()
         mean[:2] = linear @ self.center + shift

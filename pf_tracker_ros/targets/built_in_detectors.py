@@ -185,10 +185,6 @@ class _FrameSource:
 
     Attributes:
         is_new: Whether the last image was the first one or caused a reset.
-
-    Args:
-        seed: Seeds the background model.
-        needs_foreground: Whether frames need a foreground mask.
     """
 
     def __init__(self, seed: int, needs_foreground: bool) -> None:
@@ -249,14 +245,9 @@ class DetectorThread:
         self._thread.start()
 
     def offer(self, image: NDArray[np.generic], stamp: int) -> bool:
-        """Start detection in a frame, if one is due and the last result has been taken.
+        """Start detection, if one is due and the last result was taken; whether it starts.
 
-        Args:
-            image: Must not change afterwards.
-            stamp: Time of capture, nanoseconds; 0 if unknown.
-
-        Returns:
-            Whether it is processed.
+        The image must not change afterwards. Its stamp is in nanoseconds, 0 if unknown.
         """
         elapsed = stamp - self._last
         known = stamp != 0 and self._last != 0
@@ -271,8 +262,7 @@ class DetectorThread:
     def take(self, *, wait: bool = False) -> DetectorResult | None:
         """Take the last result, each once; None if there is no new one.
 
-        Args:
-            wait: Whether to wait for a running detection.
+        `wait` waits for a running detection.
 
         Raises:
             ForeignError: The detector has failed.

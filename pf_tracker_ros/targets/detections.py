@@ -149,12 +149,9 @@ class Detection(NamedTuple):
 def usable(
     detections: Detections, size: tuple[int, int], score_above: float
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], list[str]]:
-    """Select the detections that count, the best score first.
+    """Select the detections that count in an image of (width, height), the best score first.
 
-    Args:
-        detections: All.
-        size: (width, height) of the image.
-        score_above: Minimum score; lower ones are left out without a reason.
+    Lower scores than `score_above` are left out without a reason.
 
     Returns:
         (K,) numbers of the detections that count, their (K, 4) boxes clipped to the image, and a

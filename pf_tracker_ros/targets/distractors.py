@@ -69,12 +69,7 @@ class DistractorManager:
     ) -> TrackSet:
         """The track set with updated candidates and new distractors.
 
-        Args:
-            track_set: In this frame.
-            frame: This one.
-            interval: Seconds since the last frame.
-            has_detections: Whether a detector saw the frame; then no distractor begins, since the
-                detections show what there is.
+        In a frame with detections no distractor begins, since they show what there is.
         """
         tracks = [_with_candidate(track, interval) for track in track_set.tracks]
         if has_detections:
@@ -98,12 +93,7 @@ class DistractorManager:
         return replace(track_set, tracks=tuple(tracks))
 
     def update(self, track_set: TrackSet, interval: float) -> TrackSet:
-        """The track set with updated distractors, without those that end.
-
-        Args:
-            track_set: In this frame.
-            interval: Seconds since the last frame.
-        """
+        """The track set with updated distractors, without those that end."""
         targets = {track.key: track for track in track_set.tracks if not track.is_distractor}
         if len(targets) == len(track_set.tracks):
             return track_set

@@ -39,12 +39,8 @@ def external_likelihood(
 ) -> ExternalLikelihood:
     """The product of the likelihoods of a track's boxes, at least one.
 
-    Args:
-        track: With its center predicted.
-        detection: Its detection, or None.
-        front: (K, 4) boxes in front of it.
-        covered: (K,) share of its predicted box that each covers.
-        is_alone: Whether its motion does not count; then there is a box in front.
+    The tracks in `front` have (K, 4) boxes; each covers a share `covered`, (K,), of the track's
+    predicted box. If the track `is_alone`, its motion does not count; then there is a box in front.
     """
     factors: list[ExternalLikelihood] = []
     if detection:
@@ -86,12 +82,7 @@ def _motion_likelihood(track: Track) -> ExternalLikelihood:
 def _occluder_likelihood(
     front: NDArray[np.float64], covered: NDArray[np.float64]
 ) -> ExternalLikelihood:
-    """Lower for boxes that tracks in front cover by more than predicted.
-
-    Args:
-        front: (K, 4) boxes, at least one.
-        covered: (K,) share of the predicted box that each covers.
-    """
+    """Lower for boxes that (K, 4) boxes in front, K > 0, cover by more than predicted, (K,)."""
     free = np.maximum(covered, _FREE_COVERAGE)
 
     def log_likelihood(boxes: BoxesByAxis) -> NDArray[np.float64]:

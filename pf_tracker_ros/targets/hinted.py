@@ -31,14 +31,7 @@ _LEAST_ODDS = -20.0
 def with_hint(
     track: Track, hint: Hint, image_size: tuple[int, int], operations: StateOperations
 ) -> Track:
-    """The track before the next frame, with a hint of the last one.
-
-    Args:
-        track: In the last frame.
-        hint: Of that frame.
-        image_size: (width, height), pixels.
-        operations: Moves its filter state.
-    """
+    """The track before the next frame, with a hint of the last one."""
     if hint.covered_share is not None:
         track = track.with_covered_share(hint.covered_share)
     filter_state = replace(

@@ -65,15 +65,7 @@ class Initiator:
         label: str,
         generator: np.random.Generator | None = None,
     ) -> Track:
-        """A track that a user started.
-
-        Args:
-            frame: That the box was drawn on.
-            box: Of the target, pixels.
-            key: Of the track.
-            label: Of the target, or an empty text.
-            generator: Its random numbers; None for those of its key.
-        """
+        """A track that a user started, with random numbers of the generator, or else of its key."""
         track = self._new_track(frame, np.array(box), key, generator=generator)
         return track.add_label_vote(label, 1.0)
 
@@ -92,13 +84,7 @@ class Initiator:
     def initiate(
         self, track_set: TrackSet, frame: Frame, unassigned: Sequence[tuple[int, Detection]]
     ) -> TrackSet:
-        """The track set with new tracks.
-
-        Args:
-            track_set: In this frame.
-            frame: This one.
-            unassigned: Detections of no track, with their numbers among all.
-        """
+        """The track set with new tracks on detections of no track, numbered among all."""
         tracks = list(track_set.tracks)
         # The detection may be a poor one of a track that has none in this frame. One of a missing
         # target is compared with it first (`ReIdentifier`, then `discard_doubtful`).
@@ -133,9 +119,6 @@ class Initiator:
         """The track set without new tracks on the boxes of targets that are still missing.
 
         Each may be a poor detection of that target, which the image may still show.
-
-        Args:
-            track_set: In a frame with detections.
         """
         missing = [track.box for track in track_set.tracks if track.is_missing]
         boxes = np.array(missing).reshape(-1, 4)
@@ -161,10 +144,6 @@ class Initiator:
 
         They replace detected tracks of the same objects, and have priority over other detected ones
         where there are too many.
-
-        Args:
-            track_set: In that frame.
-            started: The manual tracks.
         """
         if not started:
             return track_set
@@ -189,12 +168,7 @@ class Initiator:
     def promote_distractors(
         self, track_set: TrackSet, assigned: Sequence[Detection | None]
     ) -> TrackSet:
-        """The track set in which detected distractors are targets, up to `max_targets`.
-
-        Args:
-            track_set: In this frame.
-            assigned: Detection of each track, or None.
-        """
+        """The track set in which detected distractors are targets, up to `max_targets`."""
         tracks = []
         room = self._room(track_set.tracks)
         for track, detection in zip(track_set.tracks, assigned, strict=True):
@@ -208,10 +182,6 @@ class Initiator:
 
         A fast detector needs as many hits as it has frames in 0.3 s; a slow one needs one. A box
         that the image border cuts needs one more: detectors are wrong there more often.
-
-        Args:
-            track_set: In this frame.
-            image_size: (width, height), pixels.
         """
         hits = math.ceil(_CONFIRMED_WITHIN / max(track_set.detection_interval, 1e-3) - 1e-6)
         needed = max(hits, 1)
@@ -274,13 +244,7 @@ class Deleter:
     def delete_tracks(
         self, track_set: TrackSet, image_size: tuple[int, int], interval: float
     ) -> TrackSet:
-        """The track set without the tracks that end in this frame.
-
-        Args:
-            track_set: In this frame.
-            image_size: (width, height), pixels.
-            interval: Seconds since the last frame.
-        """
+        """The track set without the tracks that end in this frame."""
         ended = [
             replace(track, time_since_end=(track.time_since_end or 0.0) + interval)
             for track in track_set.ended_tracks

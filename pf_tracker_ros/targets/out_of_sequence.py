@@ -54,13 +54,7 @@ def insert_late(
     now: int,
     filter_detections: DetectionFilter,
 ) -> tuple[list[HistoryEntry], list[str]]:
-    """Insert late detections into the history.
-
-    Args:
-        buffer: The history.
-        late: Detections of earlier frames than the current one.
-        now: Stamp of the current frame, nanoseconds.
-        filter_detections: Selects and describes the valid ones.
+    """Insert late detections into the history; `now` is the stamp of the current frame.
 
     Returns:
         The entries to reprocess, from the earliest frame with late detections on, and why
@@ -91,9 +85,7 @@ def insert_late(
 def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
     """The entries from the frame of a stamp on; none if that frame is not buffered.
 
-    Args:
-        buffer: The history.
-        stamp: Of the detections, nanoseconds; up to half an interval before that of their frame.
+    Detections have stamps of up to half an interval before that of their frame.
     """
     since = buffer.since(stamp)
     if not since:
@@ -108,11 +100,7 @@ def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
 def reprocess(
     pipeline: TrackingPipeline, entries: Sequence[HistoryEntry]
 ) -> tuple[TrackSet, list[HistoryEntry]]:
-    """Reprocess consecutive entries from the track set before the first.
-
-    Args:
-        pipeline: Advances the track set by a frame.
-        entries: At least one.
+    """Reprocess consecutive entries, at least one, from the track set before the first.
 
     Returns:
         The track set after the last entry, and the entries, each with its new track set before.
@@ -135,17 +123,11 @@ def replay_track(
     entries: Sequence[HistoryEntry],
     replaced: Sequence[Track] = (),
 ) -> tuple[Track, list[HistoryEntry]]:
-    """Advance a new manual track alone through the frames since its own.
+    """Advance a new manual track, started in the first entry, alone through the frames since.
 
-    The other tracks stay as they are. Distractors that arise in the replay are not added to the
-    history, since they may be other targets. For the same reason there is no redetection
-    (`time_since_detection` 0).
-
-    Args:
-        pipeline: Advances the track set by a frame.
-        track: Started in the first entry.
-        entries: The first one and those since.
-        replaced: Tracks that it replaces from the first entry on.
+    The other tracks stay as they are, but for the `replaced` ones. Distractors that arise in the
+    replay are not added to the history, since they may be other targets. For the same reason there
+    is no redetection (`time_since_detection` 0).
 
     Returns:
         The track after the last entry, and the entries with it.

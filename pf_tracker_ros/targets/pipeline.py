@@ -62,13 +62,7 @@ class TrackingPipeline:
     def take_hints(
         self, track_set: TrackSet, hints: Mapping[TrackKey, Hint], image_size: tuple[int, int]
     ) -> TrackSet:
-        """The track set with what is known of its tracks from outside of the image.
-
-        Args:
-            track_set: After the last frame.
-            hints: Of that frame, by the tracks' keys.
-            image_size: (width, height), pixels.
-        """
+        """The track set after the last frame, with the hints of that frame."""
         operations = self._target_filter.operations
         return replace(
             track_set,
@@ -87,14 +81,7 @@ class TrackingPipeline:
         interval: float,
         detections: Sequence[Detection] | None,
     ) -> TrackSet:
-        """The track set one frame later.
-
-        Args:
-            track_set: After the last frame.
-            frame: The next one.
-            interval: Seconds since the last frame.
-            detections: Of this frame; None where no detector ran.
-        """
+        """The track set one frame later; `detections` are None where no detector ran."""
         time_since_detection = track_set.time_since_detection + interval
         detection_interval = track_set.detection_interval
         if detections is not None:

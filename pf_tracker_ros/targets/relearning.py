@@ -29,14 +29,7 @@ def needs_relearning(
     before: Mapping[str, Any],
     after: Mapping[str, Any],
 ) -> bool:
-    """Whether a change of parameters requires that targets are relearned.
-
-    Args:
-        track_set: After the last frame.
-        entries: The buffered history.
-        before: Full name to value of all parameters before the change.
-        after: The same after the change.
-    """
+    """Whether a change of all parameters, by full name, requires that targets are relearned."""
     earlier = (one for entry in entries for one in entry.tracks_before.tracks)
     tracks = [*track_set.tracks, *track_set.ended_tracks, *earlier]
     for name, one in declarations(TrackerParameters).items():
@@ -70,13 +63,10 @@ def relearned(
     target_filter: TargetFilter,
     appearance: Appearance | None = None,
 ) -> tuple[TrackSet, tuple[Track, ...]]:
-    """The track set with every target relearned; its state stays, such as "occluded".
+    """The track set with every target relearned where it was last seen.
 
-    Args:
-        track_set: After the last frame.
-        last_seen: Where its targets were last seen.
-        target_filter: Relearns them.
-        appearance: Computes new descriptors, and ended tracks are dropped; None keeps both.
+    The states stay, such as "occluded". A new appearance computes new descriptors, and ended tracks
+    are dropped; None keeps both.
 
     Returns:
         The track set, and the tracks dropped from it because they were never seen.
@@ -109,12 +99,7 @@ def resized(
 ) -> tuple[TrackSet, dict[TrackKey, LastSeen]]:
     """The track set in images of another size, without targets that were never seen.
 
-    Args:
-        track_set: After the last frame.
-        last_seen: Where its targets were last seen.
-        target_filter: Relearns them.
-        last: The last frame.
-        resized_last: The same in the new size, prepared by the image front end.
+    `resized_last` is the last frame in the new size, prepared by the image front end.
 
     Returns:
         The track set, and where its targets were last seen, scaled as well.

@@ -59,12 +59,7 @@ class DetectionQueue:
         self._dropped = 0
 
     def add(self, detections: Detections, stamp: int) -> None:
-        """Queue the detections of a frame.
-
-        Args:
-            detections: Their age is ignored.
-            stamp: Of the frame, 0 for the next one.
-        """
+        """Queue the detections of the frame of a stamp, 0 for the next; their age is ignored."""
         self._waiting.append(StampedDetections(stamp, detections))
         if len(self._waiting) > MAX_QUEUED_DETECTIONS:
             del self._waiting[0]
@@ -79,14 +74,7 @@ class DetectionQueue:
         self._waiting = [one for one in self._waiting if not is_due(one.stamp, stamp)]
 
     def discard_where(self, is_other_format: Callable[[int], bool]) -> tuple[str, ...]:
-        """Discard the detections of images of a former size or type.
-
-        Args:
-            is_other_format: Whether the image of a stamp was one.
-
-        Returns:
-            A message if any were discarded.
-        """
+        """Discard detections of images of a former size or type; a message if there were any."""
         kept = [one for one in self._waiting if not is_other_format(one.stamp)]
         count = len(self._waiting) - len(kept)
         self._waiting = kept
@@ -168,32 +156,18 @@ class ImageFormatGuard:
         self._mismatches = 0
 
     def count_mismatch(self, stamp: int) -> None:
-        """Count an image of another format.
-
-        Args:
-            stamp: Of the image, nanoseconds.
-        """
+        """Count an image of another format."""
         self._mismatched_since = min(self._mismatched_since, stamp) if self._mismatches else stamp
         self._mismatches += 1
 
     def is_on_mismatched_image(self, manual: ManualTarget, stamp: int) -> bool:
-        """Whether a manual target was drawn on one of the mismatched images.
-
-        Args:
-            manual: The target.
-            stamp: Of the last of these images, nanoseconds.
-        """
+        """Whether a manual target was drawn on a mismatched image; `stamp` is that of the last."""
         if manual.stamp == 0:
             return manual.on_mismatch
         return self._mismatched_since <= manual.stamp and is_due(manual.stamp, stamp)
 
     def moved_to_current(self, requested: Sequence[ManualTarget], stamp: int) -> list[ManualTarget]:
-        """Manual targets, those of recent mismatched images moved to the current one.
-
-        Args:
-            requested: All that have not started.
-            stamp: Of the current image, nanoseconds.
-        """
+        """The targets, those of recent mismatched images moved to the current one, of a stamp."""
         return [
             one._replace(stamp=0)
             if self.is_on_mismatched_image(one, stamp) and stamp - one.stamp <= _SUBSTITUTE_WITHIN

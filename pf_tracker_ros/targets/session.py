@@ -198,13 +198,9 @@ class Session:
     def request(self, box: Box, stamp: int = 0, label: str = "") -> None:
         """Request a manual target on the frame of this stamp, or else on the first one after it.
 
-        With `max_targets` 1 it replaces the target and an earlier request. If the last images were
-        rejected for their size or type, it resets the tracker to such images.
-
-        Args:
-            box: (x, y, width, height), pixels.
-            stamp: Of the frame that the box was drawn on; 0 for the next frame.
-            label: Its class, or an empty text.
+        Stamp 0 is the next frame. With `max_targets` 1 the target replaces the present one and an
+        earlier request. If the last images were rejected for their size or type, it resets the
+        tracker to such images.
 
         Raises:
             ValueError: The stamp is of another clock than those of the frames; or there are
@@ -226,10 +222,8 @@ class Session:
     def add_detections(self, detections: Detections, stamp: int = 0) -> None:
         """Queue detections until a frame arrives that is not before their own.
 
-        Args:
-            detections: Of one frame; their age is ignored.
-            stamp: Of that frame, which may be past or future; 0 for the next one. Detections of a
-                skipped frame are ignored.
+        Their frame may be past or future; stamp 0 is the next one. Detections of a skipped frame
+        are ignored, and so is their age.
 
         Raises:
             ValueError: The stamp is of another clock than those of the frames, or SciPy, which
@@ -243,15 +237,11 @@ class Session:
             self._detection_queue.add(detections, stamp)
 
     def set_hints(self, hints: Mapping[int, Hint], stamp: int) -> None:
-        """Tell what is known of targets from outside of the image.
+        """Tell what is known of targets, by id, from outside of the image; other ids are ignored.
 
         The hints are of an earlier frame, and count in the next one, once: what is in front of a
         target stays there for a while. They are ignored half a second later, or if time has gone
         back. Later ones replace them.
-
-        Args:
-            hints: Id of a target to its hint; other ids are ignored.
-            stamp: Of the frame that they are of.
 
         Raises:
             ValueError: A number is out of its range.
@@ -264,12 +254,9 @@ class Session:
         return hints if 0 < stamp - seen_at <= _HINTED_WITHIN else {}
 
     def select(self, id: int) -> None:
-        """Select the target that a robot acts on.
+        """Select the target that a robot acts on, by its id; 0 for none.
 
         It stays selected while it is lost and after it has ended.
-
-        Args:
-            id: Of the target; 0 for none.
 
         Raises:
             ValueError: No target has this id; the message lists the ids.
@@ -313,18 +300,12 @@ class Session:
         """Skip a frame, as during a pause: only the clock advances.
 
         Detections of this frame or earlier ones are discarded.
-
-        Args:
-            stamp: Of the frame.
         """
         self._clock.skip(stamp)
         self._detection_queue.discard_due(stamp)
 
     def classify(self, stamp: int) -> Arrival:
         """Classify a frame by its stamp; call it once, before `process` or `drop`.
-
-        Args:
-            stamp: Of the frame.
 
         Returns:
             "next", or "jump" if time has gone back; "late" or "duplicate" if the frame is to be
@@ -343,11 +324,9 @@ class Session:
         return Outcome(frame, self.targets, self.selected)
 
     def process(self, frame: Frame, arrival: Arrival | None = None) -> Outcome:
-        """Process one frame.
+        """Process one frame, whose image the session keeps.
 
-        Args:
-            frame: Its image as for `Tracker.update`; the session keeps it.
-            arrival: Returned by `classify`; None if that was not called.
+        `arrival` was returned by `classify`; None if that was not called.
 
         Raises:
             ValueError: The image is invalid or of another format; the targets are kept.
@@ -420,10 +399,7 @@ class Session:
     ) -> Outcome:
         """Advance the targets by a frame, and start the manual targets that are due.
 
-        Args:
-            frame: The next one.
-            interval: Seconds since the last one, None if unknown.
-            jumped_back: As in the outcome.
+        The interval is None if unknown.
         """
         if self._adapt_to_format(frame):
             interval = None

@@ -188,9 +188,6 @@ class TrackManager:
         Some changes, such as another motion model, relearn every target where it was last seen.
         They also clear the frame buffer, so late detections of earlier frames are rejected.
 
-        Args:
-            other: Only its parameters, its seed and the parts built from them are adopted.
-
         Raises:
             ParameterError: A target has to be relearned, and no stored frame shows it.
         """
@@ -361,13 +358,10 @@ class TrackManager:
         return ImageFrontEnd(self._seed, frame, removes_ghosts=several, estimates_motion=several)
 
     def resize(self, frame: Frame) -> bool:
-        """Continue with images of another size; targets keep their ids.
+        """Continue with images of another size, before its first frame is passed to `update`.
 
-        Targets are relearned where they were last seen, scaled; those never seen are dropped. The
-        frame buffer is cleared.
-
-        Args:
-            frame: The first one of the new size; to be passed to `update` next.
+        Targets keep their ids and are relearned where they were last seen, scaled; those never seen
+        are dropped. The frame buffer is cleared.
 
         Returns:
             Whether it was possible: same type and aspect ratio, and no target becomes smaller than
@@ -398,10 +392,7 @@ class TrackManager:
     # Targets
 
     def check_capacity(self, count: int) -> None:
-        """Check that one more target may start; a single target is replaced instead.
-
-        Args:
-            count: Number of targets, with those that will start before it.
+        """Check that a target may start beside so many; a single target is replaced instead.
 
         Raises:
             ValueError: There are `max_targets` or more.
@@ -426,12 +417,9 @@ class TrackManager:
         return any(_is_on(track, box) for track in reported)
 
     def start_on(self, frame: Frame, box: Box, label: str = "") -> StartedTarget:
-        """Start a target on a frame that has not been passed to `update`.
+        """Start a target on a frame that has not been passed to `update`; the manager keeps it.
 
-        Args:
-            frame: The first one; any one with `max_targets` 1. Checked; the manager keeps it.
-            box: (x, y, width, height) of the target, pixels; checked.
-            label: Its class, or an empty text.
+        With several targets it is the first frame. Frame and box are checked.
         """
         if self.max_targets == 1:
             with default_numpy_errors():
@@ -444,14 +432,9 @@ class TrackManager:
             return self._start_additional(frame, box, label, self.frames.entries)
 
     def start(self, box: Box, stamp: int = 0, label: str = "") -> StartedTarget:
-        """Start a manual target; no detector ends it.
+        """Start a manual target on the frame of a stamp, 0 for the last one; no detector ends it.
 
         A box on an existing target that is not lost replaces that target and keeps its id.
-
-        Args:
-            box: (x, y, width, height) of the target, pixels.
-            stamp: Of the frame that it was drawn on, nanoseconds; 0 for the last one.
-            label: Its class, or an empty text.
 
         Raises:
             ValueError: The box is invalid, or there are `max_targets` targets; nothing changes.

@@ -42,11 +42,7 @@ class TrackedTarget:
 def overall_state(targets: Sequence[TrackedTarget], selected: int) -> str:
     """The state of the selected target, "lost" if it has ended; else the best of all targets.
 
-    "idle" without any target.
-
-    Args:
-        targets: All reported targets.
-        selected: Id of the selected one, 0 for none.
+    "idle" without any target. The id of the selected one is 0 for none.
     """
     states = {target.estimate.state for target in targets if selected in (0, target.id)}
     best = next((one for one in ("tracking", "occluded", "lost") if one in states), "idle")
@@ -71,14 +67,7 @@ def severity(target: TrackedTarget) -> int:
 def common_values(
     targets: Sequence[TrackedTarget], selected: int, detector_runs: int, estimate: Estimate | None
 ) -> dict[str, str | float | int]:
-    """The status values of all targets together and of the selected one, by status key.
-
-    Args:
-        targets: All reported targets.
-        selected: Id of the selected one, 0 for none.
-        detector_runs: Number of detector results received.
-        estimate: Of the selected target; None without one.
-    """
+    """The status values of all targets together and of the selected one, by status key."""
     values: dict[str, str | float | int] = {
         "targets": len(targets),
         "selected": selected,

@@ -193,13 +193,11 @@ class Track:
         return np.concatenate([self.box_filter.center - size / 2, size])
 
     def compensate_camera_motion(self, camera_motion: NDArray[np.float64]) -> Track:
-        """The track after the camera has moved, with its Kalman filters in the new image.
+        """The track after the camera has moved by a (3, 3) similarity, see `EgoMotion.update`.
 
-        The particles stay: the filter searches around the predicted center. The box keeps its size,
-        since the target is not at the distance of the background.
-
-        Args:
-            camera_motion: (3, 3), see `EgoMotion.update`.
+        The Kalman filters are in the new image. The particles stay: the filter searches around the
+        predicted center. The box keeps its size, since the target is not at the distance of the
+        background.
         """
         candidate = self.distractor_candidate
         if candidate:
@@ -213,12 +211,7 @@ class Track:
         )
 
     def older(self, interval: float, **fields: Any) -> Track:
-        """The track of the next frame, hidden by no other one unless the fields say so.
-
-        Args:
-            interval: Seconds since the last frame.
-            fields: Name of a field to its new value.
-        """
+        """The track of the next frame, hidden by no other one unless the changed fields say so."""
         visible = {"is_occluded_by_other": False, "is_duplicate": False}
         return replace(
             self,
@@ -229,12 +222,7 @@ class Track:
         )
 
     def predict(self, interval: float, growth_variance: float) -> Track:
-        """The track with its box predicted.
-
-        Args:
-            interval: Seconds since the last frame.
-            growth_variance: See `TrackSet.growth_variance`.
-        """
+        """The track with its box predicted; see `TrackSet.growth_variance`."""
         box_filter = self.box_filter.predict(interval, self.box[3], growth_variance)
         return replace(self, box_filter=box_filter)
 
@@ -262,11 +250,7 @@ class Track:
         """The track with other log odds of existence, after a detector has looked.
 
         Where the detector knows its kind, they count with the image until it looks again: against a
-        target that it does not see, and for one that it has found again.
-
-        Args:
-            log_odds: The new ones.
-            is_found: Whether the detector has found a missing target.
+        target that it does not see, and for a missing one that it has found (`is_found`).
         """
         filter_state = self.filter_state
         if not self.is_undetected:
@@ -404,12 +388,9 @@ class TrackSet:
         )
 
     def without(self, stopped: Track) -> TrackSet:
-        """The track set without one track, active or ended.
+        """The track set without one track, active or ended, as it was when it was stopped.
 
         Where a late detection has started another track in its place, that one is removed.
-
-        Args:
-            stopped: The track when it was stopped.
         """
         all_tracks = (*self.tracks, *self.ended_tracks)
         key = stopped.key
@@ -481,12 +462,7 @@ class TrackIds:
             self._ids[now] = ids[0]
 
     def inherit_ids(self, reported: Mapping[int, Track], track_set: TrackSet) -> None:
-        """After reprocessing, give tracks the ids of those that they replace.
-
-        Args:
-            reported: Id to track, as reported before.
-            track_set: After reprocessing.
-        """
+        """After reprocessing, give tracks the ids of those reported before that they replace."""
         present = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
         lost = [(id, track) for id, track in reported.items() if track.key not in present]
         for track in track_set.tracks:
@@ -501,12 +477,7 @@ class TrackIds:
                 self._ids[track.key] = id
 
     def prune(self, track_set: TrackSet, oldest: int) -> None:
-        """Remove the ids of tracks that no reprocessing can bring back.
-
-        Args:
-            track_set: All tracks.
-            oldest: Number of the oldest frame that may be reprocessed.
-        """
+        """Remove the ids of tracks that no reprocessing since frame number `oldest` brings back."""
         if len(self._ids) > _MAX_IDS:
             present = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
             self._ids = {

@@ -106,15 +106,7 @@ class Updater:
         assigned: Sequence[Detection | None],
         time_since_detection: float,
     ) -> tuple[Track, ...]:
-        """The tracks one frame later.
-
-        Args:
-            tracks: N, with centers predicted into the next frame.
-            frame: The next one.
-            interval: Seconds since the last frame.
-            assigned: Detection of each track, or None.
-            time_since_detection: Seconds since the last frame with detections.
-        """
+        """The tracks one frame later, whose centers are predicted into that frame."""
         has_no_detector = time_since_detection > NO_DETECTOR_AFTER
         if has_no_detector:
             tracks = [_without_detector(track) for track in tracks]
@@ -192,10 +184,7 @@ class Updater:
     ) -> tuple[Track, ...]:
         """The tracks, with lower existence log odds where no detection was assigned.
 
-        Args:
-            tracks: In a frame with detections.
-            assigned: Detection of each track, or None.
-            detection_interval: Seconds since the last frame with detections.
+        `detection_interval` is the time since the last frame with detections.
         """
         boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
         lower_edges = boxes[:, 1] + boxes[:, 3]
@@ -321,12 +310,8 @@ class Updater:
     ) -> tuple[FilterState, BoxKalmanFilter]:
         """The particle filter and the Kalman filter of an undetected track, one after the other.
 
-        The Kalman filter takes over the center, and either of them the size of the other.
-
-        Args:
-            track: With its box predicted.
-            filter_state: Of its particle filter, in this frame.
-            is_sized: Whether the size comes from the image.
+        The Kalman filter takes over the center. The size of either becomes that of the other: of
+        the particle filter, in this frame, if it comes from the image (`is_sized`).
         """
         box, box_filter = np.array(filter_state.estimate.box), track.box_filter
         center, std = box[:2] + box[2:] / 2, IMAGE_CENTER_STD * box[2:]
@@ -343,14 +328,7 @@ class Updater:
     def _correct(
         self, track: Track, frame: Frame, detection: Detection, *, is_found: bool = False
     ) -> Track:
-        """A track with a hit, and its box moved towards the detection.
-
-        Args:
-            track: In this frame.
-            frame: This one.
-            detection: Of the track.
-            is_found: Whether it was missing.
-        """
+        """A track with a hit, its box moved towards the detection; `is_found` if it was missing."""
         box = track.box
         places = np.array([box, track.predicted_box])
         is_far, is_unexpected = pairwise_iou(places, detection.box[None])[:, 0] < _FAR_BELOW

@@ -130,14 +130,7 @@ class Assessment(NamedTuple):
         covariance: NDArray[np.float64],
         calibration: ConfidenceCalibration,
     ) -> Estimate:
-        """The estimate that is published; makes the arrays read-only.
-
-        Args:
-            frame: The frame.
-            cue_weights: Weights of the cues in that frame.
-            covariance: (4, 4) of the box, see `Estimate.box_covariance`.
-            calibration: Calibration of the confidence.
-        """
+        """The estimate that is published, with a (4, 4) covariance; makes the arrays read-only."""
         self.boxes.setflags(write=False)
         covariance.setflags(write=False)
         return Estimate(
@@ -204,12 +197,7 @@ class Confidence:
         self._rate = rate
 
     def assess(self, state: FilterState, assessed: AssessedBox) -> float:
-        """Confidence of a single frame, 0 to 1.
-
-        Args:
-            state: State before the frame.
-            assessed: A box in it.
-        """
+        """Confidence of a box in a single frame, 0 to 1, given the state before that frame."""
         odds = self.log_odds(state, assessed)
         # tanh stays within 0 to 1 where exp(-odds) would overflow.
         confidence = (
@@ -236,12 +224,7 @@ class Confidence:
         }
 
     def update(self, before: float, now: float) -> float:
-        """Confidence after a frame, 0 to 1.
-
-        Args:
-            before: Confidence after the last frame, 0 to 1.
-            now: Confidence of this frame alone, 0 to 1.
-        """
+        """Confidence after a frame, 0 to 1, from that before it and that of the frame alone."""
         if now <= before:
             return now
         return self._rate * now + (1.0 - self._rate) * before

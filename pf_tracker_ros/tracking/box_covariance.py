@@ -49,11 +49,9 @@ _ROUNDING_VARIANCE = 1.0 / 12.0
 
 
 def box_features(box: NDArray[np.float64], confidence: float) -> NDArray[np.float64]:
-    """(4,) a constant 1 and the features of a frame.
+    """(4,) a constant 1 and the features of a (4,) box, pixels, with a confidence, 0 to 1.
 
-    Args:
-        box: (4,) x, y, width, height of the target, pixels.
-        confidence: Confidence in it, 0 to 1; 0 out of sight.
+    The confidence is 0 out of sight.
     """
     width, height = box[2:]
     probability = _clamped(confidence, _CONFIDENCE_RANGE)
@@ -73,13 +71,9 @@ def _clamped(value: float, limits: tuple[float, float]) -> float:
 
 
 def particle_covariance(particles: ParticleSet, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(4, 4) weighted covariance of the particles' centers and sizes, px^2.
+    """(4, 4) weighted covariance of centers and sizes of N particles' (N, 4) boxes, px^2.
 
     It has an inverse, also where all particles have one size or one aspect ratio.
-
-    Args:
-        particles: N.
-        boxes: (N, 4) of the particles, pixels.
     """
     centers_and_sizes = boxes.copy()
     centers_and_sizes[:, :2] += boxes[:, 2:] / 2
@@ -92,13 +86,10 @@ def particle_covariance(particles: ParticleSet, boxes: NDArray[np.float64]) -> N
 def box_covariance(
     box: NDArray[np.float64], features: NDArray[np.float64], random_walk_std: float = 0.0
 ) -> NDArray[np.float64]:
-    """(4, 4) covariance of center x, center y, width and height, px^2.
+    """(4, 4) covariance of center x, center y, width and height of a (4,) box, px^2.
 
-    Args:
-        box: (4,) x, y, width, height, pixels.
-        features: (4,) from `box_features`.
-        random_walk_std: Standard deviation of the random walk since the target was last seen, box
-            sizes; 0 while it is tracked.
+    The (4,) features are those of `box_features`. The standard deviation of the random walk since
+    the target was last seen is in box sizes, 0 while it is tracked.
     """
     std = np.exp(COEFFICIENTS @ features) * box[[2, 3, 2, 3]]
     covariance = np.diag(np.square(std))

@@ -246,14 +246,10 @@ class TrackStatus(NamedTuple):
         interval: float,
         thresholds: TrackThresholds,
     ) -> TrackStatus:
-        """The status one frame later.
+        """The status one frame later, by the confidence after that frame.
 
-        Args:
-            confidence: Confidence after that frame, 0 to 1.
-            similarity: Confidence or similarity of that frame alone, 0 to 1. A high one restarts
-                `time_since_seen`, even before the smoothed confidence has risen.
-            interval: Seconds since the last frame.
-            thresholds: Thresholds between the track states.
+        The similarity is that of the frame alone, 0 to 1. A high one restarts `time_since_seen`,
+        even before the smoothed confidence has risen.
         """
         needed = thresholds.tracked_above
         if confidence >= needed and self.state != "tracking":

@@ -61,13 +61,9 @@ class Exemplars:
     def update(
         self, frame: Frame, box: NDArray[np.float64], interval: float, confidence: float
     ) -> Exemplars:
-        """The exemplars one frame later, with a new one if it is time.
+        """The exemplars one frame later, with a new one of a (4,) box, pixels, if it is time.
 
-        Args:
-            frame: The frame.
-            box: (4,) of the target in it, pixels.
-            interval: Seconds since the last frame.
-            confidence: Probability that it is the target, 0 to 1; 0 adds nothing.
+        The confidence is the probability that the box shows the target, 0 to 1; 0 adds nothing.
         """
         age = self.age + interval
         if age < _INTERVAL or confidence < _SURE_ABOVE:

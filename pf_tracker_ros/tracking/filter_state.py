@@ -69,11 +69,7 @@ class OcclusionEvidence(NamedTuple):
         return self.factor < 1.0 or 0.0 < self.used_for < _COUNTS_FOR
 
     def advance(self, interval: float) -> OcclusionEvidence:
-        """After the frame: nothing is known of the next one.
-
-        Args:
-            interval: Seconds since the frame before.
-        """
+        """After the frame: nothing is known of the next one."""
         if self.factor < 1.0:
             return OcclusionEvidence(used_for=self.used_for + interval)
         if self.used_for == 0.0:

@@ -53,12 +53,7 @@ class TimePolicy:
 
 
 def is_due(stamp: int, frame_stamp: int) -> bool:
-    """Whether a detection or target with a stamp can be applied in the current frame.
-
-    Args:
-        stamp: Stamp of the detection or target.
-        frame_stamp: Stamp of the current frame.
-    """
+    """Whether a detection or target with a stamp can be applied in the current frame."""
     return frame_stamp == 0 or stamp <= frame_stamp
 
 
@@ -76,15 +71,11 @@ class _Jump(NamedTuple):
     ahead: int
 
     def is_before(self, stamp: int, now: int) -> bool:
-        """Whether a stamp ahead of the frames is from before the jump.
+        """Whether a stamp ahead of the frames, the last of which is `now`, is from before the jump.
 
         It is of a frame before the jump, reported late, or of a future frame, reported early by at
         most `ahead`: the smaller of the two times decides. Once the frames reach `last`, every
         stamp is of the current time.
-
-        Args:
-            stamp: Stamp of a detection or target.
-            now: Stamp of the last frame.
         """
         early, beyond = stamp - now, stamp - self.last
         if early <= 0 or now >= self.last or beyond > self.ahead:
@@ -116,11 +107,8 @@ class FrameClock:
     def classify(self, stamp: int, late_within: int, requested: Collection[int] = ()) -> FrameOrder:
         """Order of a frame relative to the last one; counts late frames.
 
-        Args:
-            stamp: Stamp of the frame.
-            late_within: Largest age of a late frame, nanoseconds.
-            requested: Stamps of the frames to start targets on, 0 for the next one. An older frame
-                that is requested is a jump.
+        A late frame is at most `late_within` nanoseconds old. An older frame on which a target is
+        requested is a jump; a request of 0 is of the next frame.
         """
         elapsed = stamp - self.last
         if 0 in (stamp, self.last) or elapsed > 0:
@@ -149,12 +137,7 @@ class FrameClock:
         return (stamp - self.last) / NANOSECONDS
 
     def take(self, stamp: int, interval: float | None = None) -> None:
-        """Make a frame the last one.
-
-        Args:
-            stamp: Stamp of the frame.
-            interval: Seconds since the last one, None if unknown.
-        """
+        """Make a frame the last one, an interval after the one before; None if unknown."""
         self.last = self._latest = stamp
         self._late_in_a_row, self.expects_jump = 0, False
         self._interval = interval or self._interval
@@ -178,9 +161,7 @@ class FrameClock:
     def is_from_before_jump(self, stamp: int, now: int) -> bool:
         """Whether the stamp of a detection or target is from before the last jump.
 
-        Args:
-            stamp: Stamp of the detection or target.
-            now: Stamp of the last frame, or of the first one after the jump.
+        `now` is the stamp of the last frame, or of the first one after the jump.
         """
         jump = self._jump
         return jump is not None and 0 not in (stamp, now) and jump.is_before(stamp, now)

@@ -86,18 +86,10 @@ class ImageFrontEnd:
         *,
         is_tracked: bool = False,
     ) -> None:
-        """Prepare the next frame, which `commit` makes the last one.
+        """Prepare the next frame, of accepted size and type, which `commit` makes the last one.
 
         Background model, ego-motion and continuity are updated at once, gain and illumination by
-        `commit`.
-
-        Args:
-            frame: The next frame, of accepted size and type.
-            interval: Seconds since the last frame.
-            boxes: Boxes of the targets, pixels.
-            needs_foreground: Whether a cue reads the foreground.
-            follow_light: See `TrackerParameters`.
-            is_tracked: Whether a target is tracked; without one nothing learns the illumination.
+        `commit`. Without a tracked target nothing learns the illumination.
         """
         self._next_gain = self._gain.update(frame.image, interval)
         self._next_illumination = UNCHANGED_ILLUMINATION

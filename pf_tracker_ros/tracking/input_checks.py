@@ -16,11 +16,7 @@ _LARGEST_ASPECT = 20
 
 
 def check_box(box: ArrayLike, image_size: tuple[int, int]) -> Box:
-    """The box as four floats.
-
-    Args:
-        box: (x, y, width, height) in pixels.
-        image_size: (width, height) of the image, pixels.
+    """The box (x, y, width, height) in pixels as four floats, in an image of (width, height).
 
     Raises:
         ValueError: Not four finite numbers, no area, larger than the image, or outside it.

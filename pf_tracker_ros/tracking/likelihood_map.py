@@ -59,14 +59,7 @@ class LikelihoodMap:
 def map_likelihood(
     box: Box, image_size: tuple[int, int], cue_weights: CueWeights, log_likelihoods: LogLikelihoods
 ) -> LikelihoodMap:
-    """The likelihood map around a box.
-
-    Args:
-        box: Box of the target, pixels.
-        image_size: (width, height) of the frame, pixels.
-        cue_weights: Weights of the cues.
-        log_likelihoods: Computes each cue's log likelihoods in the frame.
-    """
+    """The likelihood map around a box."""
     size = np.array(box[2:])
     middle = np.array(box[:2]) + size / 2
     grid = SearchGrid(middle, _WINDOW * math.sqrt(size[0] * size[1]) / _CELLS, _CELLS)

@@ -186,16 +186,7 @@ class Measurer:
         *,
         estimates_size: bool = True,
     ) -> FramePrediction:
-        """Boxes of the predicted particles, and the region of the frame that covers them.
-
-        Args:
-            state: State after the last frame.
-            frame: The next frame.
-            interval: Seconds between them.
-            prediction: Particles predicted for the next frame.
-            generator: Source of random numbers.
-            estimates_size: See `Region`.
-        """
+        """Boxes of the predicted particles, and the region of the frame that covers them."""
         boxes = state.motion.boxes(prediction.particles.states)
         last_box = np.asarray(state.estimate.box)
         region = self._region(frame, boxes, last_box, estimates_size=estimates_size)
@@ -213,10 +204,6 @@ class Measurer:
         external_likelihood: ExternalLikelihood | None = None,
     ) -> WeightedParticles:
         """The predicted particles, each weight multiplied by the likelihood of its box.
-
-        Args:
-            frame_prediction: The target in this frame.
-            external_likelihood: One more factor of the likelihood, or None.
 
         Source: Li et al. 2007, equation (8); Zhang et al. 2015, equation (10).
         """
@@ -276,11 +263,7 @@ class Measurer:
     ) -> NDArray[np.float64]:
         """(4, 4) covariance of center x, center y, width and height of the box, px^2.
 
-        Args:
-            state: State after the last frame.
-            measurement: Of this frame.
-            assessment: Of this frame.
-            time_since_seen: Seconds, at most `track.lost_after`.
+        The time is in seconds, at most `track.lost_after`.
         """
         return particle_covariance(assessment.particles, assessment.boxes)
 

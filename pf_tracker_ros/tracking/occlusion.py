@@ -22,22 +22,11 @@ class OcclusionPolicy:
     def assess(
         self, state: FilterState, measurement: Measurement, assessment: Assessment
     ) -> Assessment:
-        """Assessment of a frame in which the target is not tracked.
-
-        Args:
-            state: State after the last frame.
-            measurement: Measurement of this frame.
-            assessment: Assessment with the measured box.
-        """
+        """Assessment of a frame in which the target is not tracked."""
         return assessment
 
     def redraw_box(self, state: FilterState, assessment: Assessment) -> NDArray[np.float64] | None:
-        """(4,) box, pixels, to redraw the particles around; None to keep the particles.
-
-        Args:
-            state: State after the last frame.
-            assessment: Assessment of this frame.
-        """
+        """(4,) box, pixels, to redraw the particles around; None to keep the particles."""
         return None
 
     def next_particles(
@@ -47,14 +36,7 @@ class OcclusionPolicy:
         particles: ParticleSet,
         kalman_filter: KalmanFilter | None,
     ) -> tuple[ParticleSet, KalmanFilter | None]:
-        """Particles and Kalman filter to predict the next frame from.
-
-        Args:
-            state: State after the last frame.
-            assessment: Assessment of this frame.
-            particles: Resampled particles of this frame.
-            kalman_filter: Kalman filter after this frame.
-        """
+        """Particles and Kalman filter to predict the next frame from, after resampling."""
         return particles, kalman_filter
 
 

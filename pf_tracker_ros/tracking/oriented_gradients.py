@@ -30,11 +30,9 @@ _MARGIN = 2
 
 
 def gradient_descriptors(frame: Frame, boxes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(K, 900) descriptors of unit length, 0 without any gradient.
+    """(K, 900) descriptors of unit length, 0 without any gradient, of (K, 4) boxes, pixels.
 
-    Args:
-        frame: The frame.
-        boxes: (K, 4) boxes with their centers in the image, pixels.
+    The boxes have their centers in the image.
     """
     count, side = len(boxes), _SIDE + 2 * _MARGIN
     centers, sides = boxes[:, :2] + boxes[:, 2:] / 2, boxes[:, 2:] * (side / _SIDE)

@@ -55,12 +55,6 @@ class Predictor:
     ) -> Prediction:
         """The particles of the next frame.
 
-        Args:
-            state: State after the last frame.
-            interval: Seconds since then.
-            image_size: (width, height), pixels.
-            generator: Source of random numbers.
-
         Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7).
         """
         motion, interval = state.motion, min(interval, LONGEST_PREDICTION)

@@ -125,11 +125,7 @@ class ActivePreset:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> ActivePreset:
-        """Compare parameters with their preset.
-
-        Args:
-            values: Full name to value of `preset` and every parameter of the tracker.
-        """
+        """Compare `preset` and every parameter of the tracker, by full name, with that preset."""
         name = values["preset"]
         preset = preset_parameters(name, values["max_targets"])
         changes = {

@@ -74,15 +74,10 @@ class RedetectionParameters:
 def window_centers(
     image_size: tuple[int, int], side: float, first: int, count: int
 ) -> NDArray[np.float64]:
-    """(count, 2) centers, pixels, of the next windows to search.
+    """(count, 2) centers, pixels, of the next windows to search, after the `first` ones.
 
-    The sequence covers the image and repeats. Consecutive windows are far apart.
-
-    Args:
-        image_size: (width, height), pixels.
-        side: Side of a window, pixels.
-        first: Number of windows searched before.
-        count: Number of windows.
+    The sequence of windows of a side in pixels covers the image and repeats. Consecutive windows
+    are far apart.
     """
     across, down = (max(math.ceil(length / (side * (1.0 - _OVERLAP))), 1) for length in image_size)
     total = across * down
@@ -96,11 +91,7 @@ def standing_boxes(
 ) -> NDArray[np.float64]:
     """(N, 4) boxes of standing targets, at least one, whose windows cover the image.
 
-    Args:
-        image_size: (width, height), pixels.
-        standing: Heights of boxes in the image.
-        aspect: Width of a box over its height.
-        window: Side of a window, box sizes.
+    The aspect is width over height; the side of a window is in box sizes.
     """
     width, height = image_size
     boxes = []
@@ -178,14 +169,7 @@ class Redetector:
         *,
         searches_everywhere: bool,
     ) -> list[Candidate]:
-        """The likeliest box of each of this frame's windows.
-
-        Args:
-            state: State before this frame.
-            measurement: Measurement of this frame.
-            assessment: Assessment of this frame, with the current box and the known distractor.
-            searches_everywhere: Search all over the image, too.
-        """
+        """The likeliest box of each of this frame's windows."""
         if self._windows == 0:
             return []
         box, last_seen = assessment.box, np.array(state.last_seen_box)
@@ -229,15 +213,8 @@ class Redetector:
     ) -> Challenger | None:
         """The likeliest box elsewhere and its lead, for a target that is out of sight.
 
-        It is the last challenger, the second peak of this frame, or a candidate of the search.
-
-        Args:
-            state: State before this frame.
-            measurement: Measurement of this frame.
-            assessment: Assessment of this frame, with the current box and the known distractor.
-            candidates: From `search`.
-            confidence: Confidence of this frame in the current box, 0 to 1.
-            interval: Seconds since the last frame.
+        It is the last challenger, the second peak of this frame, or a candidate of the search. The
+        confidence is that of this frame in the current box, 0 to 1.
         """
         if self._windows == 0 or assessment.status.hidden_for < _CHALLENGED_AFTER:
             return None
@@ -284,15 +261,7 @@ class Redetector:
         box: NDArray[np.float64],
         excluded: Box | None = None,
     ) -> Candidate:
-        """The likeliest box in a window.
-
-        Args:
-            state: State of the target.
-            frame: The frame.
-            cue_weights: Weights of the cues.
-            box: (4,) box at the center of the window, pixels.
-            excluded: Box of a distractor, pixels, which is no candidate.
-        """
+        """The likeliest box in the window around a (4,) box, pixels; not on an excluded one."""
         search, region = self._measurer.search_window(frame, box)
         responses = self._fusion.responses_on_grid(region, search.grid, state.templates)
         if not responses:

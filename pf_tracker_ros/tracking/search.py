@@ -73,11 +73,7 @@ class Search:
         self.boxes = self.grid.boxes
 
     def cover(self, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be drawn.
-
-        Args:
-            boxes: The predicted boxes, pixels.
-        """
+        """(K, 4) boxes that cover the (N, 4) predicted ones and every box that can be drawn."""
         largest = np.maximum(boxes[:, 2:].max(axis=0), self.center_box[2:])
         spacing = self._cells.spacing
         ends = self._cells.axes[:, [0, -1]].T + [[-spacing], [spacing]]
@@ -96,14 +92,7 @@ class Search:
         log_likelihood: NDArray[np.float64],
         generator: np.random.Generator,
     ) -> tuple[ParticleSet, NDArray[np.float64]]:
-        """Replace a share of the particles by samples of the likelihood on the grid.
-
-        Args:
-            predicted: Particles drawn from the transition prior.
-            motion: Motion model of the target.
-            centers: Transition prior of the centers.
-            log_likelihood: (M,) of `boxes`.
-            generator: Source of random numbers.
+        """Replace a share of the predicted particles by samples of the (M,) likelihood of `boxes`.
 
         Returns:
             The particles, weights times p / q, and the (N,) logarithms of their prior density.
@@ -126,10 +115,7 @@ class Search:
     ) -> DistractorRatios:
         """Each searchable cue's largest response beside the target over that at the target.
 
-        Args:
-            box: (4,) box of the target.
-            at_target: Name of a cue to its (1,) response at that box.
-            responses: Name of a cue to its (M,) responses at `boxes`.
+        The (4,) box of the target has (1,) responses of each cue, and `boxes` (M,) responses.
         """
         beside = self._beside(box, 0.5)
         return measure_distractor_ratios(
@@ -140,12 +126,7 @@ class Search:
     def second_peak(
         self, box: NDArray[np.float64], log_likelihood: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """(4,) likeliest of `boxes` that does not overlap the target; None if all do.
-
-        Args:
-            box: (4,) box of the target.
-            log_likelihood: (M,) of `boxes`.
-        """
+        """(4,) likeliest of the M `boxes` that does not overlap the (4,) target; None if all do."""
         beside = self._beside(box, 1.0)
         if not beside.any():
             return None
@@ -160,12 +141,8 @@ class Search:
     ) -> NDArray[np.float64] | None:
         """(4,) box beside the target that all cues together find most similar to it.
 
-        Args:
-            box: (4,) box of the target.
-            at_target: Name of a cue to its (1,) response at that box; at least one cue.
-            responses: Name of a cue to its (M,) responses at `boxes`.
-            least_similarity: Geometric mean of the cues' response ratios, 0 (nothing in common) to
-                1 (the same).
+        The responses are those of `distractor_ratios`, of at least one cue. The similarity is the
+        geometric mean of the cues' response ratios, 0 (nothing in common) to 1 (the same).
 
         Returns:
             None if no peak inside the grid is so similar. A slope towards the target or towards the
@@ -196,14 +173,9 @@ class Search:
 def mode_mean(
     particles: ParticleSet, boxes: NDArray[np.float64], map_index: int
 ) -> NDArray[np.float64]:
-    """(D,) mean of the mode around one particle.
+    """(D,) mean of the mode around the maximum a posteriori particle, by (N, 4) boxes, pixels.
 
     The mean of several modes may lie between them, where no particle is likely.
-
-    Args:
-        particles: All particles.
-        boxes: (N, 4) of the particles, pixels.
-        map_index: Index of the maximum a posteriori particle.
     """
     centers = boxes[:, :2] + boxes[:, 2:] / 2
     radius = _MODE_RADIUS * math.sqrt(boxes[map_index, 2] * boxes[map_index, 3])

@@ -56,13 +56,7 @@ class FilterInitializer:
     def initial_particles(
         self, motion: MotionModel, image_size: tuple[int, int], generator: np.random.Generator
     ) -> ParticleSet:
-        """Particles from the prior around a motion model's first box.
-
-        Args:
-            motion: The motion model.
-            image_size: (width, height), pixels.
-            generator: Source of random numbers.
-        """
+        """Particles from the prior around a motion model's first box."""
         states = motion.sample_prior(self._particles, generator)
         return ParticleSet.uniform(motion.constrain(states, image_size))
 
@@ -73,14 +67,7 @@ class FilterInitializer:
         image_size: tuple[int, int],
         generator: np.random.Generator,
     ) -> tuple[ParticleSet, NDArray[np.float64]]:
-        """Particles of a target from the prior around another box, and their (N, 4) boxes.
-
-        Args:
-            state: State with the motion model of the particles.
-            box: (4,) box, pixels.
-            image_size: (width, height), pixels.
-            generator: Source of random numbers.
-        """
+        """Particles of a target from the prior around a (4,) box, pixels; their (N, 4) boxes."""
         motion = self.motion(as_box(box))
         particles = self.initial_particles(motion, image_size, generator)
         boxes = motion.boxes(particles.states)
@@ -126,11 +113,6 @@ class StateOperations:
         """The state one frame later by the motion model alone, for an occluded target.
 
         No pixels are read and nothing is learned. The confidence halves in each `lost_after`.
-
-        Args:
-            state: State after the last frame.
-            frame: The next frame.
-            interval: Seconds since the last frame.
         """
         generator = state.generator_state.generator()
         prediction = self._predictor.predict(state, interval, frame.size, generator)
@@ -171,11 +153,9 @@ class StateOperations:
         return state.confidence * 0.5 ** (interval / self._lost_after)
 
     def move_to(self, state: FilterState, box: Box) -> FilterState:
-        """The state with particles and estimate moved to another box; velocities stay.
+        """The state with particles and estimate moved to another box of its frame.
 
-        Args:
-            state: State after the current frame.
-            box: Box of the target in that frame, pixels.
+        Velocities stay.
         """
         columns, estimate = state.motion.columns, state.estimate
         before, after = np.array(estimate.box), np.array(box)
@@ -222,14 +202,10 @@ def _moved_states(
     factor: NDArray[np.float64],
     scale: float,
 ) -> NDArray[np.float64]:
-    """States moved with a box.
+    """(N, D or more) states, the D named columns first, moved with a box.
 
-    Args:
-        states: (N, D or more), the motion model's columns first.
-        columns: The D names.
-        shift: (2,) of the center, pixels.
-        factor: (2,) sides after over sides before.
-        scale: Logarithm of the old size over that of the old first box, for states with one.
+    The center is moved by a (2,) shift, pixels, and the sides by (2,) factors. The scale is the
+    logarithm of the old size over that of the old first box, for states with one.
     """
     states = states.copy()
     for number, name in enumerate(columns):

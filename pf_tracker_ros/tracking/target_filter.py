@@ -152,11 +152,7 @@ class TargetFilter:
     ) -> FilterState:
         """State of a target in its first frame.
 
-        Args:
-            frame: First frame.
-            first_box: Box of the target there, pixels.
-            generator_state: The target's own source of random numbers.
-            track_state: Another state than "tracking" has to be confirmed by the next frame.
+        Another track state than "tracking" has to be confirmed by the next frame.
         """
         generator = generator_state.generator()
         motion = self._initializer.motion(first_box)
@@ -194,10 +190,7 @@ class TargetFilter:
     ) -> list[FramePrediction]:
         """Step 1: particles of each target in the next frame; the cues precompute for all at once.
 
-        Args:
-            targets: State after the last frame, and whether to estimate the size, of each target.
-            frame: The next frame.
-            interval: Seconds since the last frame.
+        Each target is its state after the last frame, and whether to estimate its size.
 
         Source: Li et al. 2007, equation (3); Zhang et al. 2015, equation (7); Zhang Bo, section
         3.3.
@@ -227,12 +220,9 @@ class TargetFilter:
     ) -> FilterState:
         """Steps 2 to 6: state of a target after the predicted frame.
 
-        Args:
-            frame_prediction: From `predict`.
-            external_likelihood: One more factor of the likelihood, such as a detection.
-            searches_everywhere: Whether a lost target is searched all over the image; not where a
-                detector or the appearance does that.
-            is_challenged: See `TrackAssessor.assess`.
+        The external likelihood is one more factor, such as that of a detection. A lost target is
+        searched all over the image (`searches_everywhere`) unless a detector or the appearance does
+        that. See `TrackAssessor.assess` for the challenge.
 
         Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """

@@ -69,15 +69,9 @@ class TrackAssessor:
     ) -> Assessment:
         """Assessment of the target in a frame.
 
-        Args:
-            state: State after the last frame.
-            measurement: Measurement of this frame.
-            interval: Seconds since the last frame.
-            generator: Source of random numbers, for redrawn particles.
-            searches_everywhere: Whether a lost target is searched all over the image.
-            is_challenged: Whether another box may challenge the current one, and the size of a lost
-                target may be free; not where a detector tells where targets are, nor beside other
-                targets, whose boxes would challenge it.
+        If it is challenged, another box may take the place of the current one, and the size of a
+        lost target may be free. It is not where a detector tells where targets are, nor beside
+        other targets, whose boxes would challenge it.
         """
         frame_confidence = self._confidence.assess(state, measurement.assessed)
         known_distractor = state.known_distractor

@@ -160,9 +160,7 @@ def _direction_histogram(
 ) -> NDArray[np.float32]:
     """(9, K, rows, columns) mean gradient magnitudes, shared by the two nearest directions.
 
-    Args:
-        gray: (K * pixels, pixels) column of K windows.
-        cells: (K, rows, columns).
+    The gray levels are a (K * pixels, pixels) column of K windows of (rows, columns) cells.
     """
     count, rows, columns = cells
     pair = _paired_differences(gray, count).ravel().astype(np.intp)
