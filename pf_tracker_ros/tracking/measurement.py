@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from types import MappingProxyType
 from typing import NamedTuple, cast
 
 import numpy as np
@@ -29,7 +28,6 @@ from pf_tracker_ros.cues import CueFusion, Match
 from pf_tracker_ros.cues.fusion import (
     CueWeights,
     DistractorRatios,
-    Responses,
     Templates,
     smooth_distractor_ratios,
 )
@@ -77,36 +75,12 @@ class FramePrediction(NamedTuple):
     search: Search | None = None
 
 
-class WeightedParticles(NamedTuple):
-    """The particles of a frame, weighted by its likelihood.
-
-    Attributes:
-        frame_prediction: Target, frame and region.
-        predicted: The particles before they were weighted.
-        particles: The same, weighted.
-        boxes: (N, 4) of the particles, pixels.
-        cue_weights: Weights of the cues in this frame.
-        map_index: Index of the maximum a posteriori particle.
-        responses: Name of a searchable cue to its (M,) responses on the search grid.
-        grid_log_likelihood: (M,) fused log likelihoods on that grid; empty without a search.
-    """
-
-    frame_prediction: FramePrediction
-    predicted: ParticleSet
-    particles: ParticleSet
-    boxes: NDArray[np.float64]
-    cue_weights: CueWeights
-    map_index: int = 0
-    responses: Responses = MappingProxyType({})
-    grid_log_likelihood: NDArray[np.float64] = np.empty(0)
-
-
 class Measurement(NamedTuple):
     """The weighted particles of a frame, their estimate, and the observation there.
 
     Attributes:
-        frame: The frame.
-        predicted: The particles before they were weighted.
+        frame_prediction: The target before the pixels of the frame were read.
+        predicted: The particles before they were weighted, drawn from the search if there is one.
         particles: The same, weighted.
         boxes: (N, 4) of the particles, pixels.
         box: (4,) estimate, pixels.
@@ -114,14 +88,12 @@ class Measurement(NamedTuple):
         seen: Each cue's observation of the box.
         match: Match of the observation with the templates.
         distractor_ratios: Smoothed ratio of each cue; see `cues.fusion.DistractorRatios`.
-        search: The search; None without one.
         second_peak: (4,) likeliest box beside the estimate, pixels; None without a search.
         distractor_box: (4,) box of the distractor in this frame, pixels; None if there is none, or
             no search.
-        transition_particles: Particles of the transition prior alone; None without a search.
     """
 
-    frame: Frame
+    frame_prediction: FramePrediction
     predicted: ParticleSet
     particles: ParticleSet
     boxes: NDArray[np.float64]
@@ -130,10 +102,18 @@ class Measurement(NamedTuple):
     seen: Templates
     match: Match
     distractor_ratios: DistractorRatios
-    search: Search | None = None
     second_peak: NDArray[np.float64] | None = None
     distractor_box: NDArray[np.float64] | None = None
-    transition_particles: ParticleSet | None = None
+
+    @property
+    def state(self) -> FilterState:
+        """State after the last frame."""
+        return self.frame_prediction.filter_state
+
+    @property
+    def frame(self) -> Frame:
+        """The frame."""
+        return self.frame_prediction.frame
 
     @property
     def assessed(self) -> AssessedBox:
@@ -198,20 +178,25 @@ class Measurer:
             frame_prediction.region, box, frame_prediction.filter_state.templates
         )
 
-    def weigh(
+    def measure(
         self,
         frame_prediction: FramePrediction,
         external_likelihood: ExternalLikelihood | None = None,
-    ) -> WeightedParticles:
-        """The predicted particles, each weight multiplied by the likelihood of its box.
+    ) -> Measurement:
+        """The weighted particles, the box of their mean, and what the cues observe there.
 
-        Source: Li et al. 2007, equation (8); Zhang et al. 2015, equation (10).
+        Each weight is multiplied by the likelihood of the particle's box.
+
+        Source: Li et al. 2007, section 1 and equation (8); Zhang et al. 2015, equations (5), (10).
         """
         predicted, boxes = frame_prediction.prediction.particles, frame_prediction.boxes
         cue_weights = self._fusion.cue_weights
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
-        return WeightedParticles(
-            frame_prediction, predicted, predicted.reweight(likelihood), boxes, cue_weights
+        particles = predicted.reweight(likelihood)
+        box = frame_prediction.filter_state.motion.boxes(particles.mean[None])[0]
+        seen, match = self._observe(frame_prediction, box)
+        return Measurement(
+            frame_prediction, predicted, particles, boxes, box, cue_weights, seen, match, {}
         )
 
     def _log_likelihood(
@@ -230,36 +215,15 @@ class Measurer:
             likelihood = likelihood + external_likelihood(BoxesByAxis(*boxes.T))
         return likelihood
 
-    def estimate(self, weighted: WeightedParticles) -> Measurement:
-        """The box of the weighted mean, and what the cues observe there.
-
-        Source: Li et al. 2007, section 1; Zhang et al. 2015, equation (5).
-        """
-        motion = weighted.frame_prediction.filter_state.motion
-        return self._measure_box(weighted, motion.boxes(weighted.particles.mean[None])[0])
-
-    def _measure_box(self, weighted: WeightedParticles, box: NDArray[np.float64]) -> Measurement:
-        frame_prediction = weighted.frame_prediction
+    def _observe(
+        self, frame_prediction: FramePrediction, box: NDArray[np.float64]
+    ) -> tuple[Templates, Match]:
+        """What the cues observe in a (4,) box, and its match with the templates."""
         seen = self._fusion.observe(frame_prediction.region, box)
-        match = self._fusion.match(seen, frame_prediction.filter_state.templates)
-        return Measurement(
-            frame=frame_prediction.frame,
-            predicted=weighted.predicted,
-            particles=weighted.particles,
-            boxes=weighted.boxes,
-            box=box,
-            cue_weights=weighted.cue_weights,
-            seen=seen,
-            match=match,
-            distractor_ratios={},
-        )
+        return seen, self._fusion.match(seen, frame_prediction.filter_state.templates)
 
     def covariance(
-        self,
-        state: FilterState,
-        measurement: Measurement,
-        assessment: Assessment,
-        time_since_seen: float,
+        self, measurement: Measurement, assessment: Assessment, time_since_seen: float
     ) -> NDArray[np.float64]:
         """(4, 4) covariance of center x, center y, width and height of the box, px^2.
 
@@ -364,15 +328,18 @@ class SearchingMeasurer(Measurer):
         )
         return FramePrediction(state, frame, interval, prediction, generator, boxes, region, search)
 
-    def weigh(
+    def measure(
         self,
         frame_prediction: FramePrediction,
         external_likelihood: ExternalLikelihood | None = None,
-    ) -> WeightedParticles:
-        """See `Measurer.weigh`; a share of the particles is drawn from the search."""
+    ) -> Measurement:
+        """See `Measurer.measure`; a share of the particles is drawn from the search.
+
+        The mean is that of the maximum a posteriori mode.
+        """
         state, search = frame_prediction.filter_state, frame_prediction.search
         if search is None:
-            return super().weigh(frame_prediction, external_likelihood)
+            return super().measure(frame_prediction, external_likelihood)
         region, prediction = frame_prediction.region, frame_prediction.prediction
         motion, templates = cast(SearchableMotion, state.motion), state.templates
         cue_weights = self._fusion.adapt(state.distractor_ratios, self._adaptation)
@@ -388,53 +355,41 @@ class SearchingMeasurer(Measurer):
         )
         boxes = motion.boxes(predicted.states)
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
-        return WeightedParticles(
-            frame_prediction,
-            predicted,
-            predicted.reweight(likelihood),
-            boxes,
-            cue_weights,
-            int(np.argmax(log_prior + likelihood)),
-            responses,
-            grid_log_likelihood,
-        )
-
-    def estimate(self, weighted: WeightedParticles) -> Measurement:
-        """See `Measurer.estimate`; the mean is that of the maximum a posteriori mode."""
-        frame_prediction, responses = weighted.frame_prediction, weighted.responses
-        state, search = frame_prediction.filter_state, frame_prediction.search
-        if search is None:
-            return super().estimate(weighted)
-        mean = mode_mean(weighted.particles, weighted.boxes, weighted.map_index)
-        box = state.motion.boxes(mean[None])[0]
-        at_target = self._fusion.responses(frame_prediction.region, box[None], state.templates)
+        particles = predicted.reweight(likelihood)
+        mean = mode_mean(particles, boxes, int(np.argmax(log_prior + likelihood)))
+        box = motion.boxes(mean[None])[0]
+        at_target = self._fusion.responses(region, box[None], templates)
         ratios = search.distractor_ratios(box, at_target, responses)
         distractor_box = None
         # The product of each cue's largest ratio bounds the product of all cues at one box.
         if ratios and math.prod(ratios.values()) >= _DISTRACTOR_ABOVE ** len(ratios):
             distractor_box = search.distractor_box(box, at_target, responses, _DISTRACTOR_ABOVE)
-        return self._measure_box(weighted, box)._replace(
+        seen, match = self._observe(frame_prediction, box)
+        return Measurement(
+            frame_prediction,
+            predicted,
+            particles,
+            boxes,
+            box,
+            cue_weights,
+            seen,
+            match,
             distractor_ratios=smooth_distractor_ratios(state.distractor_ratios, ratios),
-            search=search,
-            second_peak=search.second_peak(box, weighted.grid_log_likelihood),
+            second_peak=search.second_peak(box, grid_log_likelihood),
             distractor_box=distractor_box,
-            transition_particles=frame_prediction.prediction.particles,
         )
 
     def covariance(
-        self,
-        state: FilterState,
-        measurement: Measurement,
-        assessment: Assessment,
-        time_since_seen: float,
+        self, measurement: Measurement, assessment: Assessment, time_since_seen: float
     ) -> NDArray[np.float64]:
         """See `Measurer.covariance`; given that the box is on the target, see `box_covariance`."""
-        if measurement.search is None:
-            return super().covariance(state, measurement, assessment, time_since_seen)
+        if measurement.frame_prediction.search is None:
+            return super().covariance(measurement, assessment, time_since_seen)
         box, confidence = assessment.box, assessment.confidence
         if assessment.status.state == "tracking":
             return box_covariance(box, box_features(box, confidence))
-        random_walk_std = cast(SearchableMotion, state.motion).random_walk_std(time_since_seen)
+        motion = cast(SearchableMotion, measurement.state.motion)
+        random_walk_std = motion.random_walk_std(time_since_seen)
         return box_covariance(box, box_features(box, 0.0), random_walk_std)
 
 

@@ -19,9 +19,7 @@ from pf_tracker_ros.tracking.measurement import Measurement
 class OcclusionPolicy:
     """Handles a target that is not tracked. These defaults treat it as a tracked one."""
 
-    def assess(
-        self, state: FilterState, measurement: Measurement, assessment: Assessment
-    ) -> Assessment:
+    def assess(self, measurement: Measurement, assessment: Assessment) -> Assessment:
         """Assessment of a frame in which the target is not tracked."""
         return assessment
 
@@ -51,13 +49,11 @@ class Coast(OcclusionPolicy):
     variance and the cost would grow without bound.
     """
 
-    def assess(
-        self, state: FilterState, measurement: Measurement, assessment: Assessment
-    ) -> Assessment:
+    def assess(self, measurement: Measurement, assessment: Assessment) -> Assessment:
         """See `OcclusionPolicy.assess`."""
-        predicted = measurement.transition_particles or measurement.predicted
-        box = state.motion.boxes(predicted.mean[None])[0]
-        boxes = state.motion.boxes(predicted.states)
+        predicted = measurement.frame_prediction.prediction.particles
+        motion = measurement.state.motion
+        box, boxes = motion.boxes(predicted.mean[None])[0], motion.boxes(predicted.states)
         return assessment._replace(box=box, particles=predicted, boxes=boxes, learns=False)
 
     def next_particles(

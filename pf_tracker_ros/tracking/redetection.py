@@ -162,17 +162,13 @@ class Redetector:
         self._side = side
 
     def search(
-        self,
-        state: FilterState,
-        measurement: Measurement,
-        assessment: Assessment,
-        *,
-        searches_everywhere: bool,
+        self, measurement: Measurement, assessment: Assessment, *, searches_everywhere: bool
     ) -> list[Candidate]:
         """The likeliest box of each of this frame's windows."""
         if self._windows == 0:
             return []
-        box, last_seen = assessment.box, np.array(state.last_seen_box)
+        state, box = measurement.state, assessment.box
+        last_seen = np.array(state.last_seen_box)
         size = last_seen[2:]
         boxes: NDArray[np.float64] = np.empty((0, 4))
         has_moved = (np.abs(box[:2] - last_seen[:2]) > size / 2).any()
@@ -181,17 +177,13 @@ class Redetector:
         if searches_everywhere:
             everywhere = self._windows_everywhere(state, measurement.frame.size, size)
             boxes = np.vstack([boxes, everywhere])
-        return self._search_in(state, measurement, assessment, boxes)
+        return self._search_in(measurement, assessment, boxes)
 
     def _search_in(
-        self,
-        state: FilterState,
-        measurement: Measurement,
-        assessment: Assessment,
-        boxes: NDArray[np.float64],
+        self, measurement: Measurement, assessment: Assessment, boxes: NDArray[np.float64]
     ) -> list[Candidate]:
         """The likeliest box of each window with one of the (K, 4) boxes in its middle."""
-        frame, cue_weights = measurement.frame, measurement.cue_weights
+        state, frame, cue_weights = measurement.state, measurement.frame, measurement.cue_weights
         excluded = assessment.known_distractor
         candidates = []
         for window_box in boxes:
@@ -203,13 +195,10 @@ class Redetector:
 
     def challenger(
         self,
-        state: FilterState,
         measurement: Measurement,
         assessment: Assessment,
         candidates: Sequence[Candidate],
-        *,
         confidence: float,
-        interval: float,
     ) -> Challenger | None:
         """The likeliest box elsewhere and its lead, for a target that is out of sight.
 
@@ -218,15 +207,16 @@ class Redetector:
         """
         if self._windows == 0 or assessment.status.hidden_for < _CHALLENGED_AFTER:
             return None
+        state = measurement.state
         last = state.challenger
         peaks = [] if measurement.second_peak is None else [measurement.second_peak]
         at, size = np.array(peaks).reshape(-1, 4), np.array(state.last_seen_box[2:])
         boxes = _boxes_around(at[:, :2] + at[:, 2:] / 2, size)
         if last:
             boxes = np.vstack([boxes, last.box])
-        others = [*candidates, *self._search_in(state, measurement, assessment, boxes)]
+        others = [*candidates, *self._search_in(measurement, assessment, boxes)]
         others = [one for one in others if not are_same_place(one.box, assessment.box)]
-        rate = min(interval / _LEAD_TIME, 1.0)
+        rate = min(measurement.frame_prediction.interval / _LEAD_TIME, 1.0)
         if not others:
             return last and last._replace(lead=last.lead * (1.0 - rate))
         best = max(others, key=lambda one: one.confidence)

@@ -22,16 +22,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.cues import CUES, CueFusion
-from pf_tracker_ros.cues.fusion import Templates
 from pf_tracker_ros.cues.hog import direction_table
-from pf_tracker_ros.filter import KalmanFilter, ParticleSet, build_resampler
+from pf_tracker_ros.filter import ParticleSet, build_resampler
 from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence, ConfidenceCalibration
@@ -50,7 +49,7 @@ from pf_tracker_ros.tracking.measurement import (
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES
 from pf_tracker_ros.tracking.oriented_gradients import BINS
 from pf_tracker_ros.tracking.parameters import TrackerParameters, check_proposal
-from pf_tracker_ros.tracking.prediction import KalmanPredictor, Prediction, Predictor
+from pf_tracker_ros.tracking.prediction import KalmanPredictor, Predictor
 from pf_tracker_ros.tracking.redetection import Candidate, Redetector
 from pf_tracker_ros.tracking.state_operations import FilterInitializer, StateOperations
 from pf_tracker_ros.tracking.track_assessor import TrackAssessor
@@ -62,15 +61,6 @@ _LONGEST_FLASH = 2.0
 
 RISING_SHARE = 0.2
 """Share of each frame in the confidence while it rises, with a search: several have to agree."""
-
-
-class _Learned(NamedTuple):
-    """Result of the learning step, with fields as of `FilterState`."""
-
-    templates: Templates
-    kalman_filter: KalmanFilter | None
-    saved_templates: SavedTemplates | None
-    exemplars: Exemplars
 
 
 class TargetFilter:
@@ -226,54 +216,46 @@ class TargetFilter:
 
         Source: Li et al. 2007, section 3; Zhang et al. 2015, section 3.3; Zhang Bo, section 3.3.
         """
-        state, interval = frame_prediction.filter_state, frame_prediction.interval
-        generator = frame_prediction.generator
         # 2. Weigh. Li (8): p = p_color^alpha p_texture^(1 - alpha); Zhang (10); Zhang Bo, step 3.
-        weighted = self._measurer.weigh(frame_prediction, external_likelihood)
         # 3. Estimate. Zhang (5): the weighted mean; Zhang Bo, step 4.
-        measurement = self._measurer.estimate(weighted)
+        measurement = self._measurer.measure(frame_prediction, external_likelihood)
         # 4. Assess: confidence, track state and redetection.
         assessment = self._assessor.assess(
-            state,
-            measurement,
-            interval,
-            generator,
-            searches_everywhere=searches_everywhere,
-            is_challenged=is_challenged,
+            measurement, searches_everywhere=searches_everywhere, is_challenged=is_challenged
         )
         # 5. Learn. Li (9) and (10) where p > w_Th; Zhang, section 3.3; Zhang Bo, Kalman filter.
-        learned = self._learn(state, frame_prediction.prediction, measurement, assessment, interval)
+        learned = self._learn(measurement, assessment)
         # 6. Resample. Zhang (6), below a threshold of the effective sample size; Zhang Bo, step 5.
         particles = self._resampler.resample(
-            assessment.particles, self.parameters.particles, generator
+            assessment.particles, self.parameters.particles, frame_prediction.generator
         )
-        following = self._next_state(frame_prediction, measurement, assessment, learned, particles)
-        if state.standing is not None:
+        following = self._next_state(measurement, assessment, learned, particles)
+        if learned.standing is not None:
             growth = self._measurer.log_growth(frame_prediction, measurement.box)
             return replace(following, growth=growth)
         return following
 
-    def _learn(
-        self,
-        state: FilterState,
-        prediction: Prediction,
-        measurement: Measurement,
-        assessment: Assessment,
-        interval: float,
-    ) -> _Learned:
-        """Templates blended with the estimate and Kalman filter corrected by it, if it is trusted.
+    def _learn(self, measurement: Measurement, assessment: Assessment) -> FilterState:
+        """The state with what is learned from a trusted estimate.
+
+        The templates are blended with it, it corrects the Kalman filter, and it may be an exemplar.
 
         Source: Li et al. 2007, equations (9) and (10), and w_Th; Zhang Bo, section 3.3.
         """
-        templates, kalman_filter = state.templates, prediction.kalman_filter
-        rules, match = self.parameters.template, measurement.match
-        illumination = measurement.frame.illumination
-        disappears = state.status.state == "tracking" and assessment.status.state != "tracking"
+        state, frame = measurement.state, measurement.frame
+        templates = state.templates
+        kalman_filter = measurement.frame_prediction.prediction.kalman_filter
+        rules, match, illumination = self.parameters.template, measurement.match, frame.illumination
+        status = assessment.status
+        disappears = state.status.state == "tracking" and status.state != "tracking"
         if illumination.has_jumped and disappears and rules.update_above < 1.0:
             # The target is still there and matches no template: learn its new appearance at once.
-            saved = SavedTemplates(templates, illumination.change)
-            templates = self._measurer.templates(measurement.frame, measurement.box)
-            return _Learned(templates, kalman_filter, saved, state.exemplars)
+            return replace(
+                state,
+                templates=self._measurer.templates(frame, measurement.box),
+                kalman_filter=kalman_filter,
+                saved_templates=SavedTemplates(templates, illumination.change),
+            )
         if assessment.learns:
             is_similar = match.similarity >= rules.required_similarity(state.followed_frames)
             if is_similar and math.exp(match.log_likelihood) > rules.update_above:
@@ -282,23 +264,21 @@ class TargetFilter:
                 kalman_filter = kalman_filter.correct(
                     measurement.particles.mean, measurement.particles.covariance
                 )
-        exemplars, status = state.exemplars, assessment.status
+        exemplars = state.exemplars
         if self._redetector and status.state == "tracking" and status.hidden_for == 0.0:
-            exemplars = exemplars.update(
-                measurement.frame, assessment.box, interval, assessment.confidence
-            )
-        return _Learned(templates, kalman_filter, state.saved_templates, exemplars)
+            interval = measurement.frame_prediction.interval
+            exemplars = exemplars.update(frame, assessment.box, interval, assessment.confidence)
+        return replace(state, templates=templates, kalman_filter=kalman_filter, exemplars=exemplars)
 
     def _next_state(
         self,
-        frame_prediction: FramePrediction,
         measurement: Measurement,
         assessment: Assessment,
-        learned: _Learned,
+        learned: FilterState,
         particles: ParticleSet,
     ) -> FilterState:
         """State for the next frame, with the resampled particles."""
-        state, kalman_filter = frame_prediction.filter_state, learned.kalman_filter
+        state, kalman_filter = measurement.state, learned.kalman_filter
         is_seen = assessment.status.state == "tracking"
         if not is_seen:
             particles, kalman_filter = self._occlusion_policy.next_particles(
@@ -306,17 +286,15 @@ class TargetFilter:
             )
         # A lost target may be anywhere, however long ago it was lost.
         time_since_seen = min(assessment.status.time_since_seen, self.parameters.track.lost_after)
-        covariance = self._measurer.covariance(state, measurement, assessment, time_since_seen)
+        covariance = self._measurer.covariance(measurement, assessment, time_since_seen)
         estimate = assessment.to_estimate(
             measurement.frame, measurement.cue_weights, covariance, self._calibration
         )
         second_peak = measurement.second_peak
         return replace(
-            state,
+            learned,
             kalman_filter=kalman_filter,
             particles=particles,
-            templates=learned.templates,
-            exemplars=learned.exemplars,
             distractor_ratios=measurement.distractor_ratios,
             status=assessment.status,
             last_seen_box=estimate.box if is_seen else state.last_seen_box,
@@ -324,12 +302,13 @@ class TargetFilter:
             known_distractor=assessment.known_distractor,
             frames_since_seen=0 if is_seen else state.frames_since_seen + 1,
             followed_frames=state.followed_frames + 1,
-            generator_state=GeneratorState.of(frame_prediction.generator),
+            generator_state=GeneratorState.of(measurement.frame_prediction.generator),
             confidence=assessment.confidence,
             estimate=estimate,
-            saved_templates=learned.saved_templates,
             distractor_box=measurement.distractor_box,
-            occlusion_evidence=state.occlusion_evidence.advance(frame_prediction.interval),
+            occlusion_evidence=state.occlusion_evidence.advance(
+                measurement.frame_prediction.interval
+            ),
             challenger=assessment.challenger,
             standing=None,
             place_factor=1.0,

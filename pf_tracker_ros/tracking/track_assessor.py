@@ -18,7 +18,6 @@ import numpy as np
 from pf_tracker_ros.boxes import are_same_place, as_box, relative_center_distances
 from pf_tracker_ros.tracking.assessment import Assessment, Confidence
 from pf_tracker_ros.tracking.estimate import TrackStatus, TrackThresholds
-from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OcclusionPolicy
 from pf_tracker_ros.tracking.redetection import DOUBTFUL_BELOW, Redetector
@@ -58,14 +57,7 @@ class TrackAssessor:
         self._thresholds = thresholds
 
     def assess(
-        self,
-        state: FilterState,
-        measurement: Measurement,
-        interval: float,
-        generator: np.random.Generator,
-        *,
-        searches_everywhere: bool = True,
-        is_challenged: bool = True,
+        self, measurement: Measurement, *, searches_everywhere: bool, is_challenged: bool
     ) -> Assessment:
         """Assessment of the target in a frame.
 
@@ -73,14 +65,15 @@ class TrackAssessor:
         lost target may be free. It is not where a detector tells where targets are, nor beside
         other targets, whose boxes would challenge it.
         """
+        state = measurement.state
         frame_confidence = self._confidence.assess(state, measurement.assessed)
         known_distractor = state.known_distractor
-        if frame_confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(state, measurement):
+        if frame_confidence >= DOUBTFUL_BELOW and _jumped_to_second_peak(measurement):
             known_distractor = as_box(measurement.box)
         if known_distractor is not None and are_same_place(measurement.box, known_distractor):
             frame_confidence = 0.0
         confidence = self._confidence.update(state.confidence, frame_confidence)
-        status = self._status(state, measurement, confidence, frame_confidence, interval)
+        status = self._status(measurement, confidence, frame_confidence)
         assessment = Assessment(
             measurement.box,
             confidence,
@@ -97,7 +90,7 @@ class TrackAssessor:
         assessment = assessment._replace(known_distractor=known_distractor)
         is_lost = status.state == "lost"
         is_size_free = is_challenged and state.standing is not None
-        assessment = self._occlusion_policy.assess(state, measurement, assessment)
+        assessment = self._occlusion_policy.assess(measurement, assessment)
         # The policy keeps the last seen size of a lost target.
         box = None if is_size_free else self._occlusion_policy.redraw_box(state, assessment)
         if is_lost:
@@ -111,10 +104,7 @@ class TrackAssessor:
             has_low_bar = is_size_free and is_lost
             least = self._thresholds.tracked_above if has_low_bar else _ACCEPT_ABOVE
             candidates = self._redetector.search(
-                state,
-                measurement,
-                assessment,
-                searches_everywhere=searches_everywhere and is_lost,
+                measurement, assessment, searches_everywhere=searches_everywhere and is_lost
             )
             best = max(candidates, key=lambda one: one.confidence, default=None)
             if best and best.confidence > least:
@@ -126,12 +116,7 @@ class TrackAssessor:
                     )
             elif is_challenged:
                 challenger = self._redetector.challenger(
-                    state,
-                    measurement,
-                    assessment,
-                    candidates,
-                    confidence=frame_confidence,
-                    interval=interval,
+                    measurement, assessment, candidates, frame_confidence
                 )
                 if challenger and challenger.wins:
                     box, challenger = np.array(challenger.box), None
@@ -139,22 +124,18 @@ class TrackAssessor:
         if box is None:
             return assessment
         particles, boxes = self._initializer.redraw_particles(
-            state, box, measurement.frame.size, generator
+            state, box, measurement.frame.size, measurement.frame_prediction.generator
         )
         return assessment._replace(box=box, particles=particles, boxes=boxes, learns=False)
 
     def _status(
-        self,
-        state: FilterState,
-        measurement: Measurement,
-        confidence: float,
-        frame_confidence: float,
-        interval: float,
+        self, measurement: Measurement, confidence: float, frame_confidence: float
     ) -> TrackStatus:
         """The status by the confidence over time and that of this frame alone.
 
         A target that matches its current templates is not lost, even if the exemplars differ.
         """
+        state, interval = measurement.state, measurement.frame_prediction.interval
         if self._redetector is None:
             return state.status.advance(confidence, frame_confidence, interval, self._thresholds)
         is_recognized = measurement.match.similarity >= _RECOGNIZED_ABOVE
@@ -169,8 +150,9 @@ class TrackAssessor:
         return status
 
 
-def _jumped_to_second_peak(state: FilterState, measurement: Measurement) -> bool:
+def _jumped_to_second_peak(measurement: Measurement) -> bool:
     """Whether the estimate is at the second peak of the last frame, and clear of the last box."""
+    state = measurement.state
     return (
         state.status.state == "tracking"
         and state.second_peak is not None

@@ -63,7 +63,7 @@ def prediction_for(state):
 def measure(measurer, state, frame, prediction, generator=None):
     generator = generator or new_rng()
     predicted = measurer.predict_frame(state, frame, INTERVAL, prediction, generator)
-    return measurer.estimate(measurer.weigh(predicted))
+    return measurer.measure(predicted)
 
 
 def new_rng():
@@ -90,14 +90,14 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(state, couple):
     centers = measurement.boxes[:, :2] + measurement.boxes[:, 2:] / 2
     distance = np.linalg.norm(centers - couple.first[0][:2] - couple.first[0][2:] / 2, axis=1)
     assert np.corrcoef(gained, distance)[0, 1] < -0.8
-    assert measurement.search is None
+    assert measurement.frame_prediction.search is None
     assert measurement.distractor_ratios == {}
     assert measurement.cue_weights == {"color_contrast": 0.5, "correlation_response": 0.5}
     # No random number is drawn.
     assert generator.bit_generator.state == new_rng().bit_generator.state
     status, particles = TrackStatus("lost", 9.0), measurement.particles
     lost = Assessment(measurement.box, 0.1, status, particles, measurement.boxes)
-    covariance = measurer.covariance(state, measurement, lost, 9.0)
+    covariance = measurer.covariance(measurement, lost, 9.0)
     expected = particle_covariance(measurement.particles, measurement.boxes)
     np.testing.assert_array_equal(covariance, expected)
 
@@ -141,7 +141,9 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     measurement = measure(searching, state, frame, prediction)
     before = prediction.particles
     boxes = state.motion.boxes(before.states)
-    np.testing.assert_allclose(measurement.search.center_box, before.weights @ boxes)
+    np.testing.assert_allclose(
+        measurement.frame_prediction.search.center_box, before.weights @ boxes
+    )
 
     # The same from its parts; `test_proposals.py` tests the proposal itself.
     center_box = before.weights @ boxes
@@ -216,11 +218,11 @@ def test_while_no_searching_cue_has_a_template_there_is_no_search(state, couple)
     np.testing.assert_array_equal(without.particles.log_weights, fallen_back.particles.log_weights)
     np.testing.assert_array_equal(without.box, fallen_back.box)
     assert without.match == fallen_back.match
-    assert fallen_back.search is None
+    assert fallen_back.frame_prediction.search is None
     assessment = Assessment(
         without.box, 0.3, TrackStatus("occluded", 1.0), fallen_back.particles, fallen_back.boxes
     )
-    covariance = searching.covariance(state, fallen_back, assessment, 1.0)
+    covariance = searching.covariance(fallen_back, assessment, 1.0)
     expected = particle_covariance(fallen_back.particles, fallen_back.boxes)
     np.testing.assert_array_equal(covariance, expected)
 
@@ -231,13 +233,13 @@ def test_the_covariance_of_a_search_is_that_of_the_box_and_grows_while_hidden(st
     box, particles = measurement.box, measurement.particles
     seen = Assessment(box, 0.75, TrackStatus(), particles, measurement.boxes)
     np.testing.assert_array_equal(
-        searching.covariance(state, measurement, seen, 5.0),
+        searching.covariance(measurement, seen, 5.0),
         box_covariance(box, box_features(box, 0.75)),
     )
     # The random walk of the preset's position noise, .6 box sizes in a second, for 4 s.
     hidden = seen._replace(status=TrackStatus("lost", 9.0))
     np.testing.assert_allclose(
-        searching.covariance(state, measurement, hidden, 4.0),
+        searching.covariance(measurement, hidden, 4.0),
         box_covariance(box, box_features(box, 0.0), 1.2),
     )
 

@@ -1,6 +1,7 @@
 """Occlusion policies: coast, or keep tracking the likeliest box."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from pf_tracker_ros.tracking.assessment import Assessment
 from pf_tracker_ros.tracking.estimate import TrackStatus
 from pf_tracker_ros.tracking.measurement import Measurement
 from pf_tracker_ros.tracking.occlusion import OCCLUSION_POLICIES, Coast, KeepTracking
+from pf_tracker_ros.tracking.prediction import Prediction
 
 STATUSES = (TrackStatus("occluded", 0.2), TrackStatus("lost", 3.0))
 
@@ -29,9 +31,9 @@ def measurement(state, couple):
     predicted = state.particles
     weighted = predicted.reweight(np.linspace(0.0, 400.0, len(predicted)))
     boxes = state.motion.boxes(predicted.states)
-    frame = Frame(couple.images[1])
+    frame_prediction = SimpleNamespace(filter_state=state, prediction=Prediction(predicted, 0.04))
     match = Match(-30.0, 0.1)
-    return Measurement(frame, predicted, weighted, boxes, boxes[-1], {}, {}, match, {})
+    return Measurement(frame_prediction, predicted, weighted, boxes, boxes[-1], {}, {}, match, {})
 
 
 def measured_assessment(measurement, status):
@@ -45,7 +47,7 @@ def test_there_are_two_policies():
 @pytest.mark.parametrize("status", STATUSES)
 def test_the_box_of_a_coasting_target_is_that_of_the_motion_model(state, measurement, status):
     seen = measured_assessment(measurement, status)
-    assessment = Coast().assess(state, measurement, seen)
+    assessment = Coast().assess(measurement, seen)
     mean = measurement.predicted.mean
     np.testing.assert_array_equal(assessment.box, state.motion.boxes(mean[None])[0])
     assert np.abs(assessment.box - measurement.box).max() > 0.5
@@ -58,7 +60,7 @@ def test_the_box_of_a_coasting_target_is_that_of_the_motion_model(state, measure
 @pytest.mark.parametrize("status", STATUSES)
 def test_with_keep_tracking_the_assessment_stays(state, measurement, status):
     seen = measured_assessment(measurement, status)
-    assert KeepTracking().assess(state, measurement, seen) is seen
+    assert KeepTracking().assess(measurement, seen) is seen
     assert seen.learns is True
 
 
@@ -67,7 +69,7 @@ def test_with_keep_tracking_the_assessment_stays(state, measurement, status):
 def test_only_a_lost_target_that_coasts_keeps_its_particles(state, measurement, policy, status):
     resampled = ParticleSet.uniform(measurement.particles.states + 1.0)
     kalman_filter = replace(state.kalman_filter.predict(0.04))
-    assessment = policy.assess(state, measurement, measured_assessment(measurement, status))
+    assessment = policy.assess(measurement, measured_assessment(measurement, status))
     particles, ahead = policy.next_particles(state, assessment, resampled, kalman_filter)
     if isinstance(policy, Coast) and status.state == "lost":
         assert (particles, ahead) == (state.particles, state.kalman_filter)

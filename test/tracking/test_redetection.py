@@ -102,13 +102,13 @@ def test_a_window_with_something_similar_is_searched_twice(make_target_filter, c
     target_filter = make_target_filter("default", {"redetection.windows": 3})
     redetector, confidences = target_filter._redetector, iter([0.9, 0.5, 0.9, 0.7, 0.1])
     state = target_filter.start(couple.images[0], couple.first[0])
-    measurement = SimpleNamespace(frame=Frame(couple.images[0]), cue_weights={})
+    measurement = SimpleNamespace(state=state, frame=Frame(couple.images[0]), cue_weights={})
     box = np.array(couple.first[0])
     monkeypatch.setattr(
         redetector, "search_around", lambda *_: Candidate(box + 50.0, next(confidences))
     )
     assessment = SimpleNamespace(box=box, known_distractor=None)
-    candidates = redetector.search(state, measurement, assessment, searches_everywhere=True)
+    candidates = redetector.search(measurement, assessment, searches_everywhere=True)
     assert [one.confidence for one in candidates] == [0.5, 0.7, 0.1]
 
 
@@ -126,17 +126,16 @@ def challenge(make_target_filter, couple, monkeypatch):
     def run(before, offset, confidence, hidden_for=1.0):
         found = Candidate(box + [offset, 0, 0, 0], confidence)
         monkeypatch.setattr(redetector, "search_around", lambda *_: found)
-        measurement = SimpleNamespace(frame=None, cue_weights={}, second_peak=found.box)
+        measurement = SimpleNamespace(
+            state=replace(state, challenger=before),
+            frame=None,
+            frame_prediction=SimpleNamespace(interval=0.1),
+            cue_weights={},
+            second_peak=found.box,
+        )
         status = state.status._replace(hidden_for=hidden_for)
         assessment = SimpleNamespace(box=box, known_distractor=None, status=status)
-        return redetector.challenger(
-            replace(state, challenger=before),
-            measurement,
-            assessment,
-            [],
-            confidence=0.1,
-            interval=0.1,
-        )
+        return redetector.challenger(measurement, assessment, [], confidence=0.1)
 
     return run
 
