@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import cv2
 import numpy as np
@@ -68,19 +68,23 @@ class BackgroundModel:
         generator: Source of all randomness.
         foreground_boxes: Boxes of known foreground, such as targets. The model there is inpainted
             from the surroundings, so that no ghosts remain when they leave.
-        samples: Sample values of a pixel (N).
-        radius: A sample matches a pixel when no channel differs by more gray levels than this (R).
-        matches: Matching samples that make a pixel background (U_min).
-        update_every: Average number of frames between updates of a background pixel.
         reduction: Image pixels averaged along each axis for one model pixel, a whole number; raised
             if the model would have more than 960 x 540 pixels.
-        color: Use colors; otherwise brightness, at a third of the cost.
         removes_ghosts: Learn ghosts as background at once, see `find_ghosts`; not in the papers.
 
     Attributes:
+        sample_count: Sample values of a pixel (N).
+        radius: A sample matches a pixel when no channel differs by more gray levels than this (R).
+        matches: Matching samples that make a pixel background (U_min).
+        update_every: Average number of frames between updates of a background pixel.
         reduction: Image pixels per mask pixel along each axis.
         state: State of the model at the last image.
     """
+
+    sample_count: ClassVar = 20
+    radius: ClassVar = 20
+    matches: ClassVar = 2
+    update_every: ClassVar = UPDATE_EVERY
 
     def __init__(
         self,
@@ -88,20 +92,10 @@ class BackgroundModel:
         generator: np.random.Generator,
         foreground_boxes: Sequence[Box] = (),
         *,
-        samples: int = 20,
-        radius: int = 20,
-        matches: int = 2,
-        update_every: int = UPDATE_EVERY,
         reduction: int = 2,
-        color: bool = True,
         removes_ghosts: bool = False,
     ) -> None:
         self.reduction = max(reduction, _least_reduction(image))
-        self._samples = samples
-        self._radius = radius
-        self._matches = matches
-        self._update_every = update_every
-        self._color = color
         self._removes_ghosts = removes_ghosts
         self._generator = generator
         self._initialize(self._planes(image), foreground_boxes)
@@ -131,12 +125,12 @@ class BackgroundModel:
         self._learn(planes, foreground)
         if cv2.countNonZero(foreground) <= _LARGEST_FOREGROUND * foreground.size:
             self._changed_for = 0
-            young = self._age < self._update_every
+            young = self._age < self.update_every
             self.state = BackgroundState("learning" if young else "ready")
             return foreground
         self.state = BackgroundState("off", _ALL_CHANGED)
         self._changed_for += 1
-        if self._changed_for >= self._update_every:
+        if self._changed_for >= self.update_every:
             self._initialize(planes, foreground_boxes)
         return foreground
 
@@ -148,9 +142,7 @@ class BackgroundModel:
         self._changed_for = 0
 
     def _planes(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(channels, h, w) the reduced image, in brightness unless the model has colors."""
-        if image.ndim == 3 and not self._color:
-            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        """(channels, h, w) the reduced image."""
         reduction = self.reduction
         if reduction > 1:
             size = (-(-image.shape[1] // reduction), -(-image.shape[0] // reduction))
@@ -177,9 +169,9 @@ class BackgroundModel:
                 start = channel * height
                 cv2.max(largest, difference[start : start + height], dst=largest)
             # A match is 255, which is -1 modulo 256: the count grows by 1.
-            cv2.threshold(largest, self._radius, 255, cv2.THRESH_BINARY_INV, dst=largest)
+            cv2.threshold(largest, self.radius, 255, cv2.THRESH_BINARY_INV, dst=largest)
             matches -= largest
-        return cv2.threshold(matches, self._matches - 1, 255, cv2.THRESH_BINARY_INV)[1]
+        return cv2.threshold(matches, self.matches - 1, 255, cv2.THRESH_BINARY_INV)[1]
 
     def _remove_ghosts(self, planes: NDArray[np.uint8], foreground: NDArray[np.uint8]) -> None:
         """Initialize the model again at ghosts, and clear them from the foreground in place."""
@@ -223,9 +215,9 @@ class BackgroundModel:
         The gaps between them are geometric, computed as rounded exponential numbers: this needs
         much fewer random numbers than one per pixel.
         """
-        if self._update_every == 1:
+        if self.update_every == 1:
             return np.arange(pixels)
-        probability = 1.0 / self._update_every
+        probability = 1.0 / self.update_every
         expected = pixels * probability
         gaps = self._generator.standard_exponential(
             int(expected + 6 * np.sqrt(expected) + 10), dtype=np.float32
@@ -261,7 +253,7 @@ class BackgroundModel:
         padded = np.stack([cv2.copyMakeBorder(p, 1, 1, 1, 1, cv2.BORDER_REPLICATE) for p in planes])
         rows, columns = np.divmod(pixels, planes.shape[2])
         corners = rows * padded.shape[2] + columns
-        drawn = np.empty((self._samples, len(planes), len(pixels)), np.uint8)
+        drawn = np.empty((self.sample_count, len(planes), len(pixels)), np.uint8)
         for samples in drawn:
             step = self._generator.integers(0, 9, len(pixels))
             indices = corners + step // 3 * padded.shape[2] + step % 3

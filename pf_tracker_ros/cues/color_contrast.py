@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -59,9 +58,6 @@ class ContrastTemplate:
     def contrast(self) -> float:
         """The target's own contrast, 0 to 1."""
         return max(float((self.inside - self.ring) @ self.probabilities), 0.0)
-
-
-Contrast = TypeVar("Contrast", np.float64, NDArray[np.float64])
 
 
 @CUES.register("color_contrast", ColorContrastParameters)
@@ -128,15 +124,15 @@ class ColorContrast(SearchableCue):
         self, response: NDArray[np.float64], template: ContrastTemplate
     ) -> NDArray[np.float64]:
         """See `SearchableCue.log_likelihood_of`."""
-        return self._log_likelihood(response, template)
+        missing = np.maximum(template.contrast - response, 0.0)
+        return -self._sharpness * missing
 
     def match(self, observation: ContrastTemplate, template: ContrastTemplate) -> Match:
         """See `Cue.match`; the similarity is the contrast / the template's own contrast."""
-        contrast = np.float64((observation.inside - observation.ring) @ template.probabilities)
+        contrast = float((observation.inside - observation.ring) @ template.probabilities)
         share = contrast / template.contrast if template.contrast > 0.0 else 1.0
-        return Match(
-            float(self._log_likelihood(contrast, template)), min(max(float(share), 0.0), 1.0)
-        )
+        log_likelihood = self.log_likelihood_of(np.array([contrast]), template)
+        return Match(float(log_likelihood[0]), min(max(share, 0.0), 1.0))
 
     def blend(self, template: ContrastTemplate, observation: ContrastTemplate) -> ContrastTemplate:
         """See `Cue.blend`."""
@@ -145,10 +141,6 @@ class ColorContrast(SearchableCue):
             old * template.inside + new * observation.inside,
             old * template.ring + new * observation.ring,
         )
-
-    def _log_likelihood(self, contrast: Contrast, template: ContrastTemplate) -> Contrast:
-        missing = np.maximum(template.contrast - contrast, 0.0)
-        return -self._sharpness * missing
 
     def _contrasts(self, region: Region, template: ContrastTemplate) -> NDArray[np.float32]:
         """(h, w) contrast, -1 to 1, of the box with each pixel of the region as its first one.

@@ -18,7 +18,7 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,6 +144,8 @@ class CorrelationResponse(SearchableCue):
 
     Args:
         parameters: Features and window.
+
+    Attributes:
         cells: Cells along each side of the window, even; the features define a cell's pixels.
         size_span: Size ratio of the two windows around the predicted size; 1 means one window,
             which does not measure the size.
@@ -159,35 +161,26 @@ class CorrelationResponse(SearchableCue):
         reuses_windows: Whether, after these, windows that the frame was read in serve for training.
     """
 
-    def __init__(
-        self,
-        parameters: CorrelationResponseParameters,
-        *,
-        cells: int = 40,
-        size_span: float = 1.04,
-        size_bias: float = 0.007,
-        size_gain: float = 1.5,
-        memory: float = 300.0,
-        training_interval: int = 3,
-        settling_frames: int = 25,
-        reuses_windows: bool = True,
-    ) -> None:
+    cells: ClassVar = 40
+    size_span: ClassVar = 1.04
+    size_bias: ClassVar = 0.007
+    size_gain: ClassVar = 1.5
+    memory: ClassVar = 300.0
+    training_interval: ClassVar = 3
+    settling_frames: ClassVar = 25
+    reuses_windows: ClassVar = True
+
+    def __init__(self, parameters: CorrelationResponseParameters) -> None:
         self._features = FEATURES.make(
             parameters.features, parameters.of_features[parameters.features]
         )
         self._window = parameters.window
-        self._cells = cells
-        self._windows_at_once = max(_CELLS_AT_ONCE // cells**2, 1)
-        self._log_span = math.log(size_span)
+        self._windows_at_once = max(_CELLS_AT_ONCE // self.cells**2, 1)
+        self._log_span = math.log(self.size_span)
         # Sides of the windows over that of the predicted size.
         ends = np.array([-0.5, 0.5]) if self._log_span else np.zeros(1)
         self._scales = tuple(np.exp(ends * self._log_span).tolist())
-        self._corrections = np.exp(ends * size_bias).astype(np.float32)[:, None, None]
-        self._size_gain = size_gain
-        self._interval = training_interval
-        self._settling = settling_frames
-        self._memory = memory
-        self._reuses_windows = reuses_windows
+        self._corrections = np.exp(ends * self.size_bias).astype(np.float32)[:, None, None]
 
     def learn(self, region: Region, box: NDArray[np.float64]) -> CorrelationTemplate:
         """See `Cue.learn`."""
@@ -196,7 +189,7 @@ class CorrelationResponse(SearchableCue):
         difference = float(np.ptp(pixels, axis=2).mean()) if pixels.ndim == 3 else 0.0
         colored = difference >= _MIN_COLOR_DIFFERENCE
         (spectrum,) = spectra_of(self._features_of([patch], colored))
-        width, height = (float(length) * self._cells / patch.side for length in box[2:])
+        width, height = (float(length) * self.cells / patch.side for length in box[2:])
         trained = train(spectrum, (width, height), None, 0.0)
         reference = _reference(trained, spectrum)
         return CorrelationTemplate(trained, reference, (width, height), colored)
@@ -217,7 +210,7 @@ class CorrelationResponse(SearchableCue):
         counts = [len(one.spectra) for one in windows]
         filters = np.stack([one.template.filter for one in predicted_targets])
         spectra = np.concatenate([one.spectra for one in windows])
-        maps = response(np.repeat(filters, counts, axis=0), spectra, _REFINEMENT * self._cells)
+        maps = response(np.repeat(filters, counts, axis=0), spectra, _REFINEMENT * self.cells)
         for one, its_windows, its_maps in zip(
             predicted_targets, windows, _split(maps, counts), strict=True
         ):
@@ -309,7 +302,7 @@ class CorrelationResponse(SearchableCue):
     def _response_maps(self, region: Region, template: CorrelationTemplate) -> ResponseMaps:
         def compute() -> ResponseMaps:
             windows = self._windows(region, template.colored)
-            maps = response(template.filter, windows.spectra, _REFINEMENT * self._cells)
+            maps = response(template.filter, windows.spectra, _REFINEMENT * self.cells)
             return self._maps_of(maps, windows)
 
         return region.cached(_key(template), compute)
@@ -334,7 +327,7 @@ class CorrelationResponse(SearchableCue):
         """Response maps of (windows, S, S) responses, as if each window had been read."""
         if len(maps) > 1:
             maps = maps * self._corrections
-            maps += np.float32(self._size_gain - 1.0) * (maps - mean_of(maps))
+            maps += np.float32(self.size_gain - 1.0) * (maps - mean_of(maps))
         return ResponseMaps.of(maps, windows)
 
     def blend(
@@ -349,17 +342,17 @@ class CorrelationResponse(SearchableCue):
             frames=template.frames + 1,
             frames_since_training=template.frames_since_training + 1,
         )
-        settled = min(template.frames / self._settling, 1.0)
-        interval = self._interval if settled == 1.0 else 1
+        settled = min(template.frames / self.settling_frames, 1.0)
+        interval = self.training_interval if settled == 1.0 else 1
         if counted.frames_since_training < interval:
             return counted
         region, box = observation
         patch = self._patch(region, box)
-        is_reused = self._reuses_windows and settled == 1.0
+        is_reused = self.reuses_windows and settled == 1.0
         spectrum = self._moved_window(region, patch, template) if is_reused else None
         if spectrum is None:
             (spectrum,) = spectra_of(self._features_of([patch], template.colored))
-        memory = settled * self._memory / interval
+        memory = settled * self.memory / interval
         trained = train(spectrum, template.target_cells, template.filter, memory)
         reference = _reference(trained, spectrum)
         return replace(counted, filter=trained, reference=reference, frames_since_training=0)
@@ -369,7 +362,7 @@ class CorrelationResponse(SearchableCue):
     ) -> Spectrum | None:
         """Spectrum of a patch from the window of the frame; None where they are too different."""
         windows = self._windows(region, template.colored)
-        shift = (patch.center - windows.center) * (self._cells / windows.source_side)
+        shift = (patch.center - windows.center) * (self.cells / windows.source_side)
         growth = abs(patch.side / windows.source_side - 1.0)
         if np.abs(shift).max() > _LARGEST_SHIFT or growth > _LARGEST_GROWTH:
             return None
@@ -381,7 +374,7 @@ class CorrelationResponse(SearchableCue):
         return self._features.extract(self._pixels(patches, gray=not colored))
 
     def _pixels(self, patches: Sequence[Patch], *, gray: bool) -> NDArray[np.uint8]:
-        pixels = self._features.cell_size * self._cells
+        pixels = self._features.cell_size * self.cells
         return np.concatenate(
             [
                 read_window(frame, center, np.full(2, side), pixels, gray)[None]
@@ -431,15 +424,14 @@ class CoarseCorrelationResponse(CorrelationResponse):
         parameters: Features.
     """
 
+    cells = 24
+    size_span = 1.1
+    size_bias = 0.0085
+    settling_frames = 1
+    reuses_windows = False
+
     def __init__(self, parameters: CoarseCorrelationResponseParameters) -> None:
         windowed = CorrelationResponseParameters(
             features=parameters.features, of_features=parameters.of_features, window=_COARSE_WINDOW
         )
-        super().__init__(
-            windowed,
-            cells=24,
-            size_span=1.1,
-            size_bias=0.0085,
-            settling_frames=1,
-            reuses_windows=False,
-        )
+        super().__init__(windowed)

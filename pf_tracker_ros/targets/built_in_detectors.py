@@ -9,7 +9,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 from queue import SimpleQueue
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.parameters import quoted
 from pf_tracker_ros.registry import Registry
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import Detections
+from pf_tracker_ros.targets.detections import Detections, StampedDetections
 from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
 from pf_tracker_ros.tracking.image_front_end import ImageFrontEnd
 from pf_tracker_ros.tracking.target_filter import default_numpy_errors
@@ -188,18 +188,20 @@ class _FrameSource:
     """
 
     def __init__(self, seed: int, needs_foreground: bool) -> None:
-        self._seed, self._needs_foreground = seed, needs_foreground
-        self._front_end = ImageFrontEnd(seed, removes_ghosts=True)
+        self._new_front_end = partial(
+            ImageFrontEnd, seed, needs_foreground=needs_foreground, removes_ghosts=True
+        )
+        self._front_end = self._new_front_end()
         self.is_new = False
 
     def prepare(self, image: NDArray[np.generic], interval: float) -> Frame:
         check_image(image)
         self.is_new = self._front_end.frame is None or not self._front_end.accepts_image(image)
         if self.is_new:
-            self._front_end = ImageFrontEnd(self._seed, removes_ghosts=True)
+            self._front_end = self._new_front_end()
         frame = Frame(image)
         with default_numpy_errors():
-            self._front_end.prepare(frame, interval, (), self._needs_foreground, follow_light=False)
+            self._front_end.prepare(frame, interval, ())
         self._front_end.commit(frame)
         return frame
 
@@ -208,18 +210,6 @@ class _FrameSource:
 _NICENESS = 10
 # Seconds that the end of the thread waits for a running detection.
 _PATIENCE = 10.0
-
-
-class DetectorResult(NamedTuple):
-    """The detections in a frame.
-
-    Attributes:
-        detections: In the frame.
-        stamp: Of the frame, nanoseconds.
-    """
-
-    detections: Detections
-    stamp: int
 
 
 class DetectorThread:
@@ -237,7 +227,7 @@ class DetectorThread:
         self._detector = detector
         self._spacing = NANOSECONDS / rate
         self._last = 0
-        self._pending: Future[DetectorResult | None] | None = None
+        self._pending: Future[StampedDetections | None] | None = None
         self._is_discarded = False
         self._tasks: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         # The end of the process does not wait for a detector without an end.
@@ -259,7 +249,7 @@ class DetectorThread:
         self._tasks.put(partial(self._detect, self._pending, image, stamp, interval))
         return True
 
-    def take(self, *, wait: bool = False) -> DetectorResult | None:
+    def take(self, *, wait: bool = False) -> StampedDetections | None:
         """Take the last result, each once; None if there is no new one.
 
         `wait` waits for a running detection.
@@ -290,7 +280,7 @@ class DetectorThread:
 
     def _detect(
         self,
-        outcome: Future[DetectorResult | None],
+        outcome: Future[StampedDetections | None],
         image: NDArray[np.generic],
         stamp: int,
         interval: float,
@@ -303,7 +293,7 @@ class DetectorThread:
                     raise TypeError(
                         f"it returned {quoted(detections)}; allowed: Detections or None"
                     )
-            result = DetectorResult(detections, stamp) if detections is not None else None
+            result = StampedDetections(detections, stamp) if detections is not None else None
             outcome.set_result(result)
         except ForeignError as error:
             outcome.set_exception(error)

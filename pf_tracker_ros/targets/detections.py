@@ -128,6 +128,13 @@ def _is_time(age: object) -> bool:
         return False
 
 
+class StampedDetections(NamedTuple):
+    """Detections in the frame of a stamp, nanoseconds; 0 for the next frame."""
+
+    detections: Detections
+    stamp: int
+
+
 class Detection(NamedTuple):
     """One detection, with its appearance.
 

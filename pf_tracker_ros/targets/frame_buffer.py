@@ -35,14 +35,12 @@ class ReducedFrame:
     """A frame that is stored in reduced resolution.
 
     Attributes:
-        stamp: Time of capture, nanoseconds.
         pixels: The reduced image.
         shape: Of the original image.
         reduction: Factor by which each side is reduced, a power of 2.
         frame_info: The frame without its image, see `Frame.with_image`.
     """
 
-    stamp: int
     pixels: NDArray[Any]
     shape: tuple[int, ...]
     reduction: int
@@ -57,7 +55,7 @@ class ReducedFrame:
         for _ in range(reduction.bit_length() - 1):
             height, width = height // 2, width // 2
             pixels = cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA)
-        return cls(frame.stamp, pixels, shape, reduction, frame.with_image(np.empty((0, 0))))
+        return cls(pixels, shape, reduction, frame.with_image(np.empty((0, 0))))
 
     def restored(self) -> Frame:
         """The frame with an image of the original size and type, interpolated."""
@@ -111,7 +109,7 @@ class HistoryEntry:
     @property
     def stamp(self) -> int:
         """Of the frame, nanoseconds."""
-        return self.stored_frame.stamp
+        return self._frame_info.stamp
 
     @property
     def size(self) -> tuple[int, int]:

@@ -13,8 +13,7 @@ from pf_tracker_ros.frames import Frame, check_image
 from pf_tracker_ros.parameters import build
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.targets.association import require_scipy
-from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.out_of_sequence import StampedDetections
+from pf_tracker_ros.targets.detections import Detections, StampedDetections
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
@@ -224,7 +223,7 @@ class MultiTracker:
             # Stamps always increase, also with `dt` 0.
             stamp = self._stamp + max(round(min(interval, _MAX_SECONDS) * NANOSECONDS), 1)
         stamped = [
-            StampedDetections(stamp - round(min(one.age, _MAX_SECONDS) * NANOSECONDS), one)
+            StampedDetections(one, stamp - round(min(one.age, _MAX_SECONDS) * NANOSECONDS))
             for one in batches
         ]
         if not isinstance(covered_shares, Mapping | None):

@@ -16,14 +16,18 @@ tracking: exact solution", whose update of a Kalman filter needs no reprocessing
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import DUPLICATE_ABOVE, Detection, Detections
+from pf_tracker_ros.targets.detections import (
+    DUPLICATE_ABOVE,
+    Detection,
+    Detections,
+    StampedDetections,
+)
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry
 from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.tracks import Track, TrackSet
@@ -41,13 +45,6 @@ _FIRST_TOLERANCE = NANOSECONDS // 50
 DetectionFilter = Callable[[Detections, Frame], tuple[tuple[Detection, ...] | None, list[str]]]
 
 
-class StampedDetections(NamedTuple):
-    """Detections in the frame of a stamp, nanoseconds; 0 for the current frame."""
-
-    stamp: int
-    detections: Detections
-
-
 def insert_late(
     buffer: FrameBuffer,
     late: Sequence[StampedDetections],
@@ -62,7 +59,7 @@ def insert_late(
     """
     entries: list[HistoryEntry] = []
     rejected: list[str] = []
-    for stamp, detections in sorted(late, key=lambda one: one.stamp):
+    for detections, stamp in sorted(late, key=lambda one: one.stamp):
         since = entries_since(buffer, stamp) if now - stamp <= _MAX_AGE else []
         if not since:
             oldest = max(buffer.first.stamp, now - _MAX_AGE) if len(buffer) else now

@@ -12,8 +12,7 @@ from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import Detections
-from pf_tracker_ros.targets.out_of_sequence import StampedDetections
+from pf_tracker_ros.targets.detections import Detections, StampedDetections
 from pf_tracker_ros.tracking.frame_clock import is_due
 from pf_tracker_ros.tracking.scaling import same_aspect_ratio, scaled_box, size_of
 
@@ -60,7 +59,7 @@ class DetectionQueue:
 
     def add(self, detections: Detections, stamp: int) -> None:
         """Queue the detections of the frame of a stamp, 0 for the next; their age is ignored."""
-        self._waiting.append(StampedDetections(stamp, detections))
+        self._waiting.append(StampedDetections(detections, stamp))
         if len(self._waiting) > MAX_QUEUED_DETECTIONS:
             del self._waiting[0]
             self._dropped += 1

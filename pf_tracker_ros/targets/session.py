@@ -373,7 +373,8 @@ class Session:
             self._refused.append(_DRAWN_BEFORE_JUMP)
         if policy == "keep":
             self._detection_queue.clear()
-            self._manager.clear_history()
+            # Its frames accept no detections.
+            self._manager.frames.clear()
         else:
             manual = self._manual if policy == "restart" else {}
             if self._manager.max_targets == 1:

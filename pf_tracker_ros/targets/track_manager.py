@@ -19,10 +19,15 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.parameters import ParameterError, flatten
 from pf_tracker_ros.plurals import counted
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import Detection, Detections, describe_detections, usable
+from pf_tracker_ros.targets.detections import (
+    Detection,
+    Detections,
+    StampedDetections,
+    describe_detections,
+    usable,
+)
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry, thinned
 from pf_tracker_ros.targets.out_of_sequence import (
-    StampedDetections,
     insert_late,
     merge_detections,
     replay_track,
@@ -86,6 +91,8 @@ class TrackManager:
     A copy or pickle has the targets but no buffered frames.
 
     Attributes:
+        seed: As given.
+        frames: The frames that manual targets and late detections may refer to.
         rejected_detections: Why detections of the last update were rejected.
 
     Args:
@@ -99,10 +106,10 @@ class TrackManager:
 
     def __init__(self, parameters: TrackerParameters, seed: int = 0) -> None:
         self._parameters = parameters
-        self._seed = check_seed(seed)
+        self.seed = check_seed(seed)
         with default_numpy_errors():
             self._target_filter = TargetFilter(parameters)
-        self._pipeline = TrackingPipeline(self._target_filter, parameters, self._seed)
+        self._pipeline = TrackingPipeline(self._target_filter, parameters, self.seed)
         self._front_end = self._new_front_end()
         self._track_set = TrackSet()
         self.frames = FrameBuffer()
@@ -124,11 +131,6 @@ class TrackManager:
     def parameters(self) -> dict[str, Any]:
         """Full parameter name to the value in force."""
         return flatten(self._parameters)
-
-    @property
-    def seed(self) -> int:
-        """Seed of all randomness."""
-        return self._seed
 
     @property
     def max_targets(self) -> int:
@@ -194,12 +196,14 @@ class TrackManager:
         with default_numpy_errors():
             track_set, entries = self._adapted(other)
         self.frames.replace_all(entries)
-        if other._target_filter.needs_foreground != self._target_filter.needs_foreground:
-            self._front_end.reset_background()
-        self._track_set, self._seed = track_set, other._seed
+        self._track_set, self.seed = track_set, other.seed
         self._parameters, self._target_filter = other._parameters, other._target_filter
         self._pipeline = other._pipeline
-        self._front_end.configure(multi_target=self.max_targets > 1)
+        self._front_end.configure(
+            multi_target=self.max_targets > 1,
+            needs_foreground=self._target_filter.needs_foreground,
+            follow_light=self._parameters.follow_light,
+        )
 
     def _adapted(self, other: TrackManager) -> tuple[TrackSet, Sequence[HistoryEntry]]:
         """The tracks, and the history to keep, for the parameters of another manager."""
@@ -270,9 +274,7 @@ class TrackManager:
         with default_numpy_errors():
             reported = self._track_ids.reported(self._track_set.tracks)
             before = self._track_set
-            self._prepare(
-                self._front_end, frame, interval, before.boxes, is_tracked=before.is_tracked
-            )
+            self._front_end.prepare(frame, interval, before.boxes, is_tracked=before.is_tracked)
             current = [one for one in detections if _is_current(one.stamp, frame.stamp, interval)]
             late = [one for one in detections if one not in current]
             entries, rejected = (
@@ -321,24 +323,6 @@ class TrackManager:
             and not self._track_set.has_detector
         )
 
-    def _prepare(
-        self,
-        front_end: ImageFrontEnd,
-        frame: Frame,
-        interval: float,
-        boxes: Sequence[Box],
-        *,
-        is_tracked: bool = False,
-    ) -> None:
-        front_end.prepare(
-            frame,
-            interval,
-            boxes,
-            self._target_filter.needs_foreground,
-            self._parameters.follow_light,
-            is_tracked=is_tracked,
-        )
-
     def _describe(
         self, detections: Detections, frame: Frame
     ) -> tuple[tuple[Detection, ...] | None, list[str]]:
@@ -355,7 +339,14 @@ class TrackManager:
 
     def _new_front_end(self, frame: Frame | None = None) -> ImageFrontEnd:
         several = self.max_targets > 1
-        return ImageFrontEnd(self._seed, frame, removes_ghosts=several, estimates_motion=several)
+        return ImageFrontEnd(
+            self.seed,
+            frame,
+            needs_foreground=self._target_filter.needs_foreground,
+            follow_light=self._parameters.follow_light,
+            removes_ghosts=several,
+            estimates_motion=several,
+        )
 
     def resize(self, frame: Frame) -> bool:
         """Continue with images of another size, before its first frame is passed to `update`.
@@ -376,7 +367,7 @@ class TrackManager:
         if any(min(box[2:]) < 1.0 for box in boxes):
             return False
         with default_numpy_errors():
-            self._prepare(front_end, scaled, 0.0, boxes)
+            front_end.prepare(scaled, 0.0, boxes)
             track_set, last_seen = resized(
                 self._track_set, self._last_seen, self._target_filter, last, scaled
             )
@@ -384,10 +375,6 @@ class TrackManager:
         self._front_end, self._track_set, self._last_seen = front_end, track_set, last_seen
         self.frames.clear()
         return True
-
-    def clear_history(self) -> None:
-        """Clear the frame buffer, as after a jump of time: its frames accept no detections."""
-        self.frames.clear()
 
     # Targets
 
@@ -425,7 +412,7 @@ class TrackManager:
             with default_numpy_errors():
                 return self._start_single(frame, box, label, ())
         with default_numpy_errors():
-            self._prepare(self._front_end, frame, 0.0, [box])
+            self._front_end.prepare(frame, 0.0, [box])
             self._front_end.commit(frame)
             self.frames.add(HistoryEntry(frame, 0.0, self._track_set))
             self._track_set = self._pipeline.advance(self._track_set, frame, 0.0, None)
@@ -480,10 +467,10 @@ class TrackManager:
     ) -> StartedTarget:
         """Start the single target; front end and random generator restart with its frame."""
         front_end, pipeline = self._new_front_end(), self._pipeline
-        self._prepare(front_end, frame, 0.0, [box])
+        front_end.prepare(frame, 0.0, [box])
         at_start = entries[1].tracks_before if len(entries) > 1 else self._track_set
         key = self._track_ids.next_manual_key(at_start.frame)
-        generator = np.random.default_rng(np.random.SeedSequence(self._seed))
+        generator = np.random.default_rng(np.random.SeedSequence(self.seed))
         track = pipeline.initiator.initiate_manual(frame, box, key, label, generator)
         track_set = replace(at_start, tracks=(track,), ended_tracks=())
         last_seen = {key: LastSeen(frame, box)}
@@ -496,8 +483,9 @@ class TrackManager:
         for entry in entries[1:]:
             front_end.commit(frame)
             frame = entry.frame
-            is_tracked = track_set.is_tracked
-            self._prepare(front_end, frame, entry.interval, track_set.boxes, is_tracked=is_tracked)
+            front_end.prepare(
+                frame, entry.interval, track_set.boxes, is_tracked=track_set.is_tracked
+            )
             revised.append(HistoryEntry(frame, entry.interval, track_set, entry.detections))
             track_set = pipeline.advance(track_set, frame, entry.interval, entry.detections)
             last_seen = last_seen_after(frame, track_set, last_seen)

@@ -417,72 +417,60 @@ def _replacement_key(stopped: Track, others: Sequence[Track]) -> TrackKey:
 _MAX_IDS = 10_000
 
 
-class TrackIds:
+class TrackIds(dict[TrackKey, int]):
     """Maps the keys of tracks to their ids."""
 
     def __init__(self) -> None:
-        self._ids: dict[TrackKey, int] = {}
+        super().__init__()
         self._last = 0
-
-    def __contains__(self, key: TrackKey) -> bool:
-        return key in self._ids
-
-    def __getitem__(self, key: TrackKey) -> int:
-        return self._ids[key]
-
-    def get(self, key: TrackKey) -> int | None:
-        """The id of a track; None before it has one."""
-        return self._ids.get(key)
 
     def assign_id(self, track: Track) -> int:
         """The id of a track, a new one where it has none."""
-        if track.key not in self._ids:
+        if track.key not in self:
             self._last += 1
-            self._ids[track.key] = self._last
-        return self._ids[track.key]
+            self[track.key] = self._last
+        return self[track.key]
 
     def reported(self, tracks: Sequence[Track]) -> dict[int, Track]:
         """Id to track, of the reported tracks."""
         return {
-            self._ids[track.key]: track
-            for track in tracks
-            if track.is_reported and track.key in self
+            self[track.key]: track for track in tracks if track.is_reported and track.key in self
         }
 
     def next_manual_key(self, frame: int) -> TrackKey:
         """An unused key for a manual target in a frame."""
-        numbers = (key.number for key in self._ids if key.frame == frame)
+        numbers = (key.number for key in self if key.frame == frame)
         # Not their count: `transfer_id` removes keys.
         return TrackKey(frame, min(0, min(numbers, default=0)) - 1)
 
     def transfer_id(self, before: Sequence[TrackKey], now: TrackKey) -> None:
         """Give a track the first id of the tracks that it replaces; the other ids end."""
-        ids = [id for key in before if (id := self._ids.pop(key, None)) is not None]
+        ids = [id for key in before if (id := self.pop(key, None)) is not None]
         if ids:
-            self._ids[now] = ids[0]
+            self[now] = ids[0]
 
     def inherit_ids(self, reported: Mapping[int, Track], track_set: TrackSet) -> None:
         """After reprocessing, give tracks the ids of those reported before that they replace."""
         present = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
         lost = [(id, track) for id, track in reported.items() if track.key not in present]
         for track in track_set.tracks:
-            if not lost or not track.is_reported or track.key in self._ids:
+            if not lost or not track.is_reported or track.key in self:
                 continue
             overlaps = pairwise_iou(track.box[None], np.array([one.box for _, one in lost]))[0]
             best = int(overlaps.argmax())
             if overlaps[best] > SAME_OBJECT_ABOVE:
                 id, before = lost.pop(best)
                 # The next reprocessing may bring the old key back, as another target.
-                del self._ids[before.key]
-                self._ids[track.key] = id
+                del self[before.key]
+                self[track.key] = id
 
     def prune(self, track_set: TrackSet, oldest: int) -> None:
         """Remove the ids of tracks that no reprocessing since frame number `oldest` brings back."""
-        if len(self._ids) > _MAX_IDS:
+        if len(self) > _MAX_IDS:
             present = {track.key for track in (*track_set.tracks, *track_set.ended_tracks)}
-            self._ids = {
-                key: id for key, id in self._ids.items() if key in present or key.frame >= oldest
-            }
+            gone = [key for key in self if key not in present and key.frame < oldest]
+            for key in gone:
+                del self[key]
 
 
 class LastSeen(NamedTuple):

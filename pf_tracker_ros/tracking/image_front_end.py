@@ -36,6 +36,8 @@ class ImageFrontEnd:
     Args:
         seed: Seed of the background model.
         frame: Last frame so far, not prepared yet; None without one.
+        needs_foreground: Whether a cue reads the foreground.
+        follow_light: See `TrackerParameters`.
         removes_ghosts: See `BackgroundModel`.
         estimates_motion: Whether to estimate the camera's motion.
 
@@ -48,10 +50,13 @@ class ImageFrontEnd:
         seed: int,
         frame: Frame | None = None,
         *,
-        removes_ghosts: bool = False,
+        needs_foreground: bool,
+        follow_light: bool = False,
+        removes_ghosts: bool,
         estimates_motion: bool = False,
     ) -> None:
         self._seed = seed
+        self._needs_foreground, self._follow_light = needs_foreground, follow_light
         self._removes_ghosts = removes_ghosts
         self._ego_motion = EgoMotion() if estimates_motion else None
         self._gain = GainControl()
@@ -62,10 +67,12 @@ class ImageFrontEnd:
         self.frame = frame
         self._format = _format_of(frame) if frame else None
 
-    def configure(self, *, multi_target: bool) -> None:
+    def configure(self, *, multi_target: bool, needs_foreground: bool, follow_light: bool) -> None:
         """Enable ego-motion for several targets, and ghost removal in the next background model."""
         self._ego_motion = (self._ego_motion or EgoMotion()) if multi_target else None
-        self._removes_ghosts = multi_target
+        self._removes_ghosts, self._follow_light = multi_target, follow_light
+        if needs_foreground != self._needs_foreground:
+            self._needs_foreground, self._background = needs_foreground, None
 
     def accepts_image(self, image: NDArray[np.generic]) -> bool:
         """Whether an image has the size and type of the last one; True before the first."""
@@ -77,14 +84,7 @@ class ImageFrontEnd:
         return " ".join(map(str, self._format or ()))
 
     def prepare(
-        self,
-        frame: Frame,
-        interval: float,
-        boxes: Sequence[Box],
-        needs_foreground: bool,
-        follow_light: bool,
-        *,
-        is_tracked: bool = False,
+        self, frame: Frame, interval: float, boxes: Sequence[Box], *, is_tracked: bool = False
     ) -> None:
         """Prepare the next frame, of accepted size and type, which `commit` makes the last one.
 
@@ -93,15 +93,15 @@ class ImageFrontEnd:
         """
         self._next_gain = self._gain.update(frame.image, interval)
         self._next_illumination = UNCHANGED_ILLUMINATION
-        if follow_light:
+        if self._follow_light:
             learning = interval if is_tracked else 0.0
             self._next_illumination = self._illumination.update(frame.image, learning)
         frame.expose(self._next_gain.span, self._next_illumination)
         frame.odds_factor = self._continuity.update(frame.image, interval)
         if self._ego_motion:
             frame.camera_motion = self._ego_motion.update(frame)
-        if needs_foreground:
-            self.update_background(frame, boxes)
+        if self._needs_foreground:
+            self._update_background(frame, boxes)
 
     def commit(self, frame: Frame) -> None:
         """Make a prepared frame the last one."""
@@ -109,12 +109,8 @@ class ImageFrontEnd:
             self.frame, self._format = frame, _format_of(frame)
             self._gain, self._illumination = self._next_gain, self._next_illumination
 
-    def reset_background(self) -> None:
-        """Delete the background model; the next update starts a new one."""
-        self._background = None
-
-    def update_background(self, frame: Frame, boxes: Sequence[Box]) -> None:
-        """Set the frame's foreground and learn its background; arguments as of `prepare`."""
+    def _update_background(self, frame: Frame, boxes: Sequence[Box]) -> None:
+        """Set the frame's foreground and learn its background."""
         if self._background is None:
             seeds = np.random.SeedSequence(self._seed, spawn_key=(_BACKGROUND_KEY,))
             draw = np.random.default_rng(seeds)

@@ -8,6 +8,7 @@ a `FilterState` and returns another one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import cast
@@ -125,7 +126,8 @@ class StateOperations:
             min(time_since_seen, self._lost_after),
             hidden_for=state.status.hidden_for,
         )
-        confidence = self._decayed_confidence(state, interval)
+        halvings = interval / self._lost_after if self._lost_after else math.inf
+        confidence = state.confidence * 0.5**halvings
         assessment = Assessment(box, confidence, status, particles, boxes)
         covariance = particle_covariance(particles, boxes)
         return replace(
@@ -146,11 +148,6 @@ class StateOperations:
             place_factor=1.0,
             growth=0.0,
         )
-
-    def _decayed_confidence(self, state: FilterState, interval: float) -> float:
-        if self._lost_after == 0.0:
-            return 0.0
-        return state.confidence * 0.5 ** (interval / self._lost_after)
 
     def move_to(self, state: FilterState, box: Box) -> FilterState:
         """The state with particles and estimate moved to another box of its frame.

@@ -20,7 +20,14 @@ from pf_tracker_ros.frames import Frame, Region
 
 BOX = np.array([140.0, 100.0, 40.0, 32.0])
 CUE = CorrelationResponse(CorrelationResponseParameters())
-ONE_SIZE = CorrelationResponse(CorrelationResponseParameters(), size_span=1.0)
+
+
+def cue_with(**settings):
+    """The cue with other values of its class attributes."""
+    return type("Cue", (CorrelationResponse,), settings)(CorrelationResponseParameters())
+
+
+ONE_SIZE = cue_with(size_span=1.0)
 
 
 def texture(seed, height, width):
@@ -132,7 +139,7 @@ def zoomed(growth):
 
 @pytest.mark.parametrize("growth", [1.02, 1 / 1.02])
 def test_a_target_that_grew_or_shrank_has_the_largest_response_in_its_new_size(growth):
-    cue = CorrelationResponse(CorrelationResponseParameters(), size_span=1.04)
+    cue = cue_with(size_span=1.04)
     template = cue.learn(region_of(frame()), BOX)
     boxes = np.array([sized(factor) for factor in (1 / growth, 1.0, growth)])
     responses = cue.response(region_of(zoomed(growth), BOX), boxes, template)
@@ -144,7 +151,7 @@ def test_a_target_of_the_same_size_has_equal_responses_in_a_smaller_and_a_larger
 
     With the bias of this texture; that of footage differs by its own.
     """
-    cue = CorrelationResponse(CorrelationResponseParameters(), size_bias=0.002)
+    cue = cue_with(size_bias=0.002)
     boxes = np.array([sized(1 / 1.02), sized(1.02)])
     differences = {
         growth: np.diff(cue.response(region_of(zoomed(growth)), boxes, template))[0]
@@ -308,9 +315,7 @@ def test_then_only_every_third_blend_trains(template):
 def test_more_memory_adapts_slower(template):
     changes = []
     for memory in (0.0, 10.0, 300.0, 10000.0):
-        cue = CorrelationResponse(
-            CorrelationResponseParameters(), memory=memory, training_interval=1, settling_frames=1
-        )
+        cue = cue_with(memory=memory, training_interval=1, settling_frames=1)
         trained = cue.blend(template, cue.observe(region_of(frame(seed=1)), BOX))
         changes.append(np.abs(trained.filter - template.filter).mean())
     assert changes == sorted(changes, reverse=True)
@@ -327,7 +332,7 @@ def test_the_template_of_an_observation_equals_the_learned_one(template):
 
 def test_templates_do_not_depend_on_an_image_buffer_overwritten_later(template):
     buffer = frame()
-    cue = CorrelationResponse(CorrelationResponseParameters(), training_interval=1)
+    cue = cue_with(training_interval=1)
     learned = replace(cue.learn(region_of(buffer), BOX), frames=25)
     untrained = CUE.blend(learned, CUE.observe(region_of(buffer), BOX))
     trained = cue.blend(learned, cue.observe(region_of(buffer), BOX))
@@ -342,7 +347,7 @@ def test_templates_do_not_depend_on_an_image_buffer_overwritten_later(template):
 
 @pytest.mark.parametrize("cells", [24, 32])
 def test_the_window_has_the_given_number_of_cells(cells):
-    cue = CorrelationResponse(CorrelationResponseParameters(), cells=cells)
+    cue = cue_with(cells=cells)
     learned = cue.learn(region_of(frame()), BOX)
     assert learned.filter.shape == (16, cells, cells // 2 + 1)
     boxes, offsets = boxes_around(BOX, 8)

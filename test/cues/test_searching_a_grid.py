@@ -16,7 +16,9 @@ BOX = np.array([60.0, 40.0, 30.0, 20.0])
 CUES = {
     "contrast": ColorContrast(ColorContrastParameters()),
     "response": CorrelationResponse(CorrelationResponseParameters()),
-    "response in one size": CorrelationResponse(CorrelationResponseParameters(), size_span=1.0),
+    "response in one size": type("OneSize", (CorrelationResponse,), {"size_span": 1.0})(
+        CorrelationResponseParameters()
+    ),
 }
 
 
