@@ -38,12 +38,7 @@ class ColorContrastParameters(CueParameters):
 
 @dataclass(frozen=True, eq=False)
 class ContrastTemplate:
-    """The colors of the target and of its surroundings.
-
-    Attributes:
-        inside: (levels^3,) share of each color in the box.
-        ring: (levels^3,) share of each color in the ring around it.
-    """
+    """(levels^3,) share of each color in the box of the target, and in the ring around it."""
 
     inside: NDArray[np.float32]
     ring: NDArray[np.float32]

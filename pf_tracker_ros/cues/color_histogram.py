@@ -206,14 +206,7 @@ class ForegroundColorHistogram(ColorHistogram):
 
 @dataclass(frozen=True, eq=False)
 class _Windows:
-    """Samples of boxes of one size: all their pixels.
-
-    Attributes:
-        left: (N,) first columns.
-        top: (N,) first rows.
-        columns: Columns of a box.
-        rows: Rows of a box.
-    """
+    """Samples of boxes of one size: all their pixels, from (N,) first columns and rows."""
 
     left: NDArray[np.intp]
     top: NDArray[np.intp]
@@ -236,12 +229,9 @@ class _Windows:
 
 @dataclass(frozen=True, eq=False)
 class _Grids:
-    """Samples of boxes of several sizes: a grid in each, one cell per pixel of the mean box.
+    """Samples of (N, 4) boxes of several sizes, region pixels: a grid in each.
 
-    Attributes:
-        region_boxes: (N, 4) boxes in region pixels.
-        columns: Columns of the grid.
-        rows: Rows of the grid.
+    A grid has one cell per pixel of the mean box.
     """
 
     region_boxes: NDArray[np.float64]

@@ -113,25 +113,14 @@ class CorrelationTemplate:
 
 
 class DeferredObservation(NamedTuple):
-    """Region and box of an observation, whose features are computed only when needed.
-
-    Attributes:
-        region: Region of the frame.
-        box: (4,) x, y, width, height in pixels.
-    """
+    """Region and (4,) box, pixels, of an observation whose features are computed when needed."""
 
     region: Region
     box: NDArray[np.float64]
 
 
 class Patch(NamedTuple):
-    """A square part of a frame.
-
-    Attributes:
-        frame: The frame.
-        center: (2,) center, image pixels.
-        side: Side, image pixels.
-    """
+    """A square part of a frame, with a (2,) center and a side in image pixels."""
 
     frame: Frame
     center: NDArray[np.float64]

@@ -34,11 +34,8 @@ _THINNED_SHARE = 0.55
 class ReducedFrame:
     """A frame that is stored in reduced resolution.
 
-    Attributes:
-        pixels: The reduced image.
-        shape: Of the original image.
-        reduction: Factor by which each side is reduced, a power of 2.
-        frame_info: The frame without its image, see `Frame.with_image`.
+    Each side of the image of the given shape is reduced by a power of 2. `frame_info` is the frame
+    without its image, see `Frame.with_image`.
     """
 
     pixels: NDArray[Any]

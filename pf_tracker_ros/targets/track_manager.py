@@ -71,12 +71,7 @@ class FrameNotBufferedError(ValueError):
 
 
 class StartedTarget(NamedTuple):
-    """A manual target that has started.
-
-    Attributes:
-        id: Unique, never reused.
-        caught_up: Number of frames since the one that it was drawn on.
-    """
+    """A manual target that has started: its id, and the number of frames since its own."""
 
     id: int
     caught_up: int = 0

@@ -72,10 +72,8 @@ class TrackKey(NamedTuple):
 class DistractorCandidate(NamedTuple):
     """An object beside a target that looks like it, before it gets a track of its own.
 
-    Attributes:
-        box: (4,) in the last frame, pixels.
-        box_filter: Of its box.
-        seconds: From the first to the last of the consecutive frames that showed it.
+    The (4,) box is in the last frame, pixels. The seconds are those from the first to the last of
+    the consecutive frames that showed it.
     """
 
     box: NDArray[np.float64]
@@ -474,12 +472,7 @@ class TrackIds(dict[TrackKey, int]):
 
 
 class LastSeen(NamedTuple):
-    """Where a target was last tracked: neither occluded nor lost.
-
-    Attributes:
-        frame: The last such frame.
-        box: Of the target in it, pixels.
-    """
+    """The last frame in which a target was tracked, neither occluded nor lost, and its box."""
 
     frame: Frame
     box: Box

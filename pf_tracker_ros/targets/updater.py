@@ -66,11 +66,8 @@ _MIN_VISIBLE = 0.4
 class _Scene(NamedTuple):
     """What all tracks of a frame share.
 
-    Attributes:
-        frame: The frame.
-        interval: Seconds since the last one.
-        is_silent: Whether there were no detections for so long that the image tells the sizes.
-        is_challenged: See `TrackAssessor.assess`.
+    A detector is silent if there were no detections for so long that the image tells the sizes. See
+    `TrackAssessor.assess` for the challenge.
     """
 
     frame: Frame

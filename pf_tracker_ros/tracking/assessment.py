@@ -65,12 +65,7 @@ def log_odds(confidence: ArrayLike) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class ConfidenceCalibration:
-    """Scale and offset of the log odds.
-
-    Attributes:
-        scale: Scale, 0.01 to 20.
-        offset: Offset, -20 to 20.
-    """
+    """Scale, 0.01 to 20, and offset, -20 to 20, of the log odds."""
 
     scale: float = 1.0
     offset: float = 0.0

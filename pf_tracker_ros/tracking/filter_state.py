@@ -94,10 +94,7 @@ _CERTAIN_ABOVE, _DOUBTFUL_BELOW = 0.85, 0.45
 class SavedTemplates:
     """Templates from before a jump of the illumination, to be restored if it was a flash.
 
-    Attributes:
-        templates: Templates before the jump.
-        change: Brightness after the jump over that before.
-        age: Seconds since the jump.
+    The change is the brightness after the jump over that before, the age the seconds since.
     """
 
     templates: Templates

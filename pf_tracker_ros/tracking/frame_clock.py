@@ -58,12 +58,9 @@ def is_due(stamp: int, frame_stamp: int) -> bool:
 
 
 class _Jump(NamedTuple):
-    """A jump of time.
+    """A jump of time: stamps of the last frame before it and of the first one after it.
 
-    Attributes:
-        last: Stamp of the last frame before.
-        first: Stamp of the first frame after.
-        ahead: Nanoseconds by which a detector may be ahead of the images.
+    A detector may be ahead of the images by so many nanoseconds.
     """
 
     last: int

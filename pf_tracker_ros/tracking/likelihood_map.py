@@ -27,12 +27,7 @@ LogLikelihoods = Callable[[NDArray[np.float64]], Mapping[str, NDArray[np.float64
 
 
 class CueLikelihood(NamedTuple):
-    """One cue's log likelihood of two boxes, at most 0.
-
-    Attributes:
-        at_target: Of the target's box.
-        at_second_peak: Of the second peak's box.
-    """
+    """One cue's log likelihoods, at most 0, of the boxes of the target and of the second peak."""
 
     at_target: float
     at_second_peak: float

@@ -54,15 +54,8 @@ _GROWTH_GAIN = 0.25
 class FramePrediction(NamedTuple):
     """A target predicted into a frame whose pixels have not been read yet.
 
-    Attributes:
-        filter_state: State after the last frame.
-        frame: The next frame.
-        interval: Seconds between them.
-        prediction: Particles predicted for the next frame.
-        generator: Source of random numbers for this frame.
-        boxes: (N, 4) of the particles, pixels.
-        region: Region of the frame that the cues read.
-        search: Grid around the prediction; None without a search.
+    The state is that after the last frame. The (N, 4) boxes, pixels, are those of the predicted
+    particles; the cues read the region. There is a search if a cue can search.
     """
 
     filter_state: FilterState

@@ -30,12 +30,9 @@ from pf_tracker_ros.values import replace
 
 
 class Prediction(NamedTuple):
-    """Predicted particles.
+    """Particles with weights times p / q, after an interval of at most `LONGEST_PREDICTION`.
 
-    Attributes:
-        particles: Particles with weights times p / q.
-        interval: Seconds since the last frame, at most `LONGEST_PREDICTION`.
-        kalman_filter: Predicted Kalman filter; None with another proposal.
+    The Kalman filter is None with another proposal.
     """
 
     particles: ParticleSet

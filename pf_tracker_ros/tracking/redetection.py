@@ -120,12 +120,7 @@ def _stride(total: int) -> int:
 
 
 class Candidate(NamedTuple):
-    """The likeliest box of a window.
-
-    Attributes:
-        box: (4,) x, y, width, height in pixels.
-        confidence: Probability that it is the target, 0 to 1.
-    """
+    """The likeliest (4,) box of a window, pixels, and the probability that it is the target."""
 
     box: NDArray[np.float64]
     confidence: float
