@@ -95,7 +95,8 @@ class BackgroundModel:
         reduction: int = 2,
         removes_ghosts: bool = False,
     ) -> None:
-        self.reduction = max(reduction, _least_reduction(image))
+        least = math.ceil(math.sqrt(image.shape[0] * image.shape[1] / _MAX_PIXELS))
+        self.reduction = max(reduction, least)
         self._removes_ghosts = removes_ghosts
         self._generator = generator
         self._initialize(self._planes(image), foreground_boxes)
@@ -135,9 +136,10 @@ class BackgroundModel:
         return foreground
 
     def _initialize(self, planes: NDArray[np.uint8], foreground_boxes: Sequence[Box]) -> None:
-        self._model = self._initial_model(
-            self._inpainted(planes, foreground_boxes) if foreground_boxes else planes
-        )
+        if foreground_boxes:
+            planes = self._inpainted(planes, foreground_boxes)
+        samples = self._neighborhood_samples(planes, np.arange(planes[0].size))
+        self._model = samples.reshape(-1, *planes.shape)
         self._age = 0
         self._changed_for = 0
 
@@ -238,18 +240,13 @@ class BackgroundModel:
             mask[top:bottom, left:right] = 255
         return np.stack([cv2.inpaint(plane, mask, 3, cv2.INPAINT_TELEA) for plane in planes])
 
-    def _initial_model(self, planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """(N, channels, h, w) samples from one frame.
-
-        Source: Zhang Bo, equation (1) and step 1; Barnich, Van Droogenbroeck 2011, section III-B.
-        """
-        samples = self._neighborhood_samples(planes, np.arange(planes[0].size))
-        return samples.reshape(-1, *planes.shape)
-
     def _neighborhood_samples(
         self, planes: NDArray[np.uint8], pixels: NDArray[np.intp]
     ) -> NDArray[np.uint8]:
-        """(N, channels, P) values drawn from the 3 x 3 neighborhoods of P pixels."""
+        """(N, channels, P) values drawn from the 3 x 3 neighborhoods of P pixels.
+
+        Source: Zhang Bo, equation (1) and step 1; Barnich, Van Droogenbroeck 2011, section III-B.
+        """
         padded = np.stack([cv2.copyMakeBorder(p, 1, 1, 1, 1, cv2.BORDER_REPLICATE) for p in planes])
         rows, columns = np.divmod(pixels, planes.shape[2])
         corners = rows * padded.shape[2] + columns
@@ -264,7 +261,3 @@ class BackgroundModel:
 def _gray(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """(h, w) brightness, approximated by the middle channel, green."""
     return planes[len(planes) // 2]
-
-
-def _least_reduction(image: NDArray[np.uint8]) -> int:
-    return math.ceil(math.sqrt(image.shape[0] * image.shape[1] / _MAX_PIXELS))

@@ -14,11 +14,10 @@ object tracking using adaptive correlation filters", section 3.5 (the peak-to-si
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +41,6 @@ from pf_tracker_ros.cues.features import FEATURES
 from pf_tracker_ros.frames import Frame, Region
 from pf_tracker_ros.frames.region import read_window
 from pf_tracker_ros.parameters import declared, parts
-
-Value = TypeVar("Value", bound=np.generic)
 
 # Cells of the windows processed at once, limited by the processor's cache.
 _CELLS_AT_ONCE = 2400
@@ -201,7 +198,7 @@ class CorrelationResponse(SearchableCue):
         spectra = np.concatenate([one.spectra for one in windows])
         maps = response(np.repeat(filters, counts, axis=0), spectra, _REFINEMENT * self.cells)
         for one, its_windows, its_maps in zip(
-            predicted_targets, windows, _split(maps, counts), strict=True
+            predicted_targets, windows, np.split(maps, np.cumsum(counts)[:-1]), strict=True
         ):
             one.region.store((self, colored), its_windows)
             one.region.store(_key(one.template), self._maps_of(its_maps, its_windows))
@@ -380,12 +377,6 @@ class CorrelationResponse(SearchableCue):
 def _key(template: CorrelationTemplate) -> object:
     """Key of the response maps in a region's cache."""
     return "correlation responses", template
-
-
-def _split(values: NDArray[Value], counts: Iterable[int]) -> list[NDArray[Value]]:
-    """Consecutive parts of the given lengths."""
-    ends = [*itertools.accumulate(counts)]
-    return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
 
 
 def _relative(

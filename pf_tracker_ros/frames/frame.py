@@ -212,10 +212,6 @@ class Frame:
             self._cache[key] = compute()
         return self._cache[key]  # type: ignore[return-value]
 
-    def store(self, key: object, value: object) -> None:
-        """Store a map that was computed elsewhere; `cached` then returns it."""
-        self._cache[key] = value
-
     def clear_cache(self) -> None:
         """Free the memory of views and maps; they are computed again on use."""
         self._views: dict[int, TiledImage] = {}

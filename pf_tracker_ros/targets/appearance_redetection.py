@@ -17,7 +17,7 @@ from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import are_same_place, as_box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
-from pf_tracker_ros.targets.tracks import NO_DETECTOR_AFTER, Track, TrackSet
+from pf_tracker_ros.targets.tracks import NO_DETECTOR_AFTER, Track, TrackSet, boxes_of
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 from pf_tracker_ros.values import replace
 
@@ -45,22 +45,18 @@ class AppearanceRedetector:
         lost = [track for track in track_set.tracks if _is_due(track)]
         if not lost or track_set.time_since_detection < NO_DETECTOR_AFTER:
             return track_set
-        others = [
-            track.box for track in track_set.tracks if track.filter_state.estimate.state != "lost"
-        ]
-        excluded = np.array(others).reshape(-1, 4)
+        excluded = boxes_of(
+            track for track in track_set.tracks if track.filter_state.estimate.state != "lost"
+        )
         found: dict[Track, NDArray[np.float64]] = {}
         for track in lost:
             box = self._find_box(track, frame, excluded)
             if box is not None:
                 found[track] = box
                 excluded = np.vstack([excluded, box])
-        return replace(
-            track_set,
-            tracks=tuple(
-                self._move_to(track, found[track]) if track in found else track
-                for track in track_set.tracks
-            ),
+        return track_set.with_tracks(
+            self._move_to(track, found[track]) if track in found else track
+            for track in track_set.tracks
         )
 
     def _find_box(

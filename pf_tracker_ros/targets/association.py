@@ -31,7 +31,7 @@ from pf_tracker_ros.appearances import Appearance
 from pf_tracker_ros.boxes import pairwise_coverage
 from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.tracks import Track, TrackSet
+from pf_tracker_ros.targets.tracks import Track, TrackSet, boxes_of
 from pf_tracker_ros.values import replace
 
 
@@ -261,8 +261,8 @@ def _is_candidate(track: Track, tracks: Sequence[Track]) -> bool:
     if track.unconfirmed_for > 0.0 or track.is_held or not track.hits:
         return False
     known = (one for one in tracks if one is not track and one.is_reported and not one.is_missing)
-    others = [one.box for one in known if one.filter_state.estimate.state != "lost"]
-    covered = pairwise_coverage(np.array(others).reshape(-1, 4), track.box[None])
+    others = boxes_of(one for one in known if one.filter_state.estimate.state != "lost")
+    covered = pairwise_coverage(others, track.box[None])
     return bool((covered <= _COVERS_ABOVE).all())
 
 

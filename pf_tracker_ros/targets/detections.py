@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -21,6 +20,7 @@ from pf_tracker_ros.appearances import Appearance, Descriptor
 from pf_tracker_ros.boxes import Box, bounding_box_of_rotated, pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.plurals import counted
+from pf_tracker_ros.tracking.input_checks import check_seconds
 
 # Maximum length of a label.
 _MAX_LABEL_LENGTH = 100
@@ -99,11 +99,9 @@ class Detections:
             )
         if len(texts) != count:
             raise ValueError(f"{counted(len(texts), 'label')}; expected {count}, one per box")
-        if not _is_time(age):
-            raise ValueError(f"age is {age!r}; allowed: a finite number of seconds from 0 up")
         all_boxes.setflags(write=False)
         all_scores.setflags(write=False)
-        values = (all_boxes, all_scores, texts, float(age))
+        values = (all_boxes, all_scores, texts, check_seconds(age, "age"))
         for name, value in zip(("boxes", "scores", "labels", "age"), values, strict=True):
             object.__setattr__(self, name, value)
 
@@ -117,15 +115,6 @@ class Detections:
         numbers = [number for number, label in enumerate(self.labels) if label in labels]
         texts = [self.labels[number] for number in numbers]
         return Detections(self.boxes[numbers], self.scores[numbers], texts, self.age)
-
-
-def _is_time(age: object) -> bool:
-    if isinstance(age, bool) or not isinstance(age, int | float | np.integer | np.floating):
-        return False
-    try:
-        return 0.0 <= float(age) < math.inf
-    except OverflowError:
-        return False
 
 
 class StampedDetections(NamedTuple):

@@ -30,7 +30,7 @@ from pf_tracker_ros.boxes import (
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.lifecycle import Initiator
-from pf_tracker_ros.targets.tracks import DistractorCandidate, Track, TrackKey, TrackSet
+from pf_tracker_ros.targets.tracks import DistractorCandidate, Track, TrackKey, TrackSet, boxes_of
 from pf_tracker_ros.tracking.state_operations import StateOperations
 from pf_tracker_ros.values import replace
 
@@ -81,8 +81,7 @@ class DistractorManager:
                 continue
             if count >= _MAX_DISTRACTORS:
                 break
-            others = np.array([track.box for track in tracks])
-            is_part = pairwise_iou(candidate.box[None], others).max() > _SEPARATE_BELOW
+            is_part = pairwise_iou(candidate.box[None], boxes_of(tracks)).max() > _SEPARATE_BELOW
             is_cut = is_truncated(candidate.box, frame.size)
             if is_part or is_cut or not _will_cross(target, candidate):
                 continue
@@ -164,5 +163,4 @@ def _continues(distractor: Track, target: Track, others: Sequence[Track]) -> boo
     is_far = relative_center_distances(target.box, distractor.box) >= _FAR
     if distractor.unseen_for > _UNSEEN_FOR or is_far:
         return False
-    boxes = np.array([one.box for one in others]).reshape(-1, 4)
-    return not is_on_any(distractor.box, boxes)
+    return not is_on_any(distractor.box, boxes_of(others))

@@ -86,8 +86,9 @@ class HistoryEntry:
 
     def without(self, keys: Collection[TrackKey]) -> HistoryEntry:
         """The same without some of the tracks before it."""
-        tracks = tuple(track for track in self.tracks_before.tracks if track.key not in keys)
-        return replace(self, tracks_before=replace(self.tracks_before, tracks=tracks))
+        before = self.tracks_before
+        tracks = (track for track in before.tracks if track.key not in keys)
+        return replace(self, tracks_before=before.with_tracks(tracks))
 
     def without_targets(self) -> HistoryEntry:
         """The same without any tracks, detections and manual targets."""
@@ -107,13 +108,6 @@ class HistoryEntry:
     def stamp(self) -> int:
         """Of the frame, nanoseconds."""
         return self._frame_info.stamp
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """(width, height) of the frame, pixels."""
-        stored = self.stored_frame
-        shape = stored.shape if isinstance(stored, ReducedFrame) else stored.image.shape
-        return shape[1], shape[0]
 
     @property
     def has_input(self) -> bool:

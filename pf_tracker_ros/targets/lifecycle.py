@@ -22,7 +22,7 @@ from pf_tracker_ros.filter.particles import GeneratorState
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
-from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
+from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet, boxes_of
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 from pf_tracker_ros.values import replace
 
@@ -88,17 +88,16 @@ class Initiator:
         tracks = list(track_set.tracks)
         # The detection may be a poor one of a track that has none in this frame. One of a missing
         # target is compared with it first (`ReIdentifier`, then `discard_doubtful`).
-        undetected = [
-            track.box
+        undetected = boxes_of(
+            track
             for track in tracks
             if track.unconfirmed_for > 0.0 and not (track.is_distractor or track.is_missing)
-        ]
-        boxes = np.array(undetected).reshape(-1, 4)
+        )
         for number, one in unassigned:
             target = self._target_of_bystander(tracks)
             if target is None and self._room(tracks) <= 0:
                 break
-            if is_on_any(one.box, boxes):
+            if is_on_any(one.box, undetected):
                 continue
             key = TrackKey(track_set.frame, number)
             track = self._new_track(frame, one.box, key, one.descriptor)
@@ -120,14 +119,12 @@ class Initiator:
 
         Each may be a poor detection of that target, which the image may still show.
         """
-        missing = [track.box for track in track_set.tracks if track.is_missing]
-        boxes = np.array(missing).reshape(-1, 4)
-        tracks = (
+        missing = boxes_of(track for track in track_set.tracks if track.is_missing)
+        return track_set.with_tracks(
             track
             for track in track_set.tracks
-            if track.key.frame < track_set.frame or not is_on_any(track.box, boxes)
+            if track.key.frame < track_set.frame or not is_on_any(track.box, missing)
         )
-        return replace(track_set, tracks=tuple(tracks))
 
     def _room(self, tracks: Sequence[Track]) -> int:
         """How many more targets there may be."""
@@ -154,9 +151,7 @@ class Initiator:
         ]
         tracks += started
         surplus = self.surplus_keys(tracks)
-        return replace(
-            track_set, tracks=tuple(track for track in tracks if track.key not in surplus)
-        )
+        return track_set.with_tracks(track for track in tracks if track.key not in surplus)
 
     def surplus_keys(self, tracks: Sequence[Track]) -> set[TrackKey]:
         """Keys of the detected tracks beyond `max_targets`, those of the lowest log odds."""

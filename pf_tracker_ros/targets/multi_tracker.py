@@ -18,11 +18,7 @@ from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 from pf_tracker_ros.tracking.frame_clock import NOMINAL_INTERVAL
 from pf_tracker_ros.tracking.hints import Hint
-from pf_tracker_ros.tracking.input_checks import (
-    check_box,
-    check_interval,
-    check_share,
-)
+from pf_tracker_ros.tracking.input_checks import check_box, check_seconds, check_share
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
 
@@ -217,7 +213,7 @@ class MultiTracker:
         batches = _as_list(detections)
         if batches:
             require_scipy()
-        interval = NOMINAL_INTERVAL if dt is None else check_interval(dt)
+        interval = NOMINAL_INTERVAL if dt is None else check_seconds(dt, "dt")
         stamp = _FIRST_STAMP
         if self._stamp:
             # Stamps always increase, also with `dt` 0.

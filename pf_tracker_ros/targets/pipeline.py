@@ -64,14 +64,11 @@ class TrackingPipeline:
     ) -> TrackSet:
         """The track set after the last frame, with the hints of that frame."""
         operations = self._target_filter.operations
-        return replace(
-            track_set,
-            tracks=tuple(
-                with_hint(track, hints[track.key], image_size, operations)
-                if track.key in hints
-                else track
-                for track in track_set.tracks
-            ),
+        return track_set.with_tracks(
+            with_hint(track, hints[track.key], image_size, operations)
+            if track.key in hints
+            else track
+            for track in track_set.tracks
         )
 
     def advance(

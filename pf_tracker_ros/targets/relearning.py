@@ -41,11 +41,10 @@ def needs_relearning(
 
 def reconfigured(track_set: TrackSet, target_filter: TargetFilter) -> TrackSet:
     """The track set for a change of parameters that requires no relearning."""
-    tracks = (
+    return track_set.with_tracks(
         replace(track, filter_state=target_filter.reconfigure(track.filter_state))
         for track in track_set.tracks
     )
-    return replace(track_set, tracks=tuple(tracks))
 
 
 def reconfigured_entry(entry: HistoryEntry, target_filter: TargetFilter) -> HistoryEntry:

@@ -14,11 +14,7 @@ from pf_tracker_ros.parameters import ParameterError, build
 from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking.estimate import Estimate
 from pf_tracker_ros.tracking.hints import Hint
-from pf_tracker_ros.tracking.input_checks import (
-    check_box,
-    check_interval,
-    check_share,
-)
+from pf_tracker_ros.tracking.input_checks import check_box, check_seconds, check_share
 from pf_tracker_ros.tracking.likelihood_map import LikelihoodMap
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import preset_parameters
@@ -173,7 +169,8 @@ class Tracker:
         if not self.started:
             raise RuntimeError("no target: call start(image, box) first")
         check_image(image)
-        interval, share = None if dt is None else check_interval(dt), check_share(covered_share)
+        interval = None if dt is None else check_seconds(dt, "dt")
+        share = check_share(covered_share)
         hints = {target.id: Hint(share) for target in self._manager.targets} if share else None
         self._manager.update(Frame(image.copy()), interval, hints=hints)
         return self._manager.targets[0].estimate

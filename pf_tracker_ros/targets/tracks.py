@@ -16,7 +16,7 @@ Metric"; Musicki, Evans and Stankovic 1994, "Integrated Probabilistic Data Assoc
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -304,6 +304,11 @@ class Track:
         return replace(self, others_distance=self.others_distance + change)
 
 
+def boxes_of(tracks: Iterable[Track]) -> NDArray[np.float64]:
+    """(N, 4) estimated boxes of N tracks, pixels."""
+    return np.array([track.box for track in tracks]).reshape(-1, 4)
+
+
 @dataclass(frozen=True, eq=False)
 class TrackSet:
     """All tracks after a frame; a value.
@@ -330,6 +335,10 @@ class TrackSet:
         """Whether detections were ever received."""
         return self.time_since_detection < math.inf
 
+    def with_tracks(self, tracks: Iterable[Track]) -> TrackSet:
+        """The track set with other active tracks."""
+        return replace(self, tracks=tuple(tracks))
+
     def learn_growth(self) -> TrackSet:
         """The track set with the variance of growth learned from its detected tracks.
 
@@ -350,19 +359,17 @@ class TrackSet:
         That is the covered shares and the heights of boxes of the same tracks.
         """
         known = {one.key: one.filter_state for one in other.tracks}
-        tracks = (
+        return self.with_tracks(
             track.with_outside_evidence(known[track.key]) if track.key in known else track
             for track in self.tracks
         )
-        return replace(self, tracks=tuple(tracks))
 
     def with_selected(self, key: TrackKey | None) -> TrackSet:
         """The track set in which the track of a key is selected, and no other."""
         if all(track.is_selected == (track.key == key) for track in self.tracks):
             return self
-        return replace(
-            self,
-            tracks=tuple(replace(track, is_selected=track.key == key) for track in self.tracks),
+        return self.with_tracks(
+            replace(track, is_selected=track.key == key) for track in self.tracks
         )
 
     @property

@@ -27,7 +27,7 @@ from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.box_kalman_filter import IMAGE_CENTER_STD, BoxKalmanFilter
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.external_likelihoods import external_likelihood
-from pf_tracker_ros.targets.tracks import NO_DETECTOR_AFTER, Track
+from pf_tracker_ros.targets.tracks import NO_DETECTOR_AFTER, Track, boxes_of
 from pf_tracker_ros.tracking.filter_state import FilterState
 from pf_tracker_ros.tracking.measurement import FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
@@ -183,7 +183,7 @@ class Updater:
 
         `detection_interval` is the time since the last frame with detections.
         """
-        boxes = np.array([track.box for track in tracks]).reshape(-1, 4)
+        boxes = boxes_of(tracks)
         lower_edges = boxes[:, 1] + boxes[:, 3]
         covered = pairwise_coverage(boxes, boxes) * (lower_edges[None] > lower_edges[:, None])
         visible = np.maximum(1.0 - covered.max(axis=1, initial=0.0), _MIN_VISIBLE)
@@ -398,7 +398,7 @@ def _near_in_front(
     """The K tracks in front that a target may overlap, and their (K, 4) boxes."""
     # A distractor may be none: it occludes only the target that it looks like.
     front = [one for one in front if one.distracted_key in (None, track.key)]
-    boxes = np.array([one.box for one in front]).reshape(-1, 4)
+    boxes = boxes_of(front)
     are_near = _are_near(boxes, predicted_box)
     return list(compress(front, are_near)), boxes[are_near]
 

@@ -163,13 +163,13 @@ class FilterState:
     distractor_ratios: DistractorRatios
     status: TrackStatus
     last_seen_box: Box
-    second_peak: Box | None
-    known_distractor: Box | None
-    frames_since_seen: int
-    followed_frames: int
     generator_state: GeneratorState
     confidence: float
     estimate: Estimate
+    second_peak: Box | None = None
+    known_distractor: Box | None = None
+    frames_since_seen: int = 0
+    followed_frames: int = 0
     saved_templates: SavedTemplates | None = None
     distractor_box: NDArray[np.float64] | None = None
     occlusion_evidence: OcclusionEvidence = NO_EVIDENCE

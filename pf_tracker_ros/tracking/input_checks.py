@@ -41,15 +41,15 @@ def check_box(box: ArrayLike, image_size: tuple[int, int]) -> Box:
     return x, y, width, height
 
 
-def check_interval(interval: float) -> float:
-    """The interval as a float.
+def check_seconds(value: float, name: str) -> float:
+    """An interval or age as a float.
 
     Raises:
         ValueError: Not a finite number of at least 0.
     """
-    seconds = _numbers(interval)
+    seconds = _numbers(value)
     if seconds is None or seconds.shape != () or not 0.0 <= seconds < math.inf:
-        raise ValueError(f"dt is {interval!r}; allowed: a finite number of seconds from 0 up")
+        raise ValueError(f"{name} is {value!r}; allowed: a finite number of seconds from 0 up")
     return float(seconds)
 
 

@@ -73,8 +73,7 @@ class Measurement(NamedTuple):
 
     Attributes:
         frame_prediction: The target before the pixels of the frame were read.
-        predicted: The particles before they were weighted, drawn from the search if there is one.
-        particles: The same, weighted.
+        particles: The weighted particles, some of them drawn from the search if there is one.
         boxes: (N, 4) of the particles, pixels.
         box: (4,) estimate, pixels.
         cue_weights: Weights of the cues in this frame.
@@ -87,7 +86,6 @@ class Measurement(NamedTuple):
     """
 
     frame_prediction: FramePrediction
-    predicted: ParticleSet
     particles: ParticleSet
     boxes: NDArray[np.float64]
     box: NDArray[np.float64]
@@ -182,15 +180,12 @@ class Measurer:
 
         Source: Li et al. 2007, section 1 and equation (8); Zhang et al. 2015, equations (5), (10).
         """
-        predicted, boxes = frame_prediction.prediction.particles, frame_prediction.boxes
-        cue_weights = self._fusion.cue_weights
+        boxes, cue_weights = frame_prediction.boxes, self._fusion.cue_weights
         likelihood = self._log_likelihood(frame_prediction, boxes, cue_weights, external_likelihood)
-        particles = predicted.reweight(likelihood)
+        particles = frame_prediction.prediction.particles.reweight(likelihood)
         box = frame_prediction.filter_state.motion.boxes(particles.mean[None])[0]
         seen, match = self._observe(frame_prediction, box)
-        return Measurement(
-            frame_prediction, predicted, particles, boxes, box, cue_weights, seen, match, {}
-        )
+        return Measurement(frame_prediction, particles, boxes, box, cue_weights, seen, match, {})
 
     def _log_likelihood(
         self,
@@ -360,7 +355,6 @@ class SearchingMeasurer(Measurer):
         seen, match = self._observe(frame_prediction, box)
         return Measurement(
             frame_prediction,
-            predicted,
             particles,
             boxes,
             box,

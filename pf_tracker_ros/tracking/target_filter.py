@@ -164,10 +164,6 @@ class TargetFilter:
             distractor_ratios=distractor_ratios,
             status=status,
             last_seen_box=first_box,
-            second_peak=None,
-            known_distractor=None,
-            frames_since_seen=0,
-            followed_frames=0,
             generator_state=GeneratorState.of(generator),
             confidence=assessment.confidence,
             estimate=assessment.to_estimate(

@@ -78,7 +78,7 @@ def test_without_a_search_every_particle_is_weighed_where_it_is(state, couple):
     prediction = prediction_for(state)
     generator = new_rng()
     measurement = measure(measurer, state, Frame(couple.images[0]), prediction, generator)
-    assert measurement.predicted is prediction.particles
+    assert measurement.frame_prediction.prediction.particles is prediction.particles
     np.testing.assert_array_equal(measurement.particles.states, prediction.particles.states)
     np.testing.assert_array_equal(
         measurement.boxes, state.motion.boxes(measurement.particles.states)
@@ -130,7 +130,7 @@ def test_the_foreground_leads_a_search_to_the_moving_one_of_two_equal_objects(st
     state = replace(state, templates={**state.templates, "foreground": None})
     measurement = measure(searching, state, frame, prediction_for(state))
     assert np.abs(measurement.box - [there, y, width, height]).max() < 3.0
-    found = measurement.predicted.states[:, 0] - couple.first[0][0] - width / 2
+    found = measurement.particles.states[:, 0] - couple.first[0][0] - width / 2
     assert np.mean(found * side > width / 2) > 0.3
 
 
@@ -155,12 +155,15 @@ def test_the_search_is_around_the_predicted_mean_and_its_particles_carry_p_over_
     centers = state.motion.center_prior(state.particles.states, INTERVAL)
     likelihood = cues.search(region, search.grid, found, state.templates, cue_weights)
     expected, log_prior = search.propose(before, state.motion, centers, likelihood, new_rng())
-    np.testing.assert_allclose(measurement.predicted.states, expected.states)
-    np.testing.assert_allclose(measurement.predicted.log_weights, expected.log_weights, atol=1e-6)
-    assert np.ptp(measurement.predicted.log_weights - before.log_weights) > 0.1
+    np.testing.assert_allclose(measurement.particles.states, expected.states)
+    assert np.ptp(expected.log_weights - before.log_weights) > 0.1
     # Sizes and velocities stay those of the motion model.
-    np.testing.assert_array_equal(measurement.predicted.states[:, 2:], before.states[:, 2:])
-    gained = measurement.particles.log_weights - measurement.predicted.log_weights
+    np.testing.assert_array_equal(measurement.particles.states[:, 2:], before.states[:, 2:])
+    gained = cues.log_likelihood(region, measurement.boxes, state.templates, cue_weights)
+    weighted = expected.reweight(gained)
+    np.testing.assert_allclose(
+        measurement.particles.log_weights, weighted.log_weights, rtol=1e-6, atol=1e-6
+    )
     mean = mode_mean(measurement.particles, measurement.boxes, int(np.argmax(log_prior + gained)))
     np.testing.assert_allclose(measurement.box, state.motion.boxes(mean[None])[0])
 

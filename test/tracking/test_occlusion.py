@@ -33,7 +33,7 @@ def measurement(state, couple):
     boxes = state.motion.boxes(predicted.states)
     frame_prediction = SimpleNamespace(filter_state=state, prediction=Prediction(predicted, 0.04))
     match = Match(-30.0, 0.1)
-    return Measurement(frame_prediction, predicted, weighted, boxes, boxes[-1], {}, {}, match, {})
+    return Measurement(frame_prediction, weighted, boxes, boxes[-1], {}, {}, match, {})
 
 
 def measured_assessment(measurement, status):
@@ -48,10 +48,11 @@ def test_there_are_two_policies():
 def test_the_box_of_a_coasting_target_is_that_of_the_motion_model(state, measurement, status):
     seen = measured_assessment(measurement, status)
     assessment = Coast().assess(measurement, seen)
-    mean = measurement.predicted.mean
+    predicted = state.particles
+    mean = predicted.mean
     np.testing.assert_array_equal(assessment.box, state.motion.boxes(mean[None])[0])
     assert np.abs(assessment.box - measurement.box).max() > 0.5
-    assert assessment.particles is measurement.predicted
+    assert assessment.particles is predicted
     assert assessment.learns is False
     assert (assessment.status, assessment.confidence) == (status, 0.1)
     np.testing.assert_array_equal(assessment.boxes, state.motion.boxes(assessment.particles.states))
