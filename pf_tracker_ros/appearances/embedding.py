@@ -27,9 +27,6 @@ class EmbeddingParameters:
 class Embedding(Appearance):
     """Vectors of an embedding network; the distance is 1 minus the cosine, times a scale.
 
-    Args:
-        parameters: The network.
-
     Raises:
         ParameterError: The network cannot be used; the message says why.
     """

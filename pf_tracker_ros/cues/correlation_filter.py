@@ -55,10 +55,9 @@ Spectrum = NDArray[np.complex64]
 
 
 class SquareTransform:
-    """The Fourier transform of n x n squares, after a matrix is applied to rows and columns.
+    """The Fourier transform of n x n squares, n even, after a matrix of rows and columns.
 
-    Args:
-        matrix: (n, n) matrix, n even; the identity for the transform alone.
+    The (n, n) matrix is the identity for the transform alone.
     """
 
     def __init__(self, matrix: NDArray[np.float64]) -> None:

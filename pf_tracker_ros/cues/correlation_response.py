@@ -128,9 +128,6 @@ class Patch(NamedTuple):
 class CorrelationResponse(SearchableCue):
     """Response of a regularized correlation filter, relative to that to its training window.
 
-    Args:
-        parameters: Features and window.
-
     Attributes:
         cells: Cells along each side of the window, even; the features define a cell's pixels.
         size_span: Size ratio of the two windows around the predicted size; 1 means one window,
@@ -398,11 +395,7 @@ class CoarseCorrelationResponseParameters(_FeatureParameters):
 
 @CUES.register("coarse_correlation_response", CoarseCorrelationResponseParameters)
 class CoarseCorrelationResponse(CorrelationResponse):
-    """The correlation response in a smaller window, with larger cells and a larger span of sizes.
-
-    Args:
-        parameters: Features.
-    """
+    """The correlation response in a smaller window, with larger cells and span of sizes."""
 
     cells = 24
     size_span = 1.1

@@ -39,11 +39,7 @@ class PixelRect(NamedTuple):
 
 
 class TiledImage:
-    """An image whose tiles are computed on first use.
-
-    Args:
-        shape: (h, w) or (h, w, 3).
-    """
+    """An image of a shape (h, w) or (h, w, 3) whose tiles are computed on first use."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self._pixels = np.empty(shape, np.uint8)

@@ -29,12 +29,7 @@ _MAX_DISTANCE, _MARGIN, _MIN_CONFIDENCE = 0.25, 0.1, 0.7
 
 
 class AppearanceRedetector:
-    """Moves lost manual targets to where they are seen again.
-
-    Args:
-        target_filter: Particle filter of each target.
-        appearance: Proposes and compares boxes.
-    """
+    """Moves lost manual targets to where they are seen again."""
 
     def __init__(self, target_filter: TargetFilter, appearance: Appearance) -> None:
         self._target_filter = target_filter

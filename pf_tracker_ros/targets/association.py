@@ -88,9 +88,6 @@ class Associator:
 
     The appearance distance is relative to the track's mean distance, so that the appearance counts
     more for targets that always look the same.
-
-    Args:
-        appearance: Compares descriptors.
     """
 
     def __init__(self, appearance: Appearance) -> None:
@@ -213,9 +210,6 @@ class ReIdentifier:
     Lost are ended tracks, and manual targets that neither the detector nor the image shows. A
     manual target never ends. The detector finds it as a new track, which takes over its key once
     the detector has missed it often enough and both look alike.
-
-    Args:
-        appearance: Compares descriptors.
     """
 
     def __init__(self, appearance: Appearance) -> None:

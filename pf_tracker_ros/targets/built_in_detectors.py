@@ -125,9 +125,6 @@ class MotionDetector:
        image.
 
     An object that stops is detected until it is part of the background.
-
-    Args:
-        seed: Seeds the background model.
     """
 
     def __init__(self, seed: int = 0) -> None:

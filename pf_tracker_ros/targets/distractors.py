@@ -53,12 +53,7 @@ _FIRST_NUMBER = 1_000_000
 
 
 class DistractorManager:
-    """Starts, updates and ends distractors; they are not reported.
-
-    Args:
-        initiator: Makes the tracks.
-        operations: Moves their filter states.
-    """
+    """Starts, updates and ends distractors; they are not reported."""
 
     def __init__(self, initiator: Initiator, operations: StateOperations) -> None:
         self._initiator = initiator

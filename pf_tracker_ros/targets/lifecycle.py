@@ -40,14 +40,7 @@ _SPAWN_KEY = 1
 
 
 class Initiator:
-    """Starts tracks: manual ones, ones on unassigned detections, and distractors.
-
-    Args:
-        target_filter: Particle filter of each target.
-        seed: Seeds all randomness.
-        max_targets: At a time.
-        appearance: Extracts descriptors.
-    """
+    """Starts tracks: manual ones, ones on unassigned detections, and distractors."""
 
     def __init__(
         self, target_filter: TargetFilter, seed: int, max_targets: int, appearance: Appearance
@@ -229,8 +222,7 @@ _LEFT_WITHIN = 0.03
 class Deleter:
     """Ends tracks that the detector does not find any more, or that have left the image.
 
-    Args:
-        reidentify_within: Seconds for which an ended track can be re-identified.
+    An ended track can be re-identified for some seconds.
     """
 
     def __init__(self, reidentify_within: float) -> None:

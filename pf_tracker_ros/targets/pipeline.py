@@ -38,13 +38,7 @@ from pf_tracker_ros.values import replace
 
 
 class TrackingPipeline:
-    """Turns one track set into that of the next frame; has no state of its own.
-
-    Args:
-        target_filter: Particle filter of each target.
-        parameters: Every tunable.
-        seed: Seeds all randomness.
-    """
+    """Turns one track set into that of the next frame; has no state of its own."""
 
     def __init__(
         self, target_filter: TargetFilter, parameters: TrackerParameters, seed: int

@@ -93,8 +93,8 @@ def estimate_of(targets: Sequence[TrackedTarget], id: int) -> Estimate | None:
 class Session:
     """Feeds stamped frames, manual targets and detections to a `TrackManager`.
 
-    If the images change their size but not their aspect ratio, targets are relearned where they
-    were last seen, scaled.
+    The parameters are by full name, the seed is that of `Tracker`. If the images change their size
+    but not their aspect ratio, targets are relearned where they were last seen, scaled.
 
     Attributes:
         time_policy: What to do when time jumps back; "restart" restarts the manual targets only.
@@ -102,10 +102,6 @@ class Session:
         frozen_after: Seconds of images that are equal to the bit after which the next ones are
             dropped as frozen, 0 for never. May be changed at any time.
         detector_runs: Number of detector results received.
-
-    Args:
-        parameters: Full name to value of the tracker's parameters.
-        seed: As for `Tracker`.
 
     Raises:
         ParameterError: A parameter is not allowed, or they contradict each other.

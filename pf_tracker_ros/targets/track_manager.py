@@ -90,10 +90,6 @@ class TrackManager:
         frames: The frames that manual targets and late detections may refer to.
         rejected_detections: Why detections of the last update were rejected.
 
-    Args:
-        parameters: All parameters.
-        seed: Seeds all randomness.
-
     Raises:
         ParameterError: The parameters contradict each other.
         ValueError: The seed is no integer from 0.

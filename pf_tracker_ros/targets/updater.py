@@ -84,10 +84,7 @@ class Updater:
     comes from the image. A single target, without a distractor nearby or a detector, uses the image
     alone, and is searched for in the whole image once it is lost.
 
-    Args:
-        target_filter: Particle filter of each target.
-        recall: Share of the visible targets that the detector finds.
-        appearance: Extracts descriptors.
+    The recall is the share of the visible targets that the detector finds.
     """
 
     def __init__(self, target_filter: TargetFilter, recall: float, appearance: Appearance) -> None:

@@ -180,11 +180,8 @@ class AssessedBox(NamedTuple):
 class Confidence:
     """Probability that a box shows the target and not something similar.
 
-    If no cue has log odds, the confidence is the similarity to the templates.
-
-    Args:
-        fusion: The cues.
-        rate: Share of each frame in the confidence while it rises, above 0 up to 1.
+    If no cue has log odds, the confidence is the similarity to the templates. Each frame has a
+    share `rate` in the confidence while it rises.
     """
 
     def __init__(self, fusion: CueFusion, rate: float) -> None:

@@ -26,11 +26,7 @@ _ARRAYS = ("box_covariance", "particles", "particle_boxes", "weights")
 
 
 class FrozenCueWeights(Mapping[str, float]):
-    """A read-only mapping that, unlike a `mappingproxy`, can be copied and pickled.
-
-    Args:
-        cue_weights: Name to weight; copied.
-    """
+    """A read-only mapping that, unlike a `mappingproxy`, can be copied and pickled."""
 
     __slots__ = ("_cue_weights",)
 

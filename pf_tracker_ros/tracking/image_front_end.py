@@ -30,16 +30,11 @@ _BACKGROUND_KEY = 0
 class ImageFrontEnd:
     """Gain control, illumination, ego-motion and background model of consecutive images.
 
+    The seed is that of the background model; see there for ghosts. A first frame, if there is one,
+    is not prepared yet.
+
     A copy or pickle lacks the last image, and continues independently with the same results.
     `copy.copy` copies as deeply as `copy.deepcopy`.
-
-    Args:
-        seed: Seed of the background model.
-        frame: Last frame so far, not prepared yet; None without one.
-        needs_foreground: Whether a cue reads the foreground.
-        follow_light: See `TrackerParameters`.
-        removes_ghosts: See `BackgroundModel`.
-        estimates_motion: Whether to estimate the camera's motion.
 
     Attributes:
         frame: The last frame; None before the first, and in a fresh copy.

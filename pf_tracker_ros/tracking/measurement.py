@@ -128,12 +128,7 @@ class Measurement(NamedTuple):
 
 
 class Measurer:
-    """Weighs every particle at its predicted box; the estimate is their mean.
-
-    Args:
-        fusion: The cues.
-        working_size: See `TrackerParameters`.
-    """
+    """Weighs every particle at its predicted box; the estimate is their mean."""
 
     def __init__(self, fusion: CueFusion, working_size: int) -> None:
         self._fusion = fusion
@@ -255,12 +250,6 @@ class SearchingMeasurer(Measurer):
     """Searches around the prediction and draws a share of the particles where the target is likely.
 
     The estimate is the mean of one mode. The cue weights adapt to the distractor ratios.
-
-    Args:
-        fusion: The cues; at least one can search.
-        working_size: See `TrackerParameters`.
-        parameters: Window of the search and share of the particles.
-        adaptation: Gain of the cue weights, see `FusionParameters`.
     """
 
     def __init__(

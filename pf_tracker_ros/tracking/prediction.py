@@ -61,11 +61,7 @@ class Predictor:
 
 
 class KalmanPredictor(Predictor):
-    """Draws a share of the particles from a Kalman filter's prediction.
-
-    Args:
-        parameters: The share.
-    """
+    """Draws a share of the particles from a Kalman filter's prediction."""
 
     def __init__(self, parameters: ProposalParameters) -> None:
         self._share = parameters.share

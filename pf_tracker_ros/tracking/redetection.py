@@ -129,15 +129,10 @@ class Candidate(NamedTuple):
 class Redetector:
     """Searches for a target outside the window of the particles.
 
+    The side of a window is in box sizes.
+
     Attributes:
         asks: Whether a lost target has to be confirmed by somebody.
-
-    Args:
-        measurer: Lays the search grid of a window.
-        fusion: The cues.
-        confidence: Confidence in a candidate.
-        parameters: Number of windows.
-        side: Side of a window, box sizes.
     """
 
     def __init__(

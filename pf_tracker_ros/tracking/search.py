@@ -40,16 +40,11 @@ _NEIGHBORHOOD = np.ones((3, 3), np.uint8)
 
 
 class Search:
-    """A grid of boxes around the predicted box.
-
-    Args:
-        center_box: (4,) predicted box, pixels.
-        parameters: Window of the search and share of the particles.
-        image_size: (width, height), pixels; centers are clamped to the image.
+    """A grid of boxes of the size of a (4,) predicted one around it, with centers in the image.
 
     Attributes:
-        center_box: As given.
-        grid: Boxes of the predicted size.
+        center_box: (4,) the predicted box, pixels.
+        grid: The boxes.
         boxes: (M, 4) the same, pixels.
     """
 

@@ -38,11 +38,7 @@ from pf_tracker_ros.values import replace
 
 
 class FilterInitializer:
-    """Makes motion models, particles and Kalman filters.
-
-    Args:
-        parameters: Every tunable.
-    """
+    """Makes motion models, particles and Kalman filters."""
 
     def __init__(self, parameters: TrackerParameters) -> None:
         self._motion = parameters.motion
@@ -86,15 +82,7 @@ class FilterInitializer:
 
 
 class StateOperations:
-    """Changes of a filter state by external information.
-
-    Args:
-        predictor: Draws the particles of the next frame.
-        measurer: Learns templates.
-        initializer: Makes motion models and Kalman filters.
-        lost_after: See `TrackThresholds`.
-        calibration: Calibration of the reported confidence.
-    """
+    """Changes of a filter state by external information."""
 
     def __init__(
         self,

@@ -73,9 +73,6 @@ class TargetFilter:
         parameters: Every tunable.
         operations: Changes of a state by external information, such as detections.
 
-    Args:
-        parameters: Every tunable.
-
     Raises:
         ParameterError: The parameters contradict each other.
     """

@@ -32,15 +32,7 @@ _RECOGNIZED_ABOVE = 0.52
 
 
 class TrackAssessor:
-    """Turns the measurement of a frame into its assessment.
-
-    Args:
-        confidence: Confidence in a box.
-        occlusion_policy: Handles a target that is not tracked.
-        redetector: Searches elsewhere; None without redetection.
-        initializer: Redraws particles.
-        thresholds: Thresholds of the track states.
-    """
+    """Turns the measurement of a frame into its assessment."""
 
     def __init__(
         self,
