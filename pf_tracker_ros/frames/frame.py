@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple, TypeVar
@@ -122,13 +123,11 @@ class Frame:
     Args:
         image: (H, W, 3) uint8 BGR, or (H, W) uint8, uint16 or float32; do not change it afterwards.
         stamp: Time of the image in nanoseconds; 0 means unknown.
-        span: See `expose`.
-        illumination: See `expose`.
 
     Attributes:
         image: As given.
         stamp: As given.
-        illumination: As given.
+        illumination: See `expose`.
         foreground: Mask of the background model; None without a usable one.
         background: State of the background model; None without a model.
         camera_motion: Camera motion, see `EgoMotion.update`; None if the camera stands still or its
@@ -137,25 +136,22 @@ class Frame:
             `Continuity`.
     """
 
-    def __init__(
-        self,
-        image: NDArray[np.generic],
-        stamp: int = 0,
-        span: GrayRange | None = None,
-        illumination: Illumination = UNCHANGED_ILLUMINATION,
-    ) -> None:
+    def __init__(self, image: NDArray[np.generic], stamp: int = 0) -> None:
         self.image = image
         self.stamp = stamp
-        self.expose(span, illumination)
+        self.expose()
 
     def with_image(self, image: NDArray[np.generic]) -> Frame:
         """The same frame with another image of equal shape and type."""
-        other = Frame(image, self.stamp, self._span, self.illumination)
-        other.foreground, other.background = self.foreground, self.background
-        other.camera_motion, other.odds_factor = self.camera_motion, self.odds_factor
+        other = copy.copy(self)
+        other.image = image
         return other
 
-    def expose(self, span: GrayRange | None, illumination: Illumination) -> None:
+    def expose(
+        self,
+        span: GrayRange | None = None,
+        illumination: Illumination = UNCHANGED_ILLUMINATION,
+    ) -> None:
         """Set the conversion to 8 bits and clear all views, maps and results of the frame.
 
         The span has the values of a 16-bit or 32-bit image that become 0 and 255; None means the

@@ -268,18 +268,13 @@ class TrackManager:
             self._front_end.prepare(frame, interval, before.boxes, is_tracked=before.is_tracked)
             current = [one for one in detections if _is_current(one.stamp, frame.stamp, interval)]
             late = [one for one in detections if one not in current]
-            entries, rejected = (
-                insert_late(self.frames, late, frame.stamp, self._describe) if late else ([], [])
-            )
+            entries, rejected = insert_late(self.frames, late, frame.stamp, self._describe)
             kept = reported[selected].key if selected in reported else None
+            track_set, revised = before.with_selected(kept), entries
             if entries:
                 before = entries[0].tracks_before.with_selected(kept)
                 entries[0] = replace(entries[0], tracks_before=before)
-            track_set, revised = (
-                reprocess(self._pipeline, entries)
-                if entries
-                else (self._track_set.with_selected(kept), [])
-            )
+                track_set, revised = reprocess(self._pipeline, entries)
             if hints:
                 keys = {id: track.key for id, track in reported.items()}
                 known = {keys[id]: hint for id, hint in hints.items() if id in keys}

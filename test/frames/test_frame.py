@@ -45,7 +45,9 @@ def converted(monkeypatch):
             return to_8_bit(part, span)
 
         monkeypatch.setattr(frame_module, "to_8_bit", counting)
-        return Frame(image, **options), times
+        frame = Frame(image)
+        frame.expose(**options)
+        return frame, times
 
     return make
 
@@ -183,8 +185,9 @@ def test_sampled_views_are_not_shifted(reduction):
 def test_the_view_uses_the_given_span_or_the_image_s_own():
     image = np.array([[1000, 1500, 2000, 900, 2100]], np.uint16)
     part = PixelRect(0, 1, 0, 5)
-    spanned = Frame(image, span=(1000.0, 2000.0)).view(part)
-    np.testing.assert_array_equal(spanned, [[0, 127, 255, 0, 255]])
+    spanned = Frame(image)
+    spanned.expose((1000.0, 2000.0))
+    np.testing.assert_array_equal(spanned.view(part), [[0, 127, 255, 0, 255]])
     own = Frame(image).view(part)
     assert 0 < own[0, 3] < own[0, 0] < own[0, 1] < own[0, 2] < own[0, 4] < 255
 

@@ -148,7 +148,8 @@ def test_images_of_more_than_8_bits_have_no_gain(kind):
 def test_the_view_of_a_frame_is_divided_by_the_gain():
     """The whole view, a part and a reduced one."""
     image = scene()
-    dark = Frame(lit(image, 0.5), illumination=Illumination(0.5))
+    dark = Frame(lit(image, 0.5))
+    dark.expose(illumination=Illumination(0.5))
     part = PixelRect(10, 50, 20, 90)
     assert np.abs(dark.pixels.astype(int) - image).max() <= 1
     np.testing.assert_array_equal(dark.view(part), dark.pixels[part.slices])

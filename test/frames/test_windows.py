@@ -164,7 +164,8 @@ def test_a_window_does_not_depend_on_earlier_reads(image, side, pixels):
 
 def test_a_window_of_a_16_bit_frame_is_read_from_its_8_bit_view():
     image = np.random.default_rng(3).integers(7000, 8000, (48, 64), dtype=np.uint16)
-    frame = Frame(image, span=(7000.0, 8000.0))
+    frame = Frame(image)
+    frame.expose((7000.0, 8000.0))
     converted = np.floor((image - 7000.0) * (255.0 / 1000.0)).astype(np.uint8)
     read = read_window(frame, np.array([28.0, 22.0]), np.full(2, 16.0), 16)
     np.testing.assert_allclose(read.astype(int), converted[14:30, 20:36], atol=1)

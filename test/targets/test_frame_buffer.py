@@ -178,7 +178,8 @@ def test_a_reduced_frame_is_restored_without_shift(shape, dtype):
 def test_a_reduced_frame_keeps_its_exposure_and_camera_motion():
     image = np.random.default_rng(0).integers(8000, 9000, (60, 80), dtype=np.uint16)
     motion = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    frame = Frame(image, 7, span=(0.0, 60_000.0))
+    frame = Frame(image, 7)
+    frame.expose((0.0, 60_000.0))
     frame.camera_motion = motion
     restored = ReducedFrame.of(frame, 2).restored()
     assert restored.stamp == 7
@@ -244,7 +245,8 @@ def test_derived_images_are_kept_for_the_newest_frame_only():
     seen = []
     tracemalloc.start()
     for number in range(5):
-        frame = Frame(image.copy(), number + 1, span=(0.0, 60_000.0))
+        frame = Frame(image.copy(), number + 1)
+        frame.expose((0.0, 60_000.0))
         seen.append((frame, frame.pixels.copy()))
         buffer.add(HistoryEntry(frame, 0.04, TrackSet(frame=number)))
     memory = tracemalloc.get_traced_memory()[0] - sum(view.nbytes for _, view in seen)

@@ -21,7 +21,8 @@ def tracked(target_filter, couple):
 def dazzled(target_filter, couple):
     """The target before and in an image that is three times as bright and all white."""
     state = tracked(target_filter, couple)
-    white = Frame(np.full_like(couple.images[6], 255), illumination=Illumination(change=3.0))
+    white = Frame(np.full_like(couple.images[6], 255))
+    white.expose(illumination=Illumination(change=3.0))
     blind = target_filter.follow(state, white, INTERVAL)
     assert blind.estimate.state != "tracking"
     return state, blind
@@ -49,7 +50,8 @@ def test_nothing_is_learned_where_templates_are_never_updated(make_target_filter
 )
 def test_a_jump_back_restores_the_templates(target_filter, couple, change, is_back):
     state, blind = dazzled(target_filter, couple)
-    blank = Frame(np.zeros_like(couple.images[6]), illumination=Illumination(change=change))
+    blank = Frame(np.zeros_like(couple.images[6]))
+    blank.expose(illumination=Illumination(change=change))
     after = target_filter.follow(blind, blank, INTERVAL)
     # In a blank image nothing is learned.
     assert (after.templates is state.templates) == is_back
@@ -61,5 +63,6 @@ def test_a_lasting_jump_is_no_flash(target_filter, couple):
     for _ in range(3):
         blind = target_filter.follow(blind, Frame(np.zeros_like(couple.images[6])), 0.7)
     assert blind.saved_templates is None
-    back = Frame(np.zeros_like(couple.images[6]), illumination=Illumination(change=1 / 3))
+    back = Frame(np.zeros_like(couple.images[6]))
+    back.expose(illumination=Illumination(change=1 / 3))
     assert target_filter.follow(blind, back, INTERVAL).templates is not state.templates
