@@ -110,7 +110,6 @@ class GradientOrientation(Cue):
         squared_length = np.einsum("cnd,cnd->n", sums, sums)
         textured = squared_length > 0.0
         cosine = projection / np.sqrt(np.where(textured, squared_length, 1.0))
-        squared: NDArray[np.float64]
         squared = np.maximum(textured - 2.0 * cosine + template @ template, 0.0)
         return squared if positions is None else squared[positions]
 

@@ -162,8 +162,7 @@ class MotionDetector:
         self._last = now = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
         if last is None or last.shape != now.shape:
             return np.zeros(mask.shape, dtype=np.bool_)
-        changed: NDArray[np.bool_] = cv2.absdiff(now, last) > _CHANGED_ABOVE
-        return changed
+        return cv2.absdiff(now, last) > _CHANGED_ABOVE
 
 
 def _component_boxes(mask: NDArray[np.uint8]) -> NDArray[np.intp]:
@@ -173,8 +172,7 @@ def _component_boxes(mask: NDArray[np.uint8]) -> NDArray[np.intp]:
     _, _, components, _ = cv2.connectedComponentsWithStats(cleaned)
     # The first component is the background.
     sides = np.minimum(components[1:, 2], components[1:, 3])
-    boxes: NDArray[np.intp] = components[1:, :4][sides >= max(_MIN_SIDE * mask.shape[0], 3)]
-    return boxes
+    return components[1:, :4][sides >= max(_MIN_SIDE * mask.shape[0], 3)]
 
 
 class _FrameSource:

@@ -74,7 +74,9 @@ def _motion_likelihood(track: Track) -> ExternalLikelihood:
         x, y, width, height = boxes
         across = np.square(x + width / 2 - center[0]) / variance[0]
         down = np.square(y + height / 2 - center[1]) / variance[1]
-        return _student_t(across + down, 2)
+        # Student's t distribution in two dimensions.
+        exponent = -(_DEGREES_OF_FREEDOM + 2) / 2.0
+        return exponent * np.log1p((across + down) / _DEGREES_OF_FREEDOM)
 
     return log_likelihood
 
@@ -106,12 +108,3 @@ def _overlap(
     """Overlap of intervals with another one along one axis, pixels."""
     end = np.minimum(start + side, other_start + other_side)
     return np.maximum(end - np.maximum(start, other_start), 0.0)
-
-
-def _student_t(squared: NDArray[np.float64], dimensions: int) -> NDArray[np.float64]:
-    """Logarithms of Student's t distribution, up to a constant, at squared distances in std."""
-    degrees = _DEGREES_OF_FREEDOM
-    log_likelihoods: NDArray[np.float64] = (
-        -(degrees + dimensions) / 2.0 * np.log1p(squared / degrees)
-    )
-    return log_likelihoods

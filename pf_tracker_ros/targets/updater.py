@@ -419,7 +419,4 @@ def _are_alone(tracks: Sequence[Track], boxes: NDArray[np.float64]) -> NDArray[n
 def _are_near(boxes: NDArray[np.float64], predicted_box: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(K,) which of (K, 4) boxes a target may overlap, given its (4,) predicted box."""
     offsets = boxes[:, :2] + boxes[:, 2:] / 2 - predicted_box[:2] - predicted_box[2:] / 2
-    near: NDArray[np.bool_] = np.all(
-        np.abs(offsets) < boxes[:, 2:] / 2 + _NEAR * predicted_box[2:], axis=1
-    )
-    return near
+    return np.all(np.abs(offsets) < boxes[:, 2:] / 2 + _NEAR * predicted_box[2:], axis=1)

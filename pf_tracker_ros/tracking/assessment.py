@@ -59,8 +59,7 @@ def log_odds(confidence: ArrayLike) -> NDArray[np.float64]:
     limited = np.clip(
         np.asarray(confidence, dtype=np.float64), _LEAST_CONFIDENCE, 1.0 - _LEAST_CONFIDENCE
     )
-    odds: NDArray[np.float64] = np.log(limited) - np.log1p(-limited)
-    return odds
+    return np.log(limited) - np.log1p(-limited)
 
 
 @dataclass(frozen=True)
@@ -91,8 +90,7 @@ class ConfidenceCalibration:
             return np.asarray(confidence, dtype=np.float64)
         odds = self.scale * log_odds(confidence) + self.offset
         # tanh stays within 0 to 1 where exp(-odds) would overflow.
-        calibrated: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(odds / 2))
-        return calibrated
+        return 0.5 * (1.0 + np.tanh(odds / 2))
 
 
 class Assessment(NamedTuple):

@@ -34,11 +34,13 @@ _DEFAULT: dict[str, Any] = {
 }
 # Values for several targets: fewer particles for each, and a narrower search, since similar targets
 # are often close. The foreground keeps a target off the static background that it passes.
-_DEFAULT_FOR_SEVERAL: dict[str, Any] = {
-    "particles": 100,
-    "proposal.window": 2.0,
-    "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
-    "foreground.sharpness": 60.0,
+_FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = {
+    "default": {
+        "particles": 100,
+        "proposal.window": 2.0,
+        "cues": ("color_contrast", "coarse_correlation_response", "foreground"),
+        "foreground.sharpness": 60.0,
+    }
 }
 
 PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
@@ -84,10 +86,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             }
         ),
     }
-)
-
-_FOR_SEVERAL: Mapping[str, Mapping[str, Any]] = MappingProxyType(
-    {"default": MappingProxyType(_DEFAULT_FOR_SEVERAL)}
 )
 
 

@@ -155,8 +155,7 @@ class Search:
             is_peak &= similarity >= cv2.dilate(similarity, _NEIGHBORHOOD)
         if not is_peak.any():
             return None
-        best: NDArray[np.float64] = self.boxes[int(np.argmax(np.where(is_peak, similarity, -1.0)))]
-        return best
+        return self.boxes[int(np.argmax(np.where(is_peak, similarity, -1.0)))]
 
     def _beside(self, box: NDArray[np.float64], distance: float) -> NDArray[np.bool_]:
         """(M,) whether `boxes` are further than a distance, in box sides, from a (4,) box."""
