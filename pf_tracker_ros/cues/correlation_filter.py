@@ -131,7 +131,6 @@ class ResponseMaps(NamedTuple):
 
     Attributes:
         maps: (windows, S, S) response maps.
-        windows: The windows.
         expected: (S, S) mean map, approximately that of the predicted size.
         deviation: Standard deviation of `expected`, > 0.
         largest: Largest response of all maps.

@@ -93,7 +93,6 @@ class CorrelationTemplate:
     """A trained filter.
 
     Attributes:
-        filter: Spectrum of the filter.
         reference: Its response to its last training window.
         target_cells: (width, height) of the target in cells.
         colored: Whether the features are those of colored or of gray windows.

@@ -67,12 +67,7 @@ class Match(NamedTuple):
 
 
 class PredictedTarget(NamedTuple):
-    """A target before its measurement in a frame.
-
-    Attributes:
-        region: Region around its predicted box.
-        template: Present template.
-    """
+    """A target before its measurement: the region around its predicted box, and its template."""
 
     region: Region
     template: Any

@@ -125,8 +125,6 @@ class Frame:
         stamp: Time of the image in nanoseconds; 0 means unknown.
 
     Attributes:
-        image: As given.
-        stamp: As given.
         illumination: See `expose`.
         foreground: Mask of the background model; None without a usable one.
         background: State of the background model; None without a model.

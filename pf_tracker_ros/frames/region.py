@@ -129,10 +129,8 @@ class Region:
         estimates_size: Whether the target's size is estimated; if not, cues may read one size only.
 
     Attributes:
-        frame: As given.
         pixels: The region inside the image, (h, w, 3) or (h, w) uint8, reduced.
         padding: (top, bottom, left, right) region pixels outside the image.
-        estimates_size: As given.
     """
 
     def __init__(

@@ -131,7 +131,6 @@ class Detection(NamedTuple):
         box: (4,) in pixels, inside the image.
         score: 0 to 1.
         label: Or an empty text.
-        descriptor: Of its appearance.
         is_clear: Whether no other detection overlaps it.
     """
 

@@ -21,7 +21,6 @@ class ManualTarget(NamedTuple):
     """A target that a user drew or a program requested.
 
     Attributes:
-        box: (x, y, width, height), pixels.
         label: Its class, or an empty text.
         stamp: Of the frame that it was drawn on, nanoseconds; 0 for the next one.
         on_mismatch: Whether it was requested after images of another format had been rejected.

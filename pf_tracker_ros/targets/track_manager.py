@@ -86,7 +86,6 @@ class TrackManager:
     A copy or pickle has the targets but no buffered frames.
 
     Attributes:
-        seed: As given.
         frames: The frames that manual targets and late detections may refer to.
         rejected_detections: Why detections of the last update were rejected.
 

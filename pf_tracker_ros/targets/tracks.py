@@ -86,13 +86,10 @@ class Track:
     """A target; a value.
 
     Attributes:
-        key: Its permanent key.
-        filter_state: Of its particle filter.
         descriptor: Of its appearance, averaged over detections.
         mean_appearance_distance: Mean distance of its detections from the descriptor, 0 to 1.
         appearance_samples: Detections in these two averages.
         others_distance: Mean distance from it of the most similar other seen with a held one.
-        box_filter: Kalman filter of its box.
         existence_log_odds: Log odds that the target exists.
         votes: Label to the sum of its scores.
         age: Seconds since it began.

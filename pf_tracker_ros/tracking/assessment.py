@@ -99,12 +99,9 @@ class Assessment(NamedTuple):
     Attributes:
         box: (4,) of the target, pixels.
         confidence: Probability that it is the target, 0 to 1, before its calibration.
-        status: Track state and its timers.
         particles: Particles that the estimate reports.
         boxes: (N, 4) of these particles, pixels.
         learns: Whether the templates may learn the box.
-        known_distractor: See `FilterState.known_distractor`.
-        challenger: See `FilterState.challenger`.
     """
 
     box: NDArray[np.float64]
@@ -158,10 +155,7 @@ class AssessedBox(NamedTuple):
     """A box that may be the target.
 
     Attributes:
-        frame: The frame.
         box: (4,) in it, pixels.
-        seen: The cues' observation of the box.
-        match: Its match with the templates.
         particle_std: Computes the standard deviation of the particles' centers, box sizes, if it is
             needed; neutral where there are no particles.
         rival: (4,) likeliest box that does not overlap it, pixels; None if there is none.

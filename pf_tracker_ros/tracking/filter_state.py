@@ -124,13 +124,10 @@ class FilterState:
 
     Attributes:
         first_box: Reference box of the motion model, pixels: where the target started or was moved.
-        motion: Motion model.
         kalman_filter: Kalman filter of the proposal; None with another proposal.
         particles: Resampled particles, to be predicted into the next frame.
-        templates: Templates of the target.
         exemplars: What the target looked like when it was surely seen.
         distractor_ratios: Smoothed ratio of each cue.
-        status: Track state and its timers.
         last_seen_box: Last box with the state "tracking", pixels.
         second_peak: Likeliest box beside the target in the last frame, pixels; None without a
             search.
@@ -140,7 +137,6 @@ class FilterState:
         followed_frames: Frames since the first one.
         generator_state: The target's own source of random numbers.
         confidence: Confidence of the last frame, 0 to 1; `estimate` has it calibrated.
-        estimate: Estimate of the last frame.
         saved_templates: Templates from before a recent jump of the illumination; None without one.
         distractor_box: (4,) box of the distractor in the last frame, pixels; None if there was none
             or no search.

@@ -76,7 +76,6 @@ class Measurement(NamedTuple):
         particles: The weighted particles, some of them drawn from the search if there is one.
         boxes: (N, 4) of the particles, pixels.
         box: (4,) estimate, pixels.
-        cue_weights: Weights of the cues in this frame.
         seen: Each cue's observation of the box.
         match: Match of the observation with the templates.
         distractor_ratios: Smoothed ratio of each cue; see `cues.fusion.DistractorRatios`.

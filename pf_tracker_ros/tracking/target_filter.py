@@ -70,7 +70,6 @@ class TargetFilter:
     in its `FilterState`.
 
     Attributes:
-        parameters: Every tunable.
         operations: Changes of a state by external information, such as detections.
 
     Raises:
