@@ -393,10 +393,9 @@ class TrackManager:
 
         With several targets it is the first frame. Frame and box are checked.
         """
-        if self.max_targets == 1:
-            with default_numpy_errors():
-                return self._start_single(frame, box, label, ())
         with default_numpy_errors():
+            if self.max_targets == 1:
+                return self._start_single(frame, box, label, ())
             self._front_end.prepare(frame, 0.0, [box])
             self._front_end.commit(frame)
             self.frames.add(HistoryEntry(frame, 0.0, self._track_set))

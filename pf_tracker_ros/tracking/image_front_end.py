@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 from typing import Any
 
@@ -33,8 +32,7 @@ class ImageFrontEnd:
     The seed is that of the background model; see there for ghosts. A first frame, if there is one,
     is not prepared yet.
 
-    A copy or pickle lacks the last image, and continues independently with the same results.
-    `copy.copy` copies as deeply as `copy.deepcopy`.
+    A deep copy or pickle lacks the last image, and continues independently with the same results.
 
     Attributes:
         frame: The last frame; None before the first, and in a fresh copy.
@@ -120,9 +118,6 @@ class ImageFrontEnd:
     def __getstate__(self) -> dict[str, Any]:
         # The last frame would only make the copy large.
         return self.__dict__ | {"frame": None}
-
-    def __copy__(self) -> ImageFrontEnd:
-        return copy.deepcopy(self)
 
 
 def _format_of(frame: Frame) -> tuple[tuple[int, ...], np.dtype[Any]]:

@@ -83,16 +83,14 @@ class TargetFilter:
             {name: (CUES[name](values), values.weight) for name, values in selected.items()}
         )
         check_proposal(parameters, self._fusion)
-        searches = parameters.proposal.method == "search"
+        proposal = parameters.proposal
+        searches = proposal.method == "search"
         self._confidence = Confidence(self._fusion, RISING_SHARE if searches else 1.0)
         self._calibration = ConfidenceCalibration.of(parameters.track.confidence_calibration)
-        self._predictor = Predictor()
+        self._predictor = KalmanPredictor(proposal) if proposal.method == "kalman" else Predictor()
         self._measurer = Measurer(self._fusion, parameters.working_size)
         self._redetector: Redetector | None = None
-        proposal = parameters.proposal
-        if proposal.method == "kalman":
-            self._predictor = KalmanPredictor(proposal)
-        elif proposal.method == "search":
+        if searches:
             measurer = SearchingMeasurer(
                 self._fusion, parameters.working_size, proposal, parameters.fusion.adaptation
             )
