@@ -55,7 +55,7 @@ Spectrum = NDArray[np.complex64]
 
 
 class SquareTransform:
-    """The Fourier transform of n x n squares, n even, after a matrix of rows and columns.
+    """The Fourier transform of n x n squares, n even, whose axes a matrix transforms first.
 
     The (n, n) matrix is the identity for the transform alone.
     """

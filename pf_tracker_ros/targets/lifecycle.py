@@ -222,7 +222,7 @@ _LEFT_WITHIN = 0.03
 class Deleter:
     """Ends tracks that the detector does not find any more, or that have left the image.
 
-    An ended track can be re-identified for some seconds.
+    An ended track can be re-identified for `reidentify_within` seconds.
     """
 
     def __init__(self, reidentify_within: float) -> None:
