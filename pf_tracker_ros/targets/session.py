@@ -219,7 +219,7 @@ class Session:
         """Queue detections until a frame arrives that is not before their own.
 
         Their frame may be past or future; stamp 0 is the next one. Detections of a skipped frame
-        are ignored, and so is their age.
+        are ignored. The stamp counts, not their age.
 
         Raises:
             ValueError: The stamp is of another clock than those of the frames, or SciPy, which
