@@ -230,7 +230,8 @@ def measure(size: str, reliability: str, seconds: float, priority: int) -> Table
     rows = [[title, *figures.cells()] for title, figures in found.items()]
     tracker = found[TRACKER]
     added = tracker.cpu_a_frame - tracker.update_a_frame - found[BARE].cpu_a_frame
-    title = f"{size} at {RATE:g} Hz from a {reliability} camera; the node adds {added:.2f} ms"
+    kind = f"{reliability} camera" + f", real-time priority {priority}" * bool(priority)
+    title = f"{size} at {RATE:g} Hz from a {kind}; the node adds {added:.2f} ms"
     return Table(title, HEADINGS, rows)
 
 
