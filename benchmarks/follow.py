@@ -24,15 +24,14 @@ import math
 import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import closing
 
 import arguments as options_of
 import cv2
 import numpy as np
 from follow_parts.chain import LibraryChain
-from follow_parts.loop import Chain, moments
+from follow_parts.loop import moments
 from follow_parts.metrics import figures, row_of
-from follow_parts.scenarios import SCENARIOS, Scenario
+from follow_parts.scenarios import SCENARIOS
 from follow_parts.world import World
 from tables import Table
 
@@ -62,18 +61,8 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     cv2.setNumThreads(1)
     scenario = SCENARIOS[name]
     world = World.draw(seed, scenario, options.seconds)
-    with closing(_chain(scenario, seed, world, has_nodes=options.nodes)) as chain:
-        rows = [row_of(one) for one in moments(world, scenario, seed, options.seconds, chain)]
-    return figures(rows)
-
-
-def _chain(scenario: Scenario, seed: int, world: World, *, has_nodes: bool) -> Chain:
-    if not has_nodes:
-        return LibraryChain(scenario, seed, has_imu=world.has_imu)
-    # Only here, as ROS is not installed everywhere.
-    from follow_parts.nodes import NodeChain
-
-    return NodeChain(scenario, seed, has_imu=world.has_imu)
+    chain = LibraryChain(scenario, seed, has_imu=world.has_imu)
+    return figures([row_of(one) for one in moments(world, scenario, seed, options.seconds, chain)])
 
 
 def table(results: dict[str, dict[int, dict[str, float]]]) -> Table:
@@ -111,9 +100,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     made.add_argument("--seconds", type=float, default=100.0, help="of each run [%(default)s]")
     made.add_argument("--jobs", type=options_of.at_least(1), default=1, help="[%(default)s]")
-    made.add_argument(
-        "--nodes", action="store_true", help="the nodes of ROS in place of the library"
-    )
     options_of.add_folder(made)
     options = made.parse_args(arguments)
     names = options.scenario or list(SCENARIOS)

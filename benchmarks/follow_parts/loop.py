@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from follow_parts.chain import Report
+from follow_parts.chain import LibraryChain, Report
 from follow_parts.controller import FollowController, Perceived
 from follow_parts.detector import DELAY, INTERVAL, clipped, detect
 from follow_parts.rendering import Seen
@@ -27,30 +25,6 @@ _DETECTOR = 1
 _SELECTED_ABOVE = 0.5
 
 
-class Chain(Protocol):
-    """Tracker and localizer; times are seconds."""
-
-    def take_motion(self, motion: Motion) -> None:
-        """Take a message of the topic odom, and one of the topic imu where there is one."""
-
-    def take_detections(self, detections: Detections, time: float) -> None:
-        """Take the detections of the image of a time."""
-
-    def request(self, box: Box, time: float) -> None:
-        """Draw a box on the image of a time."""
-
-    def select(self, id: int) -> None:
-        """Select a target."""
-
-    def process(
-        self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
-    ) -> Report:
-        """Process an image; odometry up to its time has been taken."""
-
-    def close(self) -> None:
-        """End it."""
-
-
 @dataclass(frozen=True, eq=False)
 class Moment:
     """What was true at a frame, and what was said."""
@@ -64,7 +38,7 @@ class _User:
     """Chooses the right person once, by hand, by the first detection or by selection."""
 
     scenario: Scenario
-    chain: Chain
+    chain: LibraryChain
     has_chosen: bool = field(default=False, init=False)
 
     def draw(self, truth: Truth) -> None:
@@ -108,7 +82,7 @@ def true_box(seen: Seen) -> Box | None:
 
 
 def moments(
-    world: World, scenario: Scenario, seed: int, seconds: float, chain: Chain
+    world: World, scenario: Scenario, seed: int, seconds: float, chain: LibraryChain
 ) -> Iterator[Moment]:
     """Run a scenario in a world, frame by frame; the seed is that of the detector."""
     controller, user = FollowController(), _User(scenario, chain)

@@ -53,7 +53,7 @@ class Row:
     measured_distance: float  # from the robot to the unfiltered position
     nees: float  # of the pose over its two degrees of freedom
     velocity: Array  # (2,) of the person, m/s, in the room
-    said_velocity: Array  # (2,) of the odometry topic, m/s, in the frame of the odometry
+    said_velocity: Array  # (2,) of the pose, m/s, in the frame of the odometry
     stands_for: float  # how long the person has been standing
 
     @property

@@ -23,7 +23,9 @@ RATE = 20.0
 INTERVAL = 1.0 / RATE
 ODOMETRY_INTERVAL = 0.025
 _STEP = 0.0125
-_GRAVITY, _ACCELERATION_NOISE = 9.81, 0.05
+_GRAVITY = 9.81
+ACCELERATION_NOISE = 0.05
+"""Standard deviation of the accelerometer along each axis, m/s^2."""
 # Half of the width of the robot, with a margin, meters, and the radius of a person.
 _HALF_WIDTH, _PERSON = 0.3, 0.25
 
@@ -147,7 +149,7 @@ class World:
         """What an accelerometer in the camera measures while the robot accelerates."""
         pitch, roll = self.robot.tilt
         rotation = camera_pose(CameraState(0.0, 0.0, 0.0, pitch, roll)).rotation
-        noise = self._generator.normal(0.0, _ACCELERATION_NOISE, 3)
+        noise = self._generator.normal(0.0, ACCELERATION_NOISE, 3)
         return np.asarray(rotation.T @ [forward, left, _GRAVITY] + noise)
 
     def is_free(self, angle: float, distance: float) -> bool:
