@@ -96,11 +96,12 @@ def _several_targets(*options: str) -> Part:
 
 def _frames_of(folder: Path, videos: Path) -> Path | None:
     """The images of a folder of the MOT challenge, or else the video with its name, if any."""
-    found = [one for one in (folder / "img1", *sorted(videos.glob("*")))
-             if one.exists() and (one.name == "img1" or one.stem == folder.name)]  # fmt: skip
-    if not found:
-        _leave_out(folder.name, f"neither {folder / 'img1'} nor {videos / folder.name}.* exists")
-    return found[0] if found else None
+    if (images := folder / "img1").is_dir():
+        return images
+    video = next((one for one in sorted(videos.glob("*")) if one.stem == folder.name), None)
+    if video is None:
+        _leave_out(folder.name, f"neither {images} nor {videos / folder.name}.* exists")
+    return video
 
 
 def _positions(footage: Path, seeds: int) -> list[Command]:
@@ -135,7 +136,7 @@ PARTS: Mapping[str, Part] = {
     "cost of several targets": _always(
         "multi_target_cost.py", "multi_target_cost.py --size 1920x1080"
     ),
-    "node": _always("node.py", "node.py --realtime-priority 1"),
+    "node": _always("node.py", "node.py --large-images", "node.py --realtime-priority 1"),
     "umbrellas": _always("umbrellas.py"),
     "infrared": _on_sequences("infrared.py", seeds=3, only=INFRARED),
     "families": _always("families.py"),
@@ -218,7 +219,7 @@ def table_of(known: Mapping[str, Any], name: str) -> list[str]:
     for choice in choices:
         kind, _, text = choice.partition(":")
         wanted = [word.strip() for word in text.split(",")]
-        present = headings if kind == "columns" else [_plain(row[0]) for row in rows]
+        present = headings if kind == "columns" else [row[0].strip("*`") for row in rows]
         if kind not in ("columns", "rows") or not set(wanted) <= set(present):
             raise FiguresError(f"'{choice}' of table '{place}'; there are: {', '.join(present)}")
         if kind == "columns":
@@ -227,10 +228,6 @@ def table_of(known: Mapping[str, Any], name: str) -> list[str]:
         else:
             rows = [rows[present.index(one)] for one in wanted]
     return Table(title, headings, rows, matching[0]["names"]).markdown()
-
-
-def _plain(cell: str) -> str:
-    return cell.strip("*`")
 
 
 def generated(text: str, known: Mapping[str, Any]) -> str:
