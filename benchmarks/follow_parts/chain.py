@@ -19,7 +19,6 @@ from follow_parts.messages import (
 from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
 from follow_parts.scenarios import Scenario
 from follow_parts.world import ACCELERATION_NOISE, Motion
-from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.localization.frame_localizer import FrameLocalizer, Sensors
@@ -80,6 +79,9 @@ class _Feed:
 class LibraryChain:
     """`Session` with the preset `default`, set as that of the node, and `FrameLocalizer`.
 
+    Attributes:
+        session: For detections, boxes drawn by hand and the selection.
+
     Args:
         scenario: What there is to be fed.
         seed: Of the tracker.
@@ -87,24 +89,22 @@ class LibraryChain:
     """
 
     def __init__(self, scenario: Scenario, seed: int, *, has_imu: bool) -> None:
-        self._session = Session(preset_parameters("default", scenario.max_targets), seed)
+        self.session = Session(preset_parameters("default", scenario.max_targets), seed)
         node = NodeParameters()
-        self._session.frozen_after = node.frozen_after
-        self._session.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
+        self.session.frozen_after = node.frozen_after
+        self.session.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
         self._max_targets = scenario.max_targets
         # As a user sets them: height and tilt of the camera by its drawing, or tilt by the IMU.
         camera = CameraParameters(height=CAMERA_HEIGHT, pitch=0.0 if has_imu else CAMERA_PITCH)
         self._parameters = LocalizerParameters(camera=camera)
-        self._calibration = CameraCalibration(_Feed(is_used=True))
-        self._calibration.take(1, "camera", camera_info_message(plain, None, CAMERA))
+        calibration = CameraCalibration(_Feed(is_used=True))
+        calibration.take(1, "camera", camera_info_message(plain, None, CAMERA))
         self._depth = DepthImages(_Feed(is_used=scenario.has_depth))
         self._base = BasePoses(_Feed(is_used=True))
         self._gravity = Gravity(_Feed(is_used=has_imu))
         self._has_imu = has_imu
-        self._problems = Problems(lambda sentence: None, math.inf)
-        self._localizer = FrameLocalizer(
-            Sensors(self._calibration, self._depth, self._base, self._gravity), self._problems
-        )
+        sensors = Sensors(calibration, self._depth, self._base, self._gravity)
+        self._localizer = FrameLocalizer(sensors, Problems(lambda sentence: None, math.inf))
 
     def take_motion(self, motion: Motion) -> None:
         """Take a message of the topic odom, and one of the topic imu where there is one."""
@@ -115,23 +115,11 @@ class LibraryChain:
             imu = imu_message(plain, None, motion.acceleration, ACCELERATION_NOISE)
             self._gravity.take(stamp, "camera", imu)
 
-    def take_detections(self, detections: Detections, time: float) -> None:
-        """Take the detections of the image of a time."""
-        self._session.add_detections(detections, stamp_at(time))
-
-    def request(self, box: Box, time: float) -> None:
-        """Draw a box on the image of a time."""
-        self._session.request(box, stamp_at(time))
-
-    def select(self, id: int) -> None:
-        """Select a target."""
-        self._session.select(id)
-
     def process(
         self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
     ) -> Report:
         """Process an image; odometry up to its time, and after it, has been taken."""
-        stamp, session = stamp_at(time), self._session
+        stamp, session = stamp_at(time), self.session
         if depth is not None:
             self._depth.take(stamp, "camera", _depth_message(depth))
         outcome = session.process(Frame(image, stamp))

@@ -203,7 +203,6 @@ def _walkers(
     scenario: Scenario,
 ) -> list[Walker]:
     """The followed person and 3 to 6 others, at most two in a corridor."""
-    robot = np.array([start.x, start.y])
     walkers: list[Walker] = []
     clothes = Clothes.draw(generator)
     others = int(generator.integers(3, 7)) // (3 if scenario.hides == "corner" else 1)
@@ -217,7 +216,7 @@ def _walkers(
         seed = 0 if scenario.is_alike else int(generator.integers(2**31))
         position = person
         while number and (
-            np.hypot(*(position - robot)) < 2.5
+            np.hypot(*(position - start.position)) < 2.5
             or any(np.hypot(*(position - one.position)) < 1.2 for one in walkers)
         ):
             position = layout.free_point(generator, 0.6)

@@ -8,7 +8,17 @@ from itertools import pairwise
 import follow
 import numpy as np
 import pytest
-from follow_parts import controller, detector, layout, metrics, people, rendering, robot, world
+from follow_parts import (
+    chain,
+    controller,
+    detector,
+    layout,
+    metrics,
+    people,
+    rendering,
+    robot,
+    world,
+)
 from follow_parts.scenarios import SCENARIOS
 
 INTERVAL = 0.1
@@ -87,11 +97,13 @@ def test_drawn_rooms_have_ways_to_everywhere(kind):
 
 def test_the_robot_keeps_its_distance_and_turns():
     driver = controller.FollowController()
-    base = robot.Pose2D(1.0, 1.0, math.pi / 2.0)
+    base, still = robot.Pose2D(1.0, 1.0, math.pi / 2.0), np.zeros(2)
 
     def command(time, position, heading, is_free=lambda angle, distance: True):
-        given = controller.Perceived(time, position, (0.0, 0.0), heading)
-        driver.take(given)
+        position = None if position is None else np.array(position)
+        bearing = None if heading is None else heading - base.yaw
+        report = chain.Report("tracking", 1.0, None, {}, position, None, still, bearing=bearing)
+        driver.take(time, base, report)
         return driver.command(time, base, is_free)
 
     assert command(0.0, (1.0, 3.0), None) == (0.0, 0.0)
