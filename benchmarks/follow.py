@@ -24,6 +24,9 @@ import math
 import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
+from importlib import import_module
+from typing import Any
 
 import arguments as options_of
 import cv2
@@ -61,8 +64,13 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     cv2.setNumThreads(1)
     scenario = SCENARIOS[name]
     world = World.draw(seed, scenario, options.seconds)
-    chain = LibraryChain(scenario, seed, has_imu=world.has_imu)
-    return figures([row_of(one) for one in moments(world, scenario, seed, options.seconds, chain)])
+    kind: Any = LibraryChain
+    if options.nodes:
+        # Only here, as ROS is not installed everywhere.
+        kind = import_module("follow_parts.nodes").NodeChain
+    with closing(kind(scenario, seed, has_imu=world.has_imu)) as chain:
+        rows = [row_of(one) for one in moments(world, scenario, seed, options.seconds, chain)]
+    return figures(rows)
 
 
 def table(results: dict[str, dict[int, dict[str, float]]]) -> Table:
@@ -100,6 +108,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     made.add_argument("--seconds", type=float, default=100.0, help="of each run [%(default)s]")
     made.add_argument("--jobs", type=options_of.at_least(1), default=1, help="[%(default)s]")
+    made.add_argument(
+        "--nodes", action="store_true", help="the nodes of ROS in place of the library"
+    )
     options_of.add_folder(made)
     options = made.parse_args(arguments)
     names = options.scenario or list(SCENARIOS)

@@ -69,6 +69,11 @@ def stamp_at(time: float) -> int:
     return _EPOCH + round(time * NANOSECONDS)
 
 
+def camera_parameters(*, has_imu: bool) -> CameraParameters:
+    """As a user sets them: height and tilt of the camera by its drawing, or tilt by the IMU."""
+    return CameraParameters(height=CAMERA_HEIGHT, pitch=0.0 if has_imu else CAMERA_PITCH)
+
+
 class _Feed:
     """A topic that has messages, or none."""
 
@@ -94,9 +99,7 @@ class LibraryChain:
         self.session.frozen_after = node.frozen_after
         self.session.frame_buffer.limit(node.frame_buffer_length, node.frame_buffer_megabytes)
         self._max_targets = scenario.max_targets
-        # As a user sets them: height and tilt of the camera by its drawing, or tilt by the IMU.
-        camera = CameraParameters(height=CAMERA_HEIGHT, pitch=0.0 if has_imu else CAMERA_PITCH)
-        self._parameters = LocalizerParameters(camera=camera)
+        self._parameters = LocalizerParameters(camera=camera_parameters(has_imu=has_imu))
         calibration = CameraCalibration(_Feed(is_used=True))
         calibration.take(1, "camera", camera_info_message(plain, None, CAMERA))
         self._depth = DepthImages(_Feed(is_used=scenario.has_depth))
@@ -105,6 +108,9 @@ class LibraryChain:
         self._has_imu = has_imu
         sensors = Sensors(calibration, self._depth, self._base, self._gravity)
         self._localizer = FrameLocalizer(sensors, Problems(lambda sentence: None, math.inf))
+
+    def close(self) -> None:
+        """Nothing has to be ended."""
 
     def take_motion(self, motion: Motion) -> None:
         """Take a message of the topic odom, and one of the topic imu where there is one."""

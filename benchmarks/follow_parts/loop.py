@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from follow_parts.scenarios import Scenario
 from follow_parts.world import RATE, Motion, Truth, World
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box, iou
+
+if TYPE_CHECKING:
+    # ROS is not installed everywhere.
+    from follow_parts.nodes import NodeChain
 
 # Frames from an image to the command that follows from it: 100 ms.
 _COMMAND_DELAY = 2
@@ -36,7 +41,7 @@ class _User:
     """Chooses the right person once, by hand, by the first detection or by selection."""
 
     scenario: Scenario
-    chain: LibraryChain
+    chain: LibraryChain | NodeChain
     has_chosen: bool = field(default=False, init=False)
 
     def draw(self, truth: Truth) -> None:
@@ -75,7 +80,7 @@ class _User:
 
 
 def moments(
-    world: World, scenario: Scenario, seed: int, seconds: float, chain: LibraryChain
+    world: World, scenario: Scenario, seed: int, seconds: float, chain: LibraryChain | NodeChain
 ) -> Iterator[Moment]:
     """Run a scenario in a world, frame by frame; the seed is that of the detector."""
     controller, user = FollowController(), _User(scenario, chain)

@@ -2,6 +2,7 @@
 
 import json
 import math
+from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from follow_parts import (
     controller,
     detector,
     layout,
+    loop,
     metrics,
     people,
     rendering,
@@ -20,6 +22,8 @@ from follow_parts import (
     world,
 )
 from follow_parts.scenarios import SCENARIOS
+
+from pf_tracker_ros.boxes import iou
 
 INTERVAL = 0.1
 
@@ -235,3 +239,23 @@ def test_whoever_is_alike_wears_the_same():
     walkers = world.World.draw(1, scenario, 20.0).cast.walkers
     assert len(walkers) > 3
     assert len({walker.sprites.clothes for walker in walkers}) == 1
+
+
+@pytest.mark.parametrize("name", ["depth_select", "image_hand"])
+def test_the_nodes_say_what_the_library_says(name):
+    pytest.importorskip("rclpy")
+    from follow_parts.nodes import NodeChain
+
+    scenario, reports = SCENARIOS[name], []
+    for chain_of in (chain.LibraryChain, NodeChain):
+        drawn = world.World.draw(3, scenario, 3.0)
+        with closing(chain_of(scenario, 3, has_imu=drawn.has_imu)) as made:
+            moments = loop.moments(drawn, scenario, 3, 3.0, made)
+            reports.append([moment.report for moment in moments])
+    # The topic of a box has single precision, and each draw of particles enlarges the difference.
+    assert [one.state for one in reports[0]] == [one.state for one in reports[1]]
+    posed = [pair for pair in zip(*reports, strict=True) if pair[0].position is not None]
+    assert len(posed) > 20
+    for one, other in posed:
+        assert iou(np.array(one.box), np.array(other.box)) > 0.7
+        np.testing.assert_allclose(one.position, other.position, atol=0.3)
