@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pf_tracker_ros.boxes import Box
+from pf_tracker_ros.boxes import Box, as_box
 from pf_tracker_ros.frames import check_image
 from pf_tracker_ros.frames.exposure import gray_range, to_8_bit
 from pf_tracker_ros.tracking.input_checks import check_box
@@ -51,7 +51,7 @@ class ColorImageTracker(ABC):
         self._kind = image.shape, image.dtype
         self._gray_range = gray_range(image)
         self._learn(self._color(image), self._box.copy())
-        return self._last_box()
+        return as_box(self._box)
 
     def update(self, image: NDArray[Any], _dt: float | None = None) -> PlainEstimate:
         """Track in the next image, of the first one's size and type; the interval is ignored.
@@ -68,9 +68,9 @@ class ColorImageTracker(ABC):
         color = self._color(image)
         found = self._find(color, self._box.copy())
         if found is None or not np.isfinite(found).all():
-            return PlainEstimate(self._last_box(), "lost")
+            return PlainEstimate(as_box(self._box), "lost")
         self._box = self._limited(np.asarray(found, np.float64), color)
-        return PlainEstimate(self._last_box(), "tracking")
+        return PlainEstimate(as_box(self._box), "tracking")
 
     @abstractmethod
     def _learn(self, image: Image, box: Array) -> None:
@@ -87,7 +87,3 @@ class ColorImageTracker(ABC):
     def _color(self, image: NDArray[Any]) -> Image:
         image = to_8_bit(image, self._gray_range)
         return cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
-
-    def _last_box(self) -> Box:
-        x, y, width, height = self._box.tolist()
-        return x, y, width, height

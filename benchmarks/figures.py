@@ -5,10 +5,11 @@
     python benchmarks/figures.py write                 # the tables of the documents, from the JSON
     python benchmarks/figures.py check                 # exit code 1 where they differ
 
-`FOLDER/sequences` has sequence folders, `FOLDER/mot` folders of the MOT challenge with their images
-in `img1`, `FOLDER/world` what world.py takes (`kitti`, `depth`, `calibration.xml`). What is absent
-is left out. `docs/figures.json` keeps what another run has measured of the parts that this one
-leaves out, each with its commit.
+`FOLDER/sequences` has sequence folders, and `FOLDER/mot` folders of the MOT challenge. The frames
+of `mot/NAME` are the images in its `img1`, or the video `FOLDER/sequences/video/NAME.*`.
+`FOLDER/world` has what world.py takes: `kitti`, a folder with `*_depth.png`, `calibration.xml`.
+What is absent is left out, which is said before the first part. `docs/figures.json` keeps what
+another run has measured of the parts that this one leaves out, each with its commit.
 
 A document names a table between two comments; the first has its part and the beginning of its
 title, and optionally columns and rows:
@@ -50,6 +51,7 @@ KINDS = {
     "thermal": "tir_",
     "aircraft, birds": "ir|vbird|vdrone",
 }
+INFRARED = "tir_|ir"
 END = "<!-- end of figures -->"
 _BLOCK = re.compile(rf"<!-- figures (.+?) -->\n(.*?){END}", re.DOTALL)
 
@@ -62,13 +64,16 @@ class FiguresError(ValueError):
     """A table is named that has not been measured, or the footage is missing."""
 
 
-def _on_sequences(script: str, *options: str, seeds: int) -> Part:
-    """A benchmark of the sequences, with at most so many seeds."""
+def _on_sequences(script: str, *options: str, seeds: int, only: str = "") -> Part:
+    """A benchmark of the sequences, or of those whose name matches, with at most so many seeds."""
 
     def commands(footage: Path, given: int) -> list[Command]:
         folder = footage / "sequences"
+        folders = [folder] if folder.is_dir() else []
+        if only:
+            folders = sorted(one for one in folder.glob("*/") if re.match(only, one.name))
         counted = ["--seeds", str(min(given, seeds))]
-        return [[script, str(folder), *options, *counted]] if folder.is_dir() else []
+        return [[script, *map(str, folders), *options, *counted]] if folders else []
 
     return commands
 
@@ -79,26 +84,42 @@ def _always(*commands: str) -> Part:
 
 def _several_targets(*options: str) -> Part:
     def commands(footage: Path, seeds: int) -> list[Command]:
-        folders = sorted(path.parent for path in footage.glob("mot/*/seqinfo.ini"))
-        words = [word for one in folders for word in ("--sequence", str(one), str(one / "img1"))]
+        words: list[str] = []
+        for folder in sorted(path.parent for path in footage.glob("mot/*/seqinfo.ini")):
+            if frames := _frames_of(folder, footage / "sequences" / "video"):
+                words += ["--sequence", str(folder), str(frames)]
         return [["targets.py", *words, *options, "--seed", str(seed)] for seed in range(seeds)
-                if folders]  # fmt: skip
+                if words]  # fmt: skip
 
     return commands
 
 
+def _frames_of(folder: Path, videos: Path) -> Path | None:
+    """The images of a folder of the MOT challenge, or else the video with its name, if any."""
+    if (images := folder / "img1").is_dir():
+        return images
+    video = next((one for one in sorted(videos.glob("*")) if one.stem == folder.name), None)
+    if video is None:
+        _leave_out(folder.name, f"neither {images} nor {videos / folder.name}.* exists")
+    return video
+
+
 def _positions(footage: Path, seeds: int) -> list[Command]:
-    places = {
-        "--kitti": footage / "world" / "kitti",
-        "--depth": footage / "world" / "depth",
-        "--pets": footage / "mot" / "PETS09-S2L1",
-        "--calibration": footage / "world" / "calibration.xml",
-    }
-    if not places["--calibration"].exists():
-        del places["--pets"]
-    words = [word for option, path in places.items() if path.exists()
-             for word in (option, str(path))]  # fmt: skip
+    world, pets = footage / "world", footage / "mot" / "PETS09-S2L1"
+    words: list[str] = []
+    if (world / "kitti").is_dir():
+        words += ["--kitti", str(world / "kitti")]
+    if frame := min(world.glob("*/*_depth.png"), default=None):
+        words += ["--depth", str(frame.parent)]
+    if (calibration := world / "calibration.xml").exists() and pets.is_dir():
+        words += ["--pets", str(pets), "--calibration", str(calibration)]
+    elif pets.is_dir():
+        _leave_out("positions of PETS09-S2L1", f"{calibration} does not exist")
     return [["world.py", "--cost", *words]] if words else []
+
+
+def _leave_out(what: str, reason: str) -> None:
+    print(f"{what} is left out: {reason}", file=sys.stderr)
 
 
 _GROUPS = [word for kind in KINDS.items() for word in ("--group", "=".join(kind))]
@@ -115,9 +136,9 @@ PARTS: Mapping[str, Part] = {
     "cost of several targets": _always(
         "multi_target_cost.py", "multi_target_cost.py --size 1920x1080"
     ),
-    "node": _always("node.py"),
+    "node": _always("node.py", "node.py --large-images", "node.py --realtime-priority 1"),
     "umbrellas": _always("umbrellas.py"),
-    "infrared": _on_sequences("infrared.py", seeds=3),
+    "infrared": _on_sequences("infrared.py", seeds=3, only=INFRARED),
     "families": _always("families.py"),
     "growth model": _always("growth_model.py"),
 }
@@ -132,31 +153,29 @@ PICTURES = {
 }
 
 
-def measure(part: str, footage: Path, seeds: int, pictures: Path) -> dict[str, Any] | None:
-    """Run a part; returns its commands, commit and tables, None where its footage is absent.
+def measure(part: str, commands: Sequence[Command], pictures: Path) -> list[dict[str, Any]]:
+    """Run the commands of a part; returns its tables.
 
     Raises:
         FiguresError: A benchmark has failed.
     """
-    commands = PARTS[part](footage, seeds)
     found: list[dict[str, Any]] = []
+    # Packages that are installed elsewhere, such as trackeval, stay visible.
+    paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     with tempfile.TemporaryDirectory() as folder:
         tables = Path(folder) / "tables.jsonl"
         tables.touch()
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), TABLES_FILE: str(tables)}
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), TABLES_FILE: str(tables)}
         for script, *rest in commands:
             command = [sys.executable, str(ROOT / "benchmarks" / script), *rest]
             done = subprocess.run(command, cwd=folder, env=environment, check=False)
             if done.returncode:
                 raise FiguresError(f"{part}: {script} has ended with code {done.returncode}")
         found += map(json.loads, tables.read_text(encoding="utf-8").splitlines())
-        if commands and part in PICTURES:
+        if part in PICTURES:
             written, name = PICTURES[part]
             shutil.copy(Path(folder) / "benchmarks" / "results" / written, pictures / name)
-    if not commands:
-        return None
-    told = [" ".join(command).replace(f"{footage}/", "FOOTAGE/") for command in commands]
-    return {"commands": told, "seeds": seeds, "commit": commit(), "tables": found}
+    return found
 
 
 def commit() -> str:
@@ -200,7 +219,7 @@ def table_of(known: Mapping[str, Any], name: str) -> list[str]:
     for choice in choices:
         kind, _, text = choice.partition(":")
         wanted = [word.strip() for word in text.split(",")]
-        present = headings if kind == "columns" else [_plain(row[0]) for row in rows]
+        present = headings if kind == "columns" else [row[0].strip("*`") for row in rows]
         if kind not in ("columns", "rows") or not set(wanted) <= set(present):
             raise FiguresError(f"'{choice}' of table '{place}'; there are: {', '.join(present)}")
         if kind == "columns":
@@ -209,10 +228,6 @@ def table_of(known: Mapping[str, Any], name: str) -> list[str]:
         else:
             rows = [rows[present.index(one)] for one in wanted]
     return Table(title, headings, rows, matching[0]["names"]).markdown()
-
-
-def _plain(cell: str) -> str:
-    return cell.strip("*`")
 
 
 def generated(text: str, known: Mapping[str, Any]) -> str:
@@ -270,18 +285,27 @@ def _measure(options: argparse.Namespace) -> int:
         raise FiguresError(f"no folder {options.footage}")
     path = options.output
     known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"parts": {}}
-    for part in options.only or PARTS:
-        if part.startswith("targets") and importlib.util.find_spec("trackeval") is None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # All of them first, as they take hours.
+    planned = {part: PARTS[part](footage, options.seeds) for part in options.only or PARTS}
+    for part, commands in planned.items():
+        if not commands:
+            _leave_out(part, f"its footage is not in {options.footage}")
+        elif part.startswith("targets") and importlib.util.find_spec("trackeval") is None:
             # It brings an OpenCV of its own, which would replace that of the environment.
-            print(f"{part} is left out: pip install --no-deps trackeval", file=sys.stderr)
+            _leave_out(part, "pip install --no-deps trackeval")
+            planned[part] = []
+    for part, commands in planned.items():
+        if not commands:
             continue
-        found = measure(part, footage, options.seeds, path.resolve().parent)
-        if found is None:
-            print(f"{part} is left out: its footage is not in {options.footage}", file=sys.stderr)
-            continue
-        known["parts"][part] = found
+        known["parts"][part] = {
+            "tables": measure(part, commands, path.resolve().parent),
+            "commands": [" ".join(one).replace(f"{footage}/", "FOOTAGE/") for one in commands],
+            "seeds": options.seeds,
+            "commit": commit(),
+        }
         known["machine"] = machine()
-        # After each part: they take hours.
+        # After each part: another one may fail.
         path.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     return 0
 

@@ -25,14 +25,16 @@ import multiprocessing
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import closing
+from importlib import import_module
+from typing import Any
 
 import arguments as options_of
 import cv2
 import numpy as np
 from follow_parts.chain import LibraryChain
-from follow_parts.loop import Chain, moments
+from follow_parts.loop import moments
 from follow_parts.metrics import figures, row_of
-from follow_parts.scenarios import SCENARIOS, Scenario
+from follow_parts.scenarios import SCENARIOS
 from follow_parts.world import World
 from tables import Table
 
@@ -62,18 +64,13 @@ def run(name: str, seed: int, options: argparse.Namespace) -> dict[str, float]:
     cv2.setNumThreads(1)
     scenario = SCENARIOS[name]
     world = World.draw(seed, scenario, options.seconds)
-    with closing(_chain(scenario, seed, world, has_nodes=options.nodes)) as chain:
+    kind: Any = LibraryChain
+    if options.nodes:
+        # Only here, as ROS is not installed everywhere.
+        kind = import_module("follow_parts.nodes").NodeChain
+    with closing(kind(scenario, seed, has_imu=world.has_imu)) as chain:
         rows = [row_of(one) for one in moments(world, scenario, seed, options.seconds, chain)]
     return figures(rows)
-
-
-def _chain(scenario: Scenario, seed: int, world: World, *, has_nodes: bool) -> Chain:
-    if not has_nodes:
-        return LibraryChain(scenario, seed, has_imu=world.has_imu)
-    # Only here, as ROS is not installed everywhere.
-    from follow_parts.nodes import NodeChain
-
-    return NodeChain(scenario, seed, has_imu=world.has_imu)
 
 
 def table(results: dict[str, dict[int, dict[str, float]]]) -> Table:

@@ -1,4 +1,4 @@
-"""The univariate growth model: extended Kalman, bootstrap and Kalman-proposal filters compared.
+"""The univariate growth model: bootstrap and Kalman-proposal filters compared.
 
     x_k = x_{k-1} / 2 + 25 x_{k-1} / (1 + x_{k-1}^2) + 8 cos(1.2 k) + u_k,   u_k ~ N(0, 10)
     y_k = x_k^2 / 20 + v_k,                                                  v_k ~ N(0, 1)
@@ -78,20 +78,6 @@ def simulate(seed: int) -> tuple[Array, Array]:
     return states, states**2 / 20 + noise
 
 
-def extended_kalman(measurements: Array, seed: int) -> Array:
-    """Estimates of the extended Kalman filter; the seed is not used."""
-    belief = Gaussian(np.array([FIRST_STATE]), np.zeros((1, 1)))
-    estimates = np.empty(STEPS)
-    for index, measurement in enumerate(measurements):
-        belief = _foreseen(belief, index + 1)
-        state = belief.mean
-        belief = belief.correct(
-            [measurement], [state / 10], [[MEASUREMENT_VARIANCE]], expected=state**2 / 20
-        )
-        estimates[index] = belief.mean[0]
-    return estimates
-
-
 def particle_filter(measurements: Array, seed: int, share: float) -> Array:
     """Estimates of the filter that draws a share of its particles around a Kalman prediction.
 
@@ -107,7 +93,8 @@ def particle_filter(measurements: Array, seed: int, share: float) -> Array:
     for index, measurement in enumerate(measurements):
         transition = GrowthTransition(index + 1)
         if share > 0.0:
-            belief = _foreseen(belief, index + 1)
+            mean, slope = belief.mean, [[growth_slope(float(belief.mean[0]))]]
+            belief = belief.predict(slope, [[STATE_VARIANCE]], mean=growth(mean, index + 1))
             proposed = propose_from_prediction(
                 particles.states, transition, belief, share, generator
             )
@@ -125,15 +112,7 @@ def particle_filter(measurements: Array, seed: int, share: float) -> Array:
     return estimates
 
 
-def _foreseen(belief: Gaussian, step: int) -> Gaussian:
-    state = belief.mean
-    return belief.predict(
-        [[growth_slope(float(state[0]))]], [[STATE_VARIANCE]], mean=growth(state, step)
-    )
-
-
 FILTERS: Mapping[str, Filter] = {
-    "extended Kalman": extended_kalman,
     "bootstrap": functools.partial(particle_filter, share=0.0),
     "Kalman proposal": functools.partial(particle_filter, share=SHARE),
 }

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tables import Table
 
 from pf_tracker_ros import Tracker
+from pf_tracker_ros.boxes import intersection_areas
 from pf_tracker_ros.evaluation import (
     SequenceResult,
     evaluate_sequence,
@@ -30,6 +31,7 @@ from pf_tracker_ros.evaluation import (
 COLOR_ALONE = {"cues": ("color_histogram",)}
 TRACKERS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "zhang2015": ("zhang2015", {}),
+    "zhang2015, template replaced": ("zhang2015", {"hog.keep": 0.0}),
     "li2007, color alone": ("li2007", COLOR_ALONE),
     # The paper compares at the same number of particles.
     "li2007, color alone, N = 100": ("li2007", COLOR_ALONE | {"particles": 100}),
@@ -42,9 +44,7 @@ def covered_shares(
     boxes: NDArray[np.float64], true_boxes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(..., frames) share of the true box inside the box; NaN without true box."""
-    near = np.maximum(boxes[..., :2], true_boxes[..., :2])
-    far = np.minimum(boxes[..., :2] + boxes[..., 2:], true_boxes[..., :2] + true_boxes[..., 2:])
-    return np.maximum(far - near, 0.0).prod(axis=-1) / true_boxes[..., 2:].prod(axis=-1)
+    return intersection_areas(boxes, true_boxes) / true_boxes[..., 2:].prod(axis=-1)
 
 
 def frame_of_loss(shares: NDArray[np.float64]) -> int | None:

@@ -24,6 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scenes.camera import HandheldCamera
+from scenes.scene import Scene
 from scenes.stage import Stage
 from scenes.street import Street
 from scenes.walkers import Person, standing_boxes
@@ -43,7 +44,7 @@ Image = NDArray[np.uint8]
 Step = Callable[[int, Image], object]
 
 
-class Scene:
+class People(Scene):
     """Eight people in two rows, who walk left and right.
 
     Attributes:
@@ -66,19 +67,16 @@ class Scene:
             actors.append(Person(_HEIGHT, tuple(coat), tuple(trousers), 1).walking(feet))
             boxes.append(standing_boxes(feet, _HEIGHT))
         street = Street(size, 150, 200, 300, ((40, 60, 200), (180, 120, 30), (40, 160, 60)))
-        self._stage = Stage(street.draw(background), tuple(actors))
-        self._camera = HandheldCamera(
+        still = HandheldCamera(
             camera, size=size, margin=1, frames=FRAMES, shake=0.0, lighting=0.0, noise=2.5
         )
-        self._camera.offsets[:] = 0.0
+        still.offsets[:] = 0.0
         self.boxes = np.stack(boxes)
-
-    def images(self) -> list[Image]:
-        """All frames of a still camera."""
-        return [self._camera.shoot(self._stage.paint(number), number) for number in range(FRAMES)]
+        stage = Stage(street.draw(background), tuple(actors))
+        super().__init__("people", stage, still, self.boxes[0])
 
 
-def _csrt(scene: Scene) -> Step:
+def _csrt(scene: People) -> Step:
     tracker = cv2.TrackerCSRT.create()
 
     def step(number: int, image: Image) -> object:
@@ -89,8 +87,8 @@ def _csrt(scene: Scene) -> Step:
     return step
 
 
-def _by_hand(count: int) -> Callable[[Scene], Step]:
-    def make(scene: Scene) -> Step:
+def _by_hand(count: int) -> Callable[[People], Step]:
+    def make(scene: People) -> Step:
         tracker = MultiTracker.from_preset("default", seed=0)
 
         def step(number: int, image: Image) -> object:
@@ -105,8 +103,8 @@ def _by_hand(count: int) -> Callable[[Scene], Step]:
     return make
 
 
-def _detected(every: int) -> Callable[[Scene], Step]:
-    def make(scene: Scene) -> Step:
+def _detected(every: int) -> Callable[[People], Step]:
+    def make(scene: People) -> Step:
         tracker = MultiTracker.from_preset("default", seed=0)
         scores = np.full(PEOPLE, 0.9)
 
@@ -131,7 +129,7 @@ def _check(count: int, wanted: int) -> None:
         )
 
 
-WAYS: dict[str, Callable[[Scene], Step]] = {
+WAYS: dict[str, Callable[[People], Step]] = {
     "CSRT, one target": _csrt,
     "one target": _by_hand(1),
     "8 by hand": _by_hand(PEOPLE),
@@ -144,10 +142,10 @@ def times_of(way: str, size: str) -> list[float]:
     """CPU time of each frame after the first ones, milliseconds."""
     cv2.setNumThreads(1)
     width, height = map(int, size.split("x"))
-    scene = Scene((width, height))
+    scene = People((width, height))
     step = WAYS[way](scene)
     times = []
-    for number, image in enumerate(scene.images()):
+    for number, image in enumerate(scene.images):
         began = time.process_time()
         step(number, image)
         times.append(1e3 * (time.process_time() - began))

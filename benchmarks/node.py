@@ -11,6 +11,7 @@ tells, and without that of the bare subscriber.
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import os
 import signal
@@ -208,14 +209,14 @@ def play(camera: Camera, frames: list[Image], seconds: float, process_id: int) -
     )
 
 
-def measure(size: str, reliability: str, seconds: float, priority: int) -> Table:
+def measure(size: str, reliability: str, options: argparse.Namespace) -> Table:
     """A table of both subscribers for an image size and a kind of camera."""
     frames = moving_square(*SIZES[size])
     commands = {
         TRACKER: [
             *("-m", "pf_tracker_ros.node.tracker.tracker_node", "--ros-args"),
             *("-p", "target_box:=[100.0, 100.0, 40.0, 40.0]", "--log-level", "error"),
-            *("-p", f"realtime_priority:={priority}"),
+            *("-p", f"realtime_priority:={options.realtime_priority}"),
         ],
         BARE: [__file__, "--bare", reliability],
     }
@@ -224,13 +225,16 @@ def measure(size: str, reliability: str, seconds: float, priority: int) -> Table
         rclpy.init()
         camera = Camera(reliability)
         with process(command) as process_id:
-            found[title] = play(camera, frames, seconds, process_id)
+            found[title] = play(camera, frames, options.seconds, process_id)
         camera.destroy_node()
         rclpy.shutdown()
     rows = [[title, *figures.cells()] for title, figures in found.items()]
     tracker = found[TRACKER]
     added = tracker.cpu_a_frame - tracker.update_a_frame - found[BARE].cpu_a_frame
-    title = f"{size} at {RATE:g} Hz from a {reliability} camera; the node adds {added:.2f} ms"
+    title = f"{size} at {RATE:g} Hz from a {reliability} camera"
+    title += ", profile for large images" * options.large_images
+    title += f", real-time priority {options.realtime_priority}" * bool(options.realtime_priority)
+    title += f"; the node adds {added:.2f} ms"
     return Table(title, HEADINGS, rows)
 
 
@@ -259,7 +263,7 @@ def main() -> None:
     with unused_domain() as domain:
         os.environ["ROS_DOMAIN_ID"] = str(domain)
         for camera in itertools.product(SIZES, RELIABILITIES):
-            measure(*camera, arguments.seconds, arguments.realtime_priority).show()
+            measure(*camera, arguments).show()
 
 
 if __name__ == "__main__":

@@ -5,15 +5,13 @@ Each tracker runs as its library ships it, save where its docstring says so.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 from color_image_tracker import Array, Box, ColorImageTracker, Image
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 
 class PeerTracker(ColorImageTracker):
@@ -25,9 +23,6 @@ class PeerTracker(ColorImageTracker):
 
     name: ClassVar[str]
     """As it stands in the tables."""
-
-    is_random: ClassVar[bool] = False
-    """Whether the seed makes a difference."""
 
     @classmethod
     def missing(cls) -> str:
@@ -51,9 +46,9 @@ class OpenCvTracker(PeerTracker):
         has_it = hasattr(cv2, cls.factory)
         return "" if has_it else "OpenCV is without its contributed trackers; use `make bench`"
 
-    @abstractmethod
     def _create(self) -> Any:
         """A tracker that has not started."""
+        return getattr(cv2, self.factory)()
 
     def _learn(self, image: Image, box: Array) -> None:
         x, y, width, height = box
@@ -83,9 +78,6 @@ class ChannelSpatialReliability(OpenCvTracker):
     name = "CSRT"
     factory = "TrackerCSRT_create"
 
-    def _create(self) -> Any:
-        return cv2.TrackerCSRT_create()
-
 
 class KernelizedCorrelation(OpenCvTracker):
     """KCF, which has no scale.
@@ -105,28 +97,6 @@ class KernelizedCorrelation(OpenCvTracker):
         return cv2.TrackerKCF_create(parameters)
 
 
-class NanoTrack(OpenCvTracker):
-    """NanoTrack, a small Siamese network.
-
-    Args:
-        seed: Makes no difference.
-        backbone: ONNX file of the network that describes images.
-        head: ONNX file of the network that compares them.
-    """
-
-    name = "NanoTrack"
-    factory = "TrackerNano_create"
-
-    def __init__(self, seed: int, backbone: Path, head: Path) -> None:
-        super().__init__(seed)
-        self._files = (backbone, head)
-
-    def _create(self) -> Any:
-        parameters = cv2.TrackerNano_Params()
-        parameters.backbone, parameters.neckhead = map(str, self._files)
-        return cv2.TrackerNano_create(parameters)
-
-
 class DlibCorrelation(PeerTracker):
     """dlib's `correlation_tracker`: translation and scale filters over gradient histograms.
 
@@ -144,20 +114,15 @@ class DlibCorrelation(PeerTracker):
         import dlib
 
         self._tracker = dlib.correlation_tracker()
-        self._tracker.start_track(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), rectangle(box))
+        x, y, width, height = box
+        # A rectangle of dlib ends with its last pixel.
+        rectangle = dlib.drectangle(x, y, x + width - 1, y + height - 1)
+        self._tracker.start_track(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), rectangle)
 
     def _find(self, image: Image, box: Array) -> Box:
         self._tracker.update(cv2.cvtColor(image, cv2.COLOR_BGR2RGB))
         found = self._tracker.get_position()
         return found.left(), found.top(), found.width(), found.height()
-
-
-def rectangle(box: ArrayLike) -> Any:
-    """A box as a rectangle of dlib, which ends with its last pixel."""
-    import dlib
-
-    x, y, width, height = box
-    return dlib.drectangle(x, y, x + width - 1, y + height - 1)
 
 
 _PARTICLES = 100
@@ -180,7 +145,6 @@ class ColorParticleFilter(PeerTracker):
     """
 
     name = "color particle filter"
-    is_random = True
 
     def _learn(self, image: Image, box: Array) -> None:
         self._generator = np.random.default_rng(self._seed)
@@ -228,4 +192,3 @@ PEERS: tuple[type[PeerTracker], ...] = (
     DlibCorrelation,
     ColorParticleFilter,
 )
-"""Those that need no files of their own; `NanoTrack` does."""

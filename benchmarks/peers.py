@@ -4,7 +4,7 @@ Success AUC, precision at 20 px and CPU time of a frame on one thread, as in `ev
 time relative to OpenCV's CSRT. The trackers alternate by sequence, so that other load slows all of
 them. Libraries that are not installed are omitted; `make bench` installs all of them.
 
-    make bench SEQUENCES="SEQUENCE_DIR ..." BENCH_ARGS="--seeds 3 --nanotrack BACKBONE HEAD"
+    make bench SEQUENCES="SEQUENCE_DIR ..." BENCH_ARGS="--seeds 3"
     python benchmarks/peers.py SEQUENCE_DIR... --seeds 3
 
 AUC, precision and median CPU time of a frame are means over the sequences. It writes peers.png.
@@ -15,12 +15,10 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 import arguments as options_of
 import numpy as np
-from peer_trackers import PEERS, ChannelSpatialReliability, NanoTrack
+from peer_trackers import PEERS, ChannelSpatialReliability
 from tables import Table, bold
 
 from pf_tracker_ros import Tracker
@@ -43,54 +41,28 @@ YARDSTICK = ChannelSpatialReliability.name
 """The tracker whose time is the reference."""
 
 
-@dataclass(frozen=True)
-class Contender:
-    """A tracker to compare."""
-
-    name: str  # name in the table
-    make_tracker: TrackerFactory  # factory from a seed
-    is_random: bool  # whether the result depends on the seed; if not, one run suffices
-
-
-def contenders(
-    nanotrack: tuple[Path, Path] | None,
-) -> tuple[list[Contender], dict[str, str]]:
-    """All installed trackers, and of each that is left out the name and what to do.
-
-    Args:
-        nanotrack: Model files of NanoTrack, backbone and head, if any.
-    """
-    found = [
-        Contender(name, functools.partial(Tracker.from_preset, name), is_random=True)
-        for name in PRESETS
-    ]
-    missing = {peer.name: what for peer in (*PEERS, NanoTrack) if (what := peer.missing())}
-    found += [
-        Contender(peer.name, peer, peer.is_random) for peer in PEERS if peer.name not in missing
-    ]
-    if nanotrack is None:
-        missing.setdefault(NanoTrack.name, "name its model files with --nanotrack BACKBONE HEAD")
-    elif NanoTrack.name not in missing:
-        backbone, head = nanotrack
-        make_tracker = functools.partial(NanoTrack, backbone=backbone, head=head)
-        found.append(Contender(NanoTrack.name, make_tracker, is_random=False))
-    return found, missing
+def contenders() -> tuple[dict[str, TrackerFactory], dict[str, str]]:
+    """All installed trackers by name, and of each that is left out the name and what to do."""
+    found: dict[str, TrackerFactory] = {
+        name: functools.partial(Tracker.from_preset, name) for name in PRESETS
+    }
+    missing = {peer.name: what for peer in PEERS if (what := peer.missing())}
+    return found | {peer.name: peer for peer in PEERS if peer.name not in missing}, missing
 
 
 def compare(
-    sequences: Sequence[Footage], trackers: Sequence[Contender], seeds: int
+    sequences: Sequence[Footage], trackers: Mapping[str, TrackerFactory], seeds: int
 ) -> dict[str, list[SequenceResult]]:
     """Run all trackers on all sequences; name to results, the highest success AUC first."""
-    results: dict[str, list[SequenceResult]] = {contender.name: [] for contender in trackers}
+    results: dict[str, list[SequenceResult]] = {name: [] for name in trackers}
     with progress_bar(frame_count(sequences) * len(trackers)) as on_progress:
         for footage in sequences:
-            for one in trackers:
-                runs = range(seeds if one.is_random else 1)
+            for name, make in trackers.items():
                 try:
-                    result = evaluate_sequence(footage, one.make_tracker, runs, on_progress)
+                    result = evaluate_sequence(footage, make, range(seeds), on_progress)
                 except EvaluationError as error:
-                    raise EvaluationError(f"{one.name}: {error}") from error
-                results[one.name].append(result)
+                    raise EvaluationError(f"{name}: {error}") from error
+                results[name].append(result)
     return dict(sorted(results.items(), key=lambda item: -mean_scores(item[1]).success_auc))
 
 
@@ -111,16 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the comparison, print the table and write the plot."""
     parser = options_of.sequence_parser(__doc__)
     options_of.add_folder(parser)
-    parser.add_argument(
-        "--nanotrack",
-        nargs=2,
-        type=Path,
-        metavar=("BACKBONE", "HEAD"),
-        help="NanoTrack's two model files, in ONNX format",
-    )
     options = parser.parse_args(arguments)
     with options_of.told_errors(parser):
-        trackers, missing = contenders(options.nanotrack)
+        trackers, missing = contenders()
         sequences = read_sequences(options.sequences)
         for name, what in missing.items():
             print(f"{name} is left out: {what}.")

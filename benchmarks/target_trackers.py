@@ -7,16 +7,23 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
 
 from pf_tracker_ros import Detections, MultiTracker, Tracker
 from pf_tracker_ros.boxes import pairwise_iou
 
 Image, Array = NDArray[np.uint8], NDArray[np.float64]
-Answer = tuple[NDArray[np.intp], Array]
+
+
+class FrameTracks(NamedTuple):
+    """Tracks of a frame, by a tracker or true ones."""
+
+    ids: NDArray[np.intp]  # (K,) of the targets
+    boxes: Array  # (K, 4) x, y, width, height in pixels
 
 
 class TargetTracker(Protocol):
@@ -28,8 +35,8 @@ class TargetTracker(Protocol):
         return ""
 
     @abstractmethod
-    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
-        """The (K,) ids and (K, 4) boxes in the next frame, so many seconds later.
+    def update(self, image: Image, interval: float, seen: Array | None) -> FrameTracks:
+        """The tracks in the next frame, so many seconds later.
 
         (M, 5) boxes and scores of a detector are seen, or None where it did not run.
         """
@@ -39,15 +46,14 @@ class MultiTargets(TargetTracker):
     """`MultiTracker` with its default preset.
 
     Args:
-        interval: Seconds between frames.
         seed: Seed of the tracker.
         every: Not used.
     """
 
-    def __init__(self, interval: float, seed: int = 0, every: int = 1) -> None:
+    def __init__(self, seed: int = 0, every: int = 1) -> None:
         self._tracker = MultiTracker.from_preset("default", seed)
 
-    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
+    def update(self, image: Image, interval: float, seen: Array | None) -> FrameTracks:
         """See `TargetTracker.update`."""
         detections = None if seen is None else Detections(seen[:, :4], seen[:, 4])
         tracks = self._tracker.update(image, interval, detections)
@@ -61,7 +67,6 @@ class SingleTargets(TargetTracker):
     on its detection after drift.
 
     Args:
-        interval: Seconds between frames.
         seed: Seed of each tracker.
         every: Not used.
     """
@@ -69,12 +74,12 @@ class SingleTargets(TargetTracker):
     SAME_ABOVE = 0.3
     STRAYED_BELOW = 0.6
 
-    def __init__(self, interval: float, seed: int = 0, every: int = 1) -> None:
+    def __init__(self, seed: int = 0, every: int = 1) -> None:
         self._seed = seed
         self._trackers: dict[int, Tracker] = {}
         self._last = 0
 
-    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
+    def update(self, image: Image, interval: float, seen: Array | None) -> FrameTracks:
         """See `TargetTracker.update`."""
         for tracker in self._trackers.values():
             tracker.update(image, interval)
@@ -83,12 +88,11 @@ class SingleTargets(TargetTracker):
         return _as_arrays([(name, one.estimate.box) for name, one in self._trackers.items()])
 
     def _assign(self, image: Image, boxes: Array) -> None:
-        assign = importlib.import_module("scipy.optimize").linear_sum_assignment
         names = list(self._trackers)
         places = np.array([self._trackers[name].estimate.box for name in names]).reshape(-1, 4)
         shared = pairwise_iou(places, boxes)
         kept, used = {}, set()
-        for row, column in zip(*assign(-shared), strict=True):
+        for row, column in zip(*linear_sum_assignment(-shared), strict=True):
             if shared[row, column] > self.SAME_ABOVE:
                 tracker = kept[names[row]] = self._trackers[names[row]]
                 used.add(column)
@@ -123,13 +127,11 @@ class Settings:
 class DetectionOnlyTracker(TargetTracker):
     """A tracker of the package `trackers`, which does not use the image.
 
-    Its Kalman filter's prediction gives the boxes between detections. The settings are those of
-    `SETTINGS` for the interval nearest to the detector's.
+    Its Kalman filter's prediction gives the boxes between detections.
 
     Args:
-        interval: Seconds between frames.
         seed: Not used.
-        every: Interval of the detector in frames.
+        every: Interval of the detector in frames, one of `SETTINGS`.
     """
 
     SETTINGS: ClassVar[Mapping[int, Settings]]
@@ -144,9 +146,8 @@ class DetectionOnlyTracker(TargetTracker):
     scored: ClassVar[str] = "track_activation_threshold"
     overlapping: ClassVar[str] = "minimum_iou_threshold"
 
-    def __init__(self, interval: float, seed: int = 0, every: int = 1) -> None:
-        nearest = min(self.SETTINGS, key=lambda one: abs(one - every))
-        settings, self._every = self.SETTINGS[nearest], every
+    def __init__(self, seed: int = 0, every: int = 1) -> None:
+        settings = self.SETTINGS[every]
         self._idle = (settings.max_misses_reported + 1) * every
         module = importlib.import_module("trackers")
         self._detections = importlib.import_module("supervision").Detections
@@ -171,7 +172,7 @@ class DetectionOnlyTracker(TargetTracker):
         """See `TargetTracker.missing`."""
         return "" if find_spec("trackers") else "pip install 'trackers>=2.6'"
 
-    def update(self, image: Image, interval: float, seen: Array | None) -> Answer:
+    def update(self, image: Image, interval: float, seen: Array | None) -> FrameTracks:
         """See `TargetTracker.update`."""
         if seen is None:
             self._predict(image)
@@ -255,9 +256,10 @@ class BotSort(DetectionOnlyTracker):
         self._tracker.update(detections, image)
 
 
-def _as_arrays(tracks: list[tuple[int, Any]]) -> Answer:
+def _as_arrays(tracks: list[tuple[int, Any]]) -> FrameTracks:
     ids = np.array([name for name, _ in tracks], dtype=np.intp)
-    return ids, np.array([box for _, box in tracks], dtype=np.float64).reshape(-1, 4)
+    boxes = np.array([box for _, box in tracks], dtype=np.float64).reshape(-1, 4)
+    return FrameTracks(ids, boxes)
 
 
 TRACKERS: Mapping[str, type[TargetTracker]] = {
@@ -268,4 +270,4 @@ TRACKERS: Mapping[str, type[TargetTracker]] = {
     "OC-SORT": OcSort,
     "BoT-SORT": BotSort,
 }
-"""Name to factory from seconds between frames, seed and the detector's interval."""
+"""Name to factory from seed and the detector's interval."""

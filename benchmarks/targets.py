@@ -31,7 +31,7 @@ from matplotlib.figure import Figure
 from moving_camera import MovingCamera
 from numpy.typing import NDArray
 from tables import Table, bold
-from target_trackers import TRACKERS, TargetTracker
+from target_trackers import TRACKERS, FrameTracks, TargetTracker
 
 from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.footage import FootageError, open_footage
@@ -40,13 +40,6 @@ OURS = "pf_tracker_ros"
 PHASES = {1: (0,), 5: (0, 1, 3), 12: (0, 4, 8)}
 """Interval of the detector to its first frames."""
 FIGURES = ("HOTA", "IDF1", "MOTA", "switches", "overlap %", "CPU ms")
-
-
-class FrameTracks(NamedTuple):
-    """Tracks of a frame, by a tracker or true ones."""
-
-    ids: NDArray[np.intp]  # (K,) of the targets
-    boxes: NDArray[np.float64]  # (K, 4) x, y, width, height in pixels
 
 
 @dataclass(frozen=True)
@@ -116,9 +109,8 @@ def run(tracker: TargetTracker, sequence: AnnotatedSequence, every: int, first: 
         seen = sequence.detections[number] if number % every == first else None
         image = sequence.camera.see(number, frame.image) if sequence.camera else frame.image
         start = time.process_time()
-        answer = tracker.update(image, sequence.interval, seen)
+        tracks.append(tracker.update(image, sequence.interval, seen))
         seconds += time.process_time() - start
-        tracks.append(FrameTracks(*answer))
     if len(tracks) < len(sequence.truth):
         needed = f"{sequence.name} needs {len(sequence.truth)}"
         raise FootageError(f"{sequence.frames} has {len(tracks)} frames; {needed}")
@@ -189,10 +181,7 @@ def compare(
         for every, firsts in PHASES.items():
             for name, make in trackers.items():
                 scores = [
-                    score(
-                        sequence.truth,
-                        run(make(sequence.interval, every=every), sequence, every, first),
-                    )
+                    score(sequence.truth, run(make(every=every), sequence, every, first))
                     for first in firsts
                 ]
                 figures = {key: float(np.mean([one[key] for one in scores])) for key in scores[0]}

@@ -38,8 +38,8 @@ from pf_tracker_ros.tuning.confidence import (
 )
 
 RIGHT_ABOVE = 0.5
-# The target is truly lost if the overlap has been below this for so many seconds.
-GONE_BELOW, GONE_FOR = 0.1, 3.0
+# Overlap below which the box is not on the target at all.
+GONE_BELOW = 0.1
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,6 @@ class Frames:
     overlap: NDArray[np.float64]  # (F,) of box and true box
     confidence: NDArray[np.float64]  # (F,) 0 to 1
     is_tracking: NDArray[np.bool_]  # (F,) whether the state was tracking
-    astray: NDArray[np.float64]  # (F,) seconds for which the box has been beside the target
 
     @property
     def is_right(self) -> NDArray[np.bool_]:
@@ -62,25 +61,15 @@ class Frames:
         return [LabeledConfidences("", self.confidence[None], self.is_right[None])]
 
 
-def compared(
-    estimates: Sequence[Estimate], true_boxes: NDArray[np.float64], interval: float
-) -> Frames:
+def compared(estimates: Sequence[Estimate], true_boxes: NDArray[np.float64]) -> Frames:
     """Output for the frames with a true box, of an estimate for each frame."""
     known = has_target(true_boxes)
     estimates = [one for one, is_known in zip(estimates, known, strict=True) if is_known]
-    overlaps = overlap(np.array([one.box for one in estimates]), true_boxes[known])
     return Frames(
-        overlaps,
+        overlap(np.array([one.box for one in estimates]), true_boxes[known]),
         np.array([one.confidence for one in estimates]),
         np.array([one.state == "tracking" for one in estimates]),
-        interval * _in_a_row(overlaps < GONE_BELOW),
     )
-
-
-def _in_a_row(holds: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """(F,) number of consecutive frames so far in which a condition, (F,), holds."""
-    number = np.arange(1, len(holds) + 1)
-    return number - np.maximum.accumulate(np.where(holds, 0, number))
 
 
 def together(parts: Sequence[Frames]) -> Frames:
@@ -94,12 +83,12 @@ def measured(sequences: Sequence[Footage], seeds: int) -> list[Frames]:
     parts = []
     with progress_bar(len(sequences), "sequences") as on_progress:
         for footage in sequences:
-            truth, interval = usable_ground_truth(footage), footage.nominal_interval
+            truth = usable_ground_truth(footage)
             runs = [
                 estimates_of("default", seed, timed_images(footage), truth[0])
                 for seed in range(seeds)
             ]
-            parts.append(together([compared(one, truth[1:], interval) for one in runs]))
+            parts.append(together([compared(one, truth[1:]) for one in runs]))
             on_progress(footage.name, 1)
     return parts
 
@@ -133,7 +122,6 @@ def summary(groups: Mapping[str, Frames], title: str) -> Table:
 def figures(frames: Frames) -> dict[str, float]:
     """Figures by name."""
     right, tracking, labeled = frames.is_right, frames.is_tracking, frames.labeled
-    gone = frames.astray > GONE_FOR
     return {
         "area under the ROC curve of the confidence": roc_area(labeled),
         "expected calibration error": calibration_error(labeled),
@@ -142,8 +130,6 @@ def figures(frames: Frames) -> dict[str, float]:
         f"frames with an overlap below {GONE_BELOW} that are called tracking": _mean(
             tracking[frames.overlap < GONE_BELOW]
         ),
-        f"frames more than {GONE_FOR:g} s after the target was lost that are called occluded or "
-        "lost": _mean(~tracking[gone]),
     }
 
 

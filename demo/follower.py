@@ -34,12 +34,12 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from follow_parts.chain import LibraryChain, stamp_at
 from follow_parts.layout import Layout
 from follow_parts.loop import Moment, moments
+from follow_parts.messages import camera_info_message, odometry_message, pose_message
 from follow_parts.metrics import Row, row_of
 from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
 from follow_parts.scenarios import SCENARIOS
 from follow_parts.world import RATE, World
 from room_map import PERSON_COLOR, POSE_COLOR, ROBOT_COLOR, RoomMap
-from world_recording import camera_info_message, odometry_message, pose_message
 
 NAME = "follower"
 BAG = f"{NAME}.mcap"

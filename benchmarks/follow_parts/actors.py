@@ -74,7 +74,8 @@ class Walker:
         self.velocity = self.velocity + change * min(
             1.0, _ACCELERATION * interval / max(size, 1e-9)
         )
-        for velocity in (self.velocity, *_components(self.velocity)):
+        # Along the walls, if not straight on.
+        for velocity in (self.velocity, self.velocity * (1.0, 0.0), self.velocity * (0.0, 1.0)):
             step = self.position + interval * velocity
             here, there = layout.clearance(self.position), layout.clearance(step)
             if there >= 0.28 or there > here:
@@ -99,10 +100,6 @@ def _between(begin: Array, end: Array) -> tuple[float, Array, Array]:
     distance = float(np.hypot(*ahead))
     ahead = ahead / max(distance, 1e-6)
     return distance, ahead, np.array([-ahead[1], ahead[0]])
-
-
-def _components(velocity: Array) -> tuple[Array, Array]:
-    return np.array([velocity[0], 0.0]), np.array([0.0, velocity[1]])
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
+from follow_parts.chain import Report
 from follow_parts.robot import Pose2D
 
 # Distance to keep, meters.
@@ -21,33 +21,22 @@ _PREDICTED = 1.5
 _DETOURS, _FREE = (0.0, 0.15, -0.15, 0.3, -0.3, 0.45, -0.45), 1.2
 
 
-@dataclass(frozen=True)
-class Perceived:
-    """What the tracker and the localizer publish of an image."""
-
-    time: float  # of the image, seconds
-    # of the pose in the odometry's frame, meters; None while there is none
-    position: tuple[float, float] | None
-    velocity: tuple[float, float]  # of it, m/s
-    # of the bearing in the odometry's frame, radians; None while there is none
-    heading: float | None
-
-
 class FollowController:
     """Keeps a distance to a person."""
 
     def __init__(self) -> None:
-        self._posed: Perceived | None = None
+        # The last report with a pose, the last heading in the odometry's frame, and their times.
+        self._posed: tuple[float, Report] | None = None
         self._heading: tuple[float, float] | None = None
         self._known_at = 0.0
         self._side = 1.0
 
-    def take(self, perceived: Perceived) -> None:
-        """Take what was perceived."""
-        if perceived.position is not None:
-            self._posed = perceived
-        if perceived.heading is not None:
-            self._heading = perceived.time, perceived.heading
+    def take(self, time: float, base: Pose2D, report: Report) -> None:
+        """Take what is published of an image of a time, where the robot was by its odometry."""
+        if report.position is not None:
+            self._posed = time, report
+        if report.bearing is not None:
+            self._heading = time, base.yaw + report.bearing
 
     def command(
         self, time: float, base: Pose2D, is_free: Callable[[float, float], bool]
@@ -58,7 +47,7 @@ class FollowController:
         meters. The base is the robot's by its odometry.
         """
         speed = 0.0
-        if self._posed and time - self._posed.time <= _HOLD:
+        if self._posed and time - self._posed[0] <= _HOLD:
             angle, distance = self._toward(0.0, base)
             speed = _SPEED_GAIN * (distance - DISTANCE) * max(math.cos(angle), 0.0)
             if speed > 0.0:
@@ -72,7 +61,7 @@ class FollowController:
         elif time - self._known_at > _SEARCH_AFTER:
             return 0.0, self._side * _SEARCH_TURN
         elif self._posed:
-            angle, _ = self._toward(min(time - self._posed.time, _PREDICTED), base)
+            angle, _ = self._toward(min(time - self._posed[0], _PREDICTED), base)
         else:
             return 0.0, 0.0
         self._side = 1.0 if angle >= 0.0 else -1.0
@@ -80,9 +69,10 @@ class FollowController:
 
     def _toward(self, seconds: float, base: Pose2D) -> tuple[float, float]:
         """Angle and distance to where the last pose is after some seconds."""
-        if not self._posed or not self._posed.position:
+        _, report = self._posed or (0.0, None)
+        if report is None or report.position is None or report.velocity is None:
             return 0.0, 0.0
-        (x, y), (vx, vy) = self._posed.position, self._posed.velocity
+        (x, y), (vx, vy) = report.position.tolist(), report.velocity.tolist()
         x, y = x + seconds * vx - base.x, y + seconds * vy - base.y
         return _wrapped(math.atan2(y, x) - base.yaw), math.hypot(x, y)
 

@@ -16,21 +16,13 @@ _MISSED, _NOISE, _FALSE, _MERGED_ABOVE, _LEAST_VISIBLE = 0.1, 0.05, 0.02, 0.5, 0
 _LEAST_HEIGHT = 40.0
 
 
-def clipped(box: Box) -> Box | None:
-    """The part of a box inside the image; None outside."""
-    x, y, width, height = box
-    x0, y0 = max(x, 0.0), max(y, 0.0)
-    x1, y1 = min(x + width, float(CAMERA.width)), min(y + height, float(CAMERA.height))
-    return (x0, y0, x1 - x0, y1 - y0) if x1 - x0 > 1.0 and y1 - y0 > 1.0 else None
-
-
 def detect(people: Sequence[Seen], generator: np.random.Generator) -> Detections:
     """What the detector finds in an image with people."""
     boxes = [
         box
         for one in people
-        if one.box and one.shown >= _LEAST_VISIBLE
-        if (box := clipped(one.box)) and box[3] >= _LEAST_HEIGHT
+        if one.shown >= _LEAST_VISIBLE
+        if (box := one.box_in_image) and box[3] >= _LEAST_HEIGHT
     ]
     found: list[Box] = []
     for box in _merged(boxes):

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -43,10 +44,9 @@ class Layout:
     pillars: tuple[Pillar, ...]  # the pillars
     # center of the opening in the inner wall; None without
     opening: tuple[float, float] | None = None
-    _clearance: NDArray[np.float32] = field(init=False, repr=False)
-    _ways: NDArray[np.float32] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _clearance(self) -> NDArray[np.float32]:
         size = np.ceil((self.outline.max(axis=0) + _MARGIN) * _CELLS).astype(int)
         free = np.zeros((size[1], size[0]), np.uint8)
         cv2.fillPoly(free, [np.rint(self.outline * _CELLS).astype(np.int32)], 255)
@@ -55,10 +55,12 @@ class Layout:
         for pillar in self.pillars:
             center = np.rint(np.multiply(pillar.center, _CELLS)).astype(int).tolist()
             cv2.circle(free, center, round(pillar.radius * _CELLS), 0, -1)
-        clearance = cv2.distanceTransform(free, cv2.DIST_L2, 5) / np.float32(_CELLS)
+        return cv2.distanceTransform(free, cv2.DIST_L2, 5) / np.float32(_CELLS)
+
+    @cached_property
+    def _ways(self) -> NDArray[np.float32]:
         stride = round(_STEP * _CELLS)
-        object.__setattr__(self, "_clearance", clearance)
-        object.__setattr__(self, "_ways", clearance[::stride, ::stride])
+        return self._clearance[::stride, ::stride]
 
     @classmethod
     def draw(cls, generator: np.random.Generator, kind: str) -> Layout:
@@ -173,7 +175,8 @@ class Layout:
         while index < len(points):
             last = index
             for further in range(min(len(points) - 1, index + 25), index, -1):
-                is_clear = all(_to_segment(one, here, points[further]) > 0.9 for one in avoid)
+                way = np.array([[here, points[further]]])
+                is_clear = all(distance_to_walls(way, one) > 0.9 for one in avoid)
                 if is_clear and self.is_open(here, points[further], 0.38):
                     last = further
                     break
@@ -231,11 +234,6 @@ def crossings(walls: Array, origin: Array, directions: Array) -> tuple[Array, Ar
     with np.errstate(divide="ignore", invalid="ignore"):
         ranges = (begins[:, 0] * along[:, 1] - begins[:, 1] * along[:, 0]) / crossed
         return ranges, (begins[:, 0] * y - begins[:, 1] * x) / crossed
-
-
-def _to_segment(point: ArrayLike, begin: Array, end: Array) -> float:
-    """Distance of a point to a segment."""
-    return distance_to_walls(np.array([[begin, end]]), point)
 
 
 def distance_to_walls(walls: Array, point: ArrayLike) -> float:

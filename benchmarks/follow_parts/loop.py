@@ -5,50 +5,27 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from follow_parts.chain import Report
-from follow_parts.controller import FollowController, Perceived
-from follow_parts.detector import DELAY, INTERVAL, clipped, detect
-from follow_parts.rendering import Seen
-from follow_parts.robot import Pose2D
+from follow_parts.chain import LibraryChain, Report, stamp_at
+from follow_parts.controller import FollowController
+from follow_parts.detector import DELAY, INTERVAL, detect
 from follow_parts.scenarios import Scenario
 from follow_parts.world import RATE, Motion, Truth, World
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box, iou
+
+if TYPE_CHECKING:
+    # ROS is not installed everywhere.
+    from follow_parts.nodes import NodeChain
 
 # Frames from an image to the command that follows from it: 100 ms.
 _COMMAND_DELAY = 2
 # Generators of a seed: that of the world, and that of the detector.
 _DETECTOR = 1
 _SELECTED_ABOVE = 0.5
-
-
-class Chain(Protocol):
-    """Tracker and localizer; times are seconds."""
-
-    def take_motion(self, motion: Motion) -> None:
-        """Take a message of the topic odom, and one of the topic imu where there is one."""
-
-    def take_detections(self, detections: Detections, time: float) -> None:
-        """Take the detections of the image of a time."""
-
-    def request(self, box: Box, time: float) -> None:
-        """Draw a box on the image of a time."""
-
-    def select(self, id: int) -> None:
-        """Select a target."""
-
-    def process(
-        self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
-    ) -> Report:
-        """Process an image; odometry up to its time has been taken."""
-
-    def close(self) -> None:
-        """End it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,14 +41,14 @@ class _User:
     """Chooses the right person once, by hand, by the first detection or by selection."""
 
     scenario: Scenario
-    chain: Chain
+    chain: LibraryChain | NodeChain
     has_chosen: bool = field(default=False, init=False)
 
     def draw(self, truth: Truth) -> None:
         """Draw a box, where the scenario wants it."""
-        box = true_box(truth.view.people[0])
+        box = truth.view.people[0].box_in_image
         if self.scenario.is_by_hand and not self.has_chosen and box:
-            self.chain.request(box, truth.time)
+            self.chain.session.request(box, stamp_at(truth.time))
             self.has_chosen = True
 
     def filter(self, detections: Detections, box: Box | None) -> Detections:
@@ -92,23 +69,18 @@ class _User:
 
     def select(self, truth: Truth, report: Report) -> None:
         """Select the right one of several targets when it is first reported."""
-        box = true_box(truth.view.people[0])
+        box = truth.view.people[0].box_in_image
         if self.has_chosen or self.scenario.max_targets == 1 or not box:
             return
         for id, one in report.targets.items():
             if iou(np.array(one), np.array(box)) > _SELECTED_ABOVE:
-                self.chain.select(id)
+                self.chain.session.select(id)
                 self.has_chosen = True
                 return
 
 
-def true_box(seen: Seen) -> Box | None:
-    """The part of a person's box inside the image; None outside."""
-    return clipped(seen.box) if seen.box else None
-
-
 def moments(
-    world: World, scenario: Scenario, seed: int, seconds: float, chain: Chain
+    world: World, scenario: Scenario, seed: int, seconds: float, chain: LibraryChain | NodeChain
 ) -> Iterator[Moment]:
     """Run a scenario in a world, frame by frame; the seed is that of the detector."""
     controller, user = FollowController(), _User(scenario, chain)
@@ -121,24 +93,15 @@ def moments(
         time, people = truth.time, truth.view.people
         user.draw(truth)
         if scenario.has_detector and number % round(INTERVAL * RATE) == 0:
-            late.append((time + DELAY, time, true_box(people[0]), detect(people, generator)))
+            late.append((time + DELAY, time, people[0].box_in_image, detect(people, generator)))
         if late and late[0][0] <= time + 1e-6:
             _, seen_at, box, detections = late.popleft()
-            chain.take_detections(user.filter(detections, box), seen_at)
+            chain.session.add_detections(user.filter(detections, box), stamp_at(seen_at))
         depth = truth.view.depth if scenario.has_depth else None
         report = chain.process(truth.view.image, depth, time)
         user.select(truth, report)
         yield Moment(truth, report)
-        controller.take(_perceived(time, truth.odometry, report))
+        controller.take(time, truth.odometry, report)
         commands.append(controller.command(time, truth.odometry, world.is_free))
         for motion in world.advance(*commands.popleft()):
             chain.take_motion(motion)
-
-
-def _perceived(time: float, odometry: Pose2D, report: Report) -> Perceived:
-    position, velocity = (
-        None if value is None else (float(value[0]), float(value[1]))
-        for value in (report.position, report.velocity)
-    )
-    heading = None if report.bearing is None else odometry.yaw + report.bearing
-    return Perceived(time, position, velocity or (0.0, 0.0), heading)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tracking_runs import spans
 
-from follow_parts.loop import Moment, true_box
+from follow_parts.loop import Moment
 from follow_parts.robot import Pose2D
 from follow_parts.world import INTERVAL
 from pf_tracker_ros.boxes import Box, iou
@@ -53,7 +53,7 @@ class Row:
     measured_distance: float  # from the robot to the unfiltered position
     nees: float  # of the pose over its two degrees of freedom
     velocity: Array  # (2,) of the person, m/s, in the room
-    said_velocity: Array  # (2,) of the odometry topic, m/s, in the frame of the odometry
+    said_velocity: Array  # (2,) of the pose, m/s, in the frame of the odometry
     stands_for: float  # how long the person has been standing
 
     @property
@@ -85,11 +85,11 @@ def row_of(moment: Moment) -> Row:
         said = truth.in_room(report.position)
         error = report.position - truth.in_odometry(person)
         nees = float(error @ np.linalg.solve(report.covariance, error)) / 2.0
-    own_box, own, other = true_box(people[0]), 0.0, 0.0
+    own_box, own, other = people[0].box_in_image, 0.0, 0.0
     if report.box:
         box = np.array(report.box)
         own = float(iou(box, np.array(own_box))) if own_box else 0.0
-        seen = [true_box(one) for one in people[1:] if one.shown >= _HIDDEN]
+        seen = [one.box_in_image for one in people[1:] if one.shown >= _HIDDEN]
         other = max((float(iou(box, np.array(one))) for one in seen if one), default=0.0)
     return Row(
         time=truth.time,

@@ -20,15 +20,21 @@ from numpy.typing import NDArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, Image, Imu, RegionOfInterest
+from sensor_msgs.msg import CameraInfo, Image, Imu
 from std_msgs.msg import Header, UInt32
 
-from follow_parts.chain import Report, camera_info, camera_parameters, odometry_values, stamp_at
+from follow_parts.chain import Report, camera_parameters, stamp_at
+from follow_parts.messages import (
+    camera_info_message,
+    imu_message,
+    odometry_message,
+    pose_message,
+)
+from follow_parts.rendering import CAMERA
 from follow_parts.scenarios import Scenario
-from follow_parts.world import Motion
+from follow_parts.world import ACCELERATION_NOISE, Motion
 from pf_tracker_ros import Detections
 from pf_tracker_ros.boxes import Box
-from pf_tracker_ros.localization.tracker_frame import TrackerFrame
 from pf_tracker_ros.messages import box_message, image_message
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
 from pf_tracker_ros.node.localizer.tracker_status import read_status
@@ -39,10 +45,16 @@ from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
 # Seconds after which a missing answer is an error, and for which an executor waits at most.
 _DEADLINE, _POLL = 30.0, 0.05
+_ANSWERS = {
+    "pf_tracker/status": DiagnosticArray,
+    "localizer/status": DiagnosticArray,
+    "localizer/odometry": Odometry,
+    "localizer/bearing": Vector3Stamped,
+}
 
 
 class NodeChain:
-    """The nodes `pf_tracker` and `localizer`, and the robot's topics.
+    """The nodes `pf_tracker` and `localizer`, and the robot's topics; used as `LibraryChain`.
 
     Args:
         scenario: What there is to be fed.
@@ -55,97 +67,95 @@ class NodeChain:
 
     def __init__(self, scenario: Scenario, seed: int, *, has_imu: bool) -> None:
         self._stack = ExitStack()
-        domain = self._stack.enter_context(unused_domain())
         context = Context()
-        rclpy.init(context=context, domain_id=domain)
+        rclpy.init(context=context, domain_id=self._stack.enter_context(unused_domain()))
         self._stack.callback(context.try_shutdown)
         self._executor = SingleThreadedExecutor(context=context)
-        parameters = {"seed": seed, "max_targets": scenario.max_targets}
+        camera = camera_parameters(has_imu=has_imu)
+        values = {"seed": seed, "max_targets": scenario.max_targets}
         self._tracker = TrackerNode(
-            context=context,
-            parameter_overrides=_overrides(image_reliability="reliable", **parameters),
+            context=context, parameter_overrides=_overrides(image_reliability="reliable", **values)
         )
-        camera = {f"camera.{name}": one for name, one in camera_parameters(has_imu=has_imu).items()}
-        self._localizer = LocalizerNode(context=context, parameter_overrides=_overrides(**camera))
+        overrides = _overrides(**{f"camera.{name}": one for name, one in vars(camera).items()})
+        localizer = LocalizerNode(context=context, parameter_overrides=overrides)
         robot = rclpy.create_node("robot", context=context)
-        for node in (self._tracker, self._localizer, robot):
+        for node in (self._tracker, localizer, robot):
             self._executor.add_node(node)
             self._stack.callback(node.destroy_node)
         # Messages by topic: the newest one.
         self._last: dict[str, Any] = {}
-        for topic, kind in (
-            ("pf_tracker/status", DiagnosticArray),
-            ("localizer/status", DiagnosticArray),
-            ("localizer/odometry", Odometry),
-            ("localizer/bearing", Vector3Stamped),
-        ):
+        for topic, kind in _ANSWERS.items():
             robot.create_subscription(kind, topic, self._keeper(topic), 50)
+        topics = {
+            "image": Image,
+            "camera_info": CameraInfo,
+            "odom": Odometry,
+            "pf_tracker/target": PolygonStamped,
+            "pf_tracker/select": UInt32,
+            **({"depth": Image} if scenario.has_depth else {}),
+            **({"imu": Imu} if has_imu else {}),
+        }
         self._topics = {
-            topic: robot.create_publisher(kind, topic, 50)
-            for topic, kind in (
-                ("image", Image),
-                ("camera_info", CameraInfo),
-                ("odom", Odometry),
-                ("pf_tracker/target", PolygonStamped),
-                ("pf_tracker/select", UInt32),
-                *([("depth", Image)] if scenario.has_depth else []),
-                *([("imu", Imu)] if has_imu else []),
-            )
+            topic: robot.create_publisher(kind, topic, 50) for topic, kind in topics.items()
         }
         self._wait(self._is_connected, "the nodes have not found each other")
 
-    def take_motion(self, motion: Motion) -> None:
-        """Publish on the topics odom and imu."""
-        time, pose = motion.time, motion.odometry
-        message = Odometry(header=_header(time, "odom"))
-        message.pose.pose.position.x, message.pose.pose.position.y = pose.x, pose.y
-        turn = message.pose.pose.orientation
-        turn.z, turn.w = math.sin(pose.yaw / 2.0), math.cos(pose.yaw / 2.0)
-        self._topics["odom"].publish(message)
-        if "imu" in self._topics:
-            imu, acceleration = Imu(header=_header(time, "camera")), motion.acceleration.tolist()
-            one = imu.linear_acceleration
-            one.x, one.y, one.z = acceleration
-            self._topics["imu"].publish(imu)
+    @property
+    def session(self) -> NodeChain:
+        """Takes detections, boxes drawn by hand and the selection, as that of the library."""
+        return self
 
-    def take_detections(self, detections: Detections, time: float) -> None:
-        """Give the detections of the image of a time to the tracker."""
+    def add_detections(self, detections: Detections, stamp: int) -> None:
+        """Give the detections of an image to the tracker."""
         if session := self._tracker._manager.session:
-            session.add_detections(detections, stamp_at(time))
+            session.add_detections(detections, stamp)
 
-    def request(self, box: Box, time: float) -> None:
-        """Publish a box on the image of a time."""
-        self._topics["pf_tracker/target"].publish(
-            box_message(new_message, _header(time, "camera"), box)
-        )
+    def request(self, box: Box, stamp: int) -> None:
+        """Publish a box on an image."""
+        message = box_message(new_message, _header(stamp, "camera"), box)
+        self._topics["pf_tracker/target"].publish(message)
 
     def select(self, id: int) -> None:
         """Publish the selected target."""
         self._topics["pf_tracker/select"].publish(UInt32(data=id))
 
+    def take_motion(self, motion: Motion) -> None:
+        """Publish on the topics odom and imu."""
+        stamp, pose = stamp_at(motion.time), motion.odometry
+        base = pose_message(new_message, pose.x, pose.y, pose.yaw)
+        odometry = odometry_message(new_message, _header(stamp, "odom"), base)
+        self._topics["odom"].publish(odometry)
+        if imu := self._topics.get("imu"):
+            header = _header(stamp, "camera")
+            imu.publish(imu_message(new_message, header, motion.acceleration, ACCELERATION_NOISE))
+
     def process(
         self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
     ) -> Report:
         """Publish an image with what belongs to it, and wait for the answers of both nodes."""
-        header, stamp = _header(time, "camera"), stamp_at(time)
-        self._topics["camera_info"].publish(_camera_info(header))
+        stamp = stamp_at(time)
+        header = _header(stamp, "camera")
+        self._topics["camera_info"].publish(camera_info_message(new_message, header, CAMERA))
         if depth is not None:
             self._topics["depth"].publish(image_message(new_message, header, depth))
         self._topics["image"].publish(image_message(new_message, header, image))
-        statuses = "pf_tracker/status", "localizer/status"
-        self._wait(lambda: all(map(self._has(stamp), statuses)), f"no answer at {time} s")
+        statuses = list(_ANSWERS)[:2]
+        self._wait(
+            lambda: all(self._answer(topic, stamp) for topic in statuses), f"no answer at {time} s"
+        )
         # What both published before is there, too.
         for _ in self._topics:
             self._executor.spin_once(timeout_sec=0.0)
+        values: dict[str, Any] = {}
+        if odometry := self._answer("localizer/odometry", stamp):
+            values = _odometry_values(odometry)
+        if bearing := self._answer("localizer/bearing", stamp):
+            values["bearing"] = math.atan2(-bearing.vector.x, bearing.vector.z)
         frame, _ = read_status(self._last["pf_tracker/status"])
-        has = self._has(stamp)
-        values = (
-            odometry_values(self._last["localizer/odometry"]) if has("localizer/odometry") else {}
-        )
-        if has("localizer/bearing"):
-            direction = self._last["localizer/bearing"].vector
-            values["bearing"] = math.atan2(-direction.x, direction.z)
-        return _report(frame, values)
+        boxes = {one.id: one.box for one in frame.targets if one.state != "lost" and one.box}
+        selected = next((one for one in frame.targets if one.id == frame.selected), None)
+        confidence = selected.confidence if selected else math.nan
+        return Report(frame.state, confidence, boxes.get(frame.selected), boxes, **values)
 
     def close(self) -> None:
         """End the nodes."""
@@ -157,9 +167,10 @@ class NodeChain:
 
         return keep
 
-    def _has(self, stamp: int) -> Callable[[str], bool]:
-        """Whether the newest message of a topic has a stamp."""
-        return lambda topic: topic in self._last and stamp_of(self._last[topic].header) == stamp
+    def _answer(self, topic: str, stamp: int) -> Any:
+        """The newest message of a topic, if it has that stamp; else None."""
+        message = self._last.get(topic)
+        return message if message and stamp_of(message.header) == stamp else None
 
     def _is_connected(self) -> bool:
         status = "/localizer/status" in [one.topic_name for one in self._tracker.subscriptions]
@@ -177,26 +188,19 @@ def _overrides(**values: Any) -> list[Parameter]:
     return [Parameter(name, value=value) for name, value in values.items()]
 
 
-def _header(time: float, frame_id: str) -> Header:
+def _header(stamp: int, frame_id: str) -> Header:
     header = Header(frame_id=frame_id)
-    header.stamp.sec, header.stamp.nanosec = divmod(stamp_at(time), NANOSECONDS)
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp, NANOSECONDS)
     return header
 
 
-def _camera_info(header: Header) -> CameraInfo:
-    fields = vars(camera_info())
-    fields["roi"] = RegionOfInterest(**vars(fields["roi"]))
-    fields["p"] = [*fields["p"], 0.0, 0.0][:12]
-    return CameraInfo(header=header, r=[1.0, 0, 0, 0, 1.0, 0, 0, 0, 1.0], **fields)
-
-
-def _report(frame: TrackerFrame, values: dict[str, Any]) -> Report:
-    boxes = {one.id: one.box for one in frame.targets if one.state != "lost" and one.box}
-    selected = next((one for one in frame.targets if one.id == frame.selected), None)
-    return Report(
-        state=frame.state,
-        confidence=selected.confidence if selected else math.nan,
-        box=boxes.get(frame.selected),
-        targets=boxes,
-        **values,
-    )
+def _odometry_values(message: Odometry) -> dict[str, Any]:
+    """Position, covariance and velocity; the twist is in the frame of the target."""
+    pose, twist = message.pose.pose, message.twist.twist
+    yaw = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    return {
+        "position": np.array([pose.position.x, pose.position.y]),
+        "covariance": np.reshape(message.pose.covariance, (6, 6))[:2, :2],
+        "velocity": turn @ [twist.linear.x, twist.linear.y],
+    }

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scenes.sprites import Color, shaded
 from scenes.textures import fractal_noise
 
 Array = NDArray[np.float64]
-Color = tuple[float, float, float]
 
 VIEWS, PHASES = 12, 10
 # Pixels in a meter of a sprite, and size of its canvas in heights.
@@ -218,10 +218,10 @@ class _Figure:
         # Toes point forward; to the camera, the nearer foot is lower in the image.
         toe = place(0.055 * side * body.girth, ankle_forward + 0.06, max(ankle_up - 0.025, 0.008))
         toe = toe[0], toe[1] + 0.012 * size * np.cos(self.turn)
-        self._limb((ankle, toe), (0.022 * size, 0.018 * size), _shaded(clothes.shoes, shade))
-        color, girth = _shaded(clothes.trousers, shade), body.girth
+        self._limb((ankle, toe), (0.022 * size, 0.018 * size), shaded(clothes.shoes, shade))
+        color, girth = shaded(clothes.trousers, shade), body.girth
         self._limb((hip, knee), (0.052 * size * girth, 0.04 * size * girth), color)
-        self._limb((knee, ankle), (0.04 * size * girth, 0.026 * size), _shaded(color, 0.95))
+        self._limb((knee, ankle), (0.04 * size * girth, 0.026 * size), shaded(color, 0.95))
 
     def arm(self, side: float, *, is_far: bool) -> None:
         """Draw the left arm, side 1, or the right one, side -1."""
@@ -235,9 +235,9 @@ class _Figure:
         lower = angle + 0.25
         hand_forward = elbow_forward + 0.15 * np.sin(lower)
         hand = place(lateral + 0.015 * side, hand_forward, elbow_up - 0.15 * np.cos(lower))
-        sleeve, skin = _shaded(clothes.shirt, shade), _shaded(body.skin, shade)
+        sleeve, skin = shaded(clothes.shirt, shade), shaded(body.skin, shade)
         if clothes.pattern == "halves":
-            sleeve = _shaded(clothes.second, shade)
+            sleeve = shaded(clothes.second, shade)
         self._limb((elbow, hand), (0.024 * size, 0.02 * size), skin)
         if clothes.sleeves == 1.0:
             wrist = tuple(np.add(elbow, np.multiply(0.8, np.subtract(hand, elbow))))
@@ -257,7 +257,7 @@ class _Figure:
             sides = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
             corners = (x, y) + sides * (half, 0.13 * size)
             if np.cos(turn) > -0.5:
-                self._polygon(corners, _shaded(self.clothes.second, 0.8))
+                self._polygon(corners, shaded(self.clothes.second, 0.8))
         neck = 0.4 * shoulder
         halves = np.array([neck, shoulder, 0.98 * shoulder, waist, 1.04 * waist])
         rows = np.array([top - 0.012 * size, top + 0.035 * size, top + 0.1 * size])
@@ -286,13 +286,13 @@ class _Figure:
         opaque = np.dstack([texture, np.full(texture.shape[:2], 255.0)])
         canvas[y0:y1, x0:x1] = np.rint(part * (1.0 - share) + opaque * share)
         if self.clothes.has_backpack and np.cos(turn) <= -0.5:
-            self._polygon(corners, _shaded(self.clothes.second, 0.9))
+            self._polygon(corners, shaded(self.clothes.second, 0.9))
 
     def head(self) -> None:
         """Draw neck, head, face and hair."""
         size, turn, place, body = self.size, self.turn, self.place, self.body
         neck = place(0, 0, 0.8), place(0, 0.01, 0.88)
-        self._limb(neck, (0.03 * size, 0.028 * size), _shaded(body.skin, 0.8))
+        self._limb(neck, (0.03 * size, 0.028 * size), shaded(body.skin, 0.8))
         x, y = place(0.0, 0.012, 0.925)
         half = size * np.hypot(0.046 * np.cos(turn), 0.056 * np.sin(turn))
         tall = 0.068 * size
@@ -359,11 +359,6 @@ def _torso_texture(clothes: Clothes, seed: int) -> NDArray[np.float32]:
     texture = np.where(is_second[..., None], second, shirt)
     wrinkles = fractal_noise(generator, (rows, columns), 32.0, 3)
     return (texture * (0.78 + 0.4 * wrinkles[..., None])).clip(0, 255).astype(np.float32)
-
-
-def _shaded(color: Color, share: float) -> Color:
-    blue, green, red = color
-    return share * blue, share * green, share * red
 
 
 def _fixed(points: Array) -> NDArray[np.int32]:

@@ -21,6 +21,7 @@ from scenes.textures import fractal_noise
 
 from follow_parts.layout import Layout, crossings
 from follow_parts.people import SCALE, Sprites
+from pf_tracker_ros.boxes import Box
 from pf_tracker_ros.localization.camera_pose import mounted_pose
 from pf_tracker_ros.localization.rigid_pose import RigidPose
 from pf_tracker_ros.world import CameraModel, GroundPlane
@@ -76,9 +77,19 @@ class Seen(NamedTuple):
 
     # x, y, width, height as if nothing were in front, also outside of the image; None behind the
     # camera
-    box: tuple[float, float, float, float] | None
+    box: Box | None
     visible: float  # share of the person inside the image that nothing hides
     in_view: float  # share of the box inside the image
+
+    @property
+    def box_in_image(self) -> Box | None:
+        """The part of the box inside the image; None outside."""
+        if self.box is None:
+            return None
+        x, y, width, height = self.box
+        x0, y0 = max(x, 0.0), max(y, 0.0)
+        x1, y1 = min(x + width, float(CAMERA.width)), min(y + height, float(CAMERA.height))
+        return (x0, y0, x1 - x0, y1 - y0) if x1 - x0 > 1.0 and y1 - y0 > 1.0 else None
 
     @property
     def shown(self) -> float:

@@ -23,7 +23,9 @@ RATE = 20.0
 INTERVAL = 1.0 / RATE
 ODOMETRY_INTERVAL = 0.025
 _STEP = 0.0125
-_GRAVITY, _ACCELERATION_NOISE = 9.81, 0.05
+_GRAVITY = 9.81
+ACCELERATION_NOISE = 0.05
+"""Standard deviation of the accelerometer along each axis, m/s^2."""
 # Half of the width of the robot, with a margin, meters, and the radius of a person.
 _HALF_WIDTH, _PERSON = 0.3, 0.25
 
@@ -147,7 +149,7 @@ class World:
         """What an accelerometer in the camera measures while the robot accelerates."""
         pitch, roll = self.robot.tilt
         rotation = camera_pose(CameraState(0.0, 0.0, 0.0, pitch, roll)).rotation
-        noise = self._generator.normal(0.0, _ACCELERATION_NOISE, 3)
+        noise = self._generator.normal(0.0, ACCELERATION_NOISE, 3)
         return np.asarray(rotation.T @ [forward, left, _GRAVITY] + noise)
 
     def is_free(self, angle: float, distance: float) -> bool:
@@ -201,7 +203,6 @@ def _walkers(
     scenario: Scenario,
 ) -> list[Walker]:
     """The followed person and 3 to 6 others, at most two in a corridor."""
-    robot = np.array([start.x, start.y])
     walkers: list[Walker] = []
     clothes = Clothes.draw(generator)
     others = int(generator.integers(3, 7)) // (3 if scenario.hides == "corner" else 1)
@@ -215,7 +216,7 @@ def _walkers(
         seed = 0 if scenario.is_alike else int(generator.integers(2**31))
         position = person
         while number and (
-            np.hypot(*(position - robot)) < 2.5
+            np.hypot(*(position - start.position)) < 2.5
             or any(np.hypot(*(position - one.position)) < 1.2 for one in walkers)
         ):
             position = layout.free_point(generator, 0.6)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from scenes.camera import HandheldCamera
 from scenes.scene import Scene
-from scenes.sprites import Color, from_hsv
+from scenes.sprites import Color, from_hsv, shaded
 from scenes.stage import Actor, Stage
 from scenes.street import Street
 from scenes.textures import fractal_noise, smooth_path
@@ -102,14 +102,14 @@ def _patches(generator: np.random.Generator, colors: tuple[Color, Color]) -> lis
     patches = []
     for _ in range(MOST_PATCHES):
         shade = generator.uniform(0.85, 1.15)
-        blue, green, red = colors[generator.integers(2)]
+        color = colors[generator.integers(2)]
         patches.append(
             _Patch(
                 x=int(generator.integers(-10, WIDTH - 10)),
                 y=int(generator.uniform(_LANE - 1.25 * _PERSON_HEIGHT, _LANE)),
                 width=int(generator.integers(8, 30)),
                 height=int(generator.integers(10, 40)),
-                color=(blue * shade, green * shade, red * shade),
+                color=shaded(color, shade),
                 is_round=bool(generator.random() < 0.4),
             )
         )

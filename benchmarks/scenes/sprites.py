@@ -24,6 +24,12 @@ def from_hsv(hue: float, saturation: float, value: float) -> Color:
     return blue, green, red
 
 
+def shaded(color: Color, share: float) -> Color:
+    """A color of so much of its brightness."""
+    blue, green, red = color
+    return share * blue, share * green, share * red
+
+
 Points = list[tuple[float, float]] | NDArray[np.floating]
 
 
@@ -134,16 +140,8 @@ class Drawing:
         cv2.polylines(self._color, [corners], False, color, thickness)
         cv2.polylines(self._coverage, [corners], False, 255, thickness)
 
-    def pixels(self, texture: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """The drawing as pixels of a `Sprite`.
-
-        Args:
-            texture: (height, width) factors of brightness, or None.
-        """
+    def pixels(self) -> NDArray[np.float32]:
+        """The drawing as pixels of a `Sprite`."""
         coverage = self._coverage.astype(np.float32) / 255.0
         enlarged = np.dstack([self._color * coverage[..., None], coverage]).astype(np.float32)
-        pixels = cv2.resize(enlarged, self._size, interpolation=cv2.INTER_AREA)
-        if texture is not None:
-            limit = 255.0 * pixels[..., 3:]
-            pixels[..., :3] = np.minimum(pixels[..., :3] * texture[..., None], limit)
-        return pixels
+        return cv2.resize(enlarged, self._size, interpolation=cv2.INTER_AREA)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.sprites import Drawing
+from scenes.sprites import Drawing, Sprite
 from scenes.textures import fractal_noise
 
 
@@ -47,7 +47,7 @@ def plant(
                 _draw_leaves(generator, drawing, np.array([x, row]), np.array([7.0, 6.0]), 10)
     bark = fractal_noise(generator, (height, width // 3 + 1), coarsest=14.0, persistence=0.8)
     texture = 0.7 + 0.6 * np.repeat(bark, 3, axis=1)[:, :width]
-    return drawing.pixels(texture.astype(np.float32))
+    return Sprite(drawing.pixels(), (0.0, 0.0)).textured(texture.astype(np.float32)).pixels
 
 
 def _draw_leaves(

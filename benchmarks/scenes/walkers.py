@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from scenes.sprites import Color, Drawing, Sprite
+from scenes.sprites import Color, Drawing, Sprite, shaded
 from scenes.stage import Actor
 
 GAIT_VIEWS = 12
@@ -141,8 +141,8 @@ class Person:
             [(middle + self.facing * x * scale, shoulder + y * scale) for x, y in torso], self.coat
         )
         hand = (middle + self.facing * (3.0 + 5.0 * swing) * scale, shoulder + 24 * scale)
-        sleeve: Color = (self.coat[0] * 0.8, self.coat[1] * 0.8, self.coat[2] * 0.8)
-        drawing.stroke([(middle, shoulder + 3 * scale), hand], 4.5 * scale, sleeve)
+        sleeve = [(middle, shoulder + 3 * scale), hand]
+        drawing.stroke(sleeve, 4.5 * scale, shaded(self.coat, 0.8))
         drawing.ellipse(hand, (2.2 * scale, 2.2 * scale), (140, 165, 205))
         head = (middle + self.facing * 1.5 * scale, shoulder - 7.0 * scale)
         drawing.ellipse(head, (4.8 * scale, 6.0 * scale), (140, 165, 205))
@@ -160,15 +160,14 @@ class Person:
         swing: float,
         darkness: float,
     ) -> None:
-        color: Color = (
-            self.trousers[0] * darkness,
-            self.trousers[1] * darkness,
-            self.trousers[2] * darkness,
-        )
         foot = hip[0] + self.facing * 11.0 * scale * swing
         lift = max(0.0, 3.0 * scale * (1.0 - abs(swing)) * (1.0 if darkness < 1.0 else 0.0))
         knee = (0.5 * (hip[0] + foot) + self.facing * 2.5 * scale, hip[1] + 16 * scale)
-        drawing.stroke([hip, knee, (foot, ground - 2.0 * scale - lift)], 6.0 * scale, color)
+        drawing.stroke(
+            [hip, knee, (foot, ground - 2.0 * scale - lift)],
+            6.0 * scale,
+            shaded(self.trousers, darkness),
+        )
         toe = foot + self.facing * 2.5 * scale
         drawing.ellipse(
             (toe, ground - 1.5 * scale - lift), (4.5 * scale, 2.0 * scale), (25, 25, 30)

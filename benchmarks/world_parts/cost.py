@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from statistics import fmean
 
 import numpy as np
+from frame_cost import each_call
 from tables import Table
 
 from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.world import CameraModel, Localizer
+
+_ROUNDS = 15
 
 
 def cost_table(on_progress: OnProgress) -> Table:
@@ -36,21 +39,9 @@ def cost_table(on_progress: OnProgress) -> Table:
         cells = [name]
         for distortion in ((), (-0.3, 0.1, 0.001, 0.001, 0.0)):
             localizer = Localizer(CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480, distortion))
-            ms = least_cpu_ms(lambda: localizer.locate(next(boxes), **given))  # noqa: B023
-            cells.append(f"{ms:.3f}")
+            run = lambda: localizer.locate(next(boxes), **given)  # noqa: B023, E731
+            cells.append(f"{min(fmean(each_call(run, 100)) for _ in range(_ROUNDS)):.3f}")
             on_progress("cost", 1)
         rows.append(cells)
     headings = ("640 x 480", "rectified, ms", "plumb_bob, ms")
     return Table("CPU time of a position", headings, rows)
-
-
-def least_cpu_ms(run: Callable[[], object], rounds: int = 15, count: int = 100) -> float:
-    """CPU time in ms of a call, in the fastest of some rounds."""
-    best = np.inf
-    run()
-    for _ in range(rounds):
-        start = time.process_time()
-        for _ in range(count):
-            run()
-        best = min(best, (time.process_time() - start) / count)
-    return 1000.0 * best

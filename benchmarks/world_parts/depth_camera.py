@@ -83,7 +83,7 @@ def _row(case: Case, folder: Path, on_progress: OnProgress) -> list[str]:
     for index, original in enumerate(read_depth_frames(folder)):
         frame = original
         true = float(np.median(frame.depth[frame.mask & (frame.depth > 0)])) * 1e-3
-        x, y, width, height = box_around(frame.mask)
+        x, y, width, height = cv2.boundingRect(frame.mask.astype(np.uint8))
         share = 0.0
         if case.is_occluded:
             frame, share = _occluded(frame, index, OCCLUDER_NEAR * true)
@@ -121,7 +121,7 @@ def _row(case: Case, folder: Path, on_progress: OnProgress) -> list[str]:
 
 def _occluded(frame: DepthFrame, index: int, distance: float) -> tuple[DepthFrame, float]:
     """A frame with something that passes in front, and the share of the target that it hides."""
-    x, _, width, _ = box_around(frame.mask)
+    x, _, width, _ = cv2.boundingRect(frame.mask.astype(np.uint8))
     image, depth = frame.image.copy(), frame.depth.copy()
     phase = index % OCCLUDER_FRAMES / OCCLUDER_FRAMES
     middle = x + (1.6 * phase - 0.3) * width
@@ -143,9 +143,3 @@ def corrupted(
     large = cv2.resize(coarse, (columns * _HOLE, rows * _HOLE), interpolation=cv2.INTER_NEAREST)
     noisy[large[: depth.shape[0], : depth.shape[1]] > 0] = np.nan
     return noisy.astype(np.float32)
-
-
-def box_around(mask: NDArray[np.bool_]) -> tuple[float, float, float, float]:
-    """The smallest box around a mask with pixels."""
-    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    return float(x), float(y), float(width), float(height)

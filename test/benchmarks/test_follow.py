@@ -2,14 +2,28 @@
 
 import json
 import math
+from contextlib import closing
 from dataclasses import replace
 from itertools import pairwise
 
 import follow
 import numpy as np
 import pytest
-from follow_parts import controller, detector, layout, metrics, people, rendering, robot, world
+from follow_parts import (
+    chain,
+    controller,
+    detector,
+    layout,
+    loop,
+    metrics,
+    people,
+    rendering,
+    robot,
+    world,
+)
 from follow_parts.scenarios import SCENARIOS
+
+from pf_tracker_ros.boxes import iou
 
 INTERVAL = 0.1
 
@@ -87,11 +101,13 @@ def test_drawn_rooms_have_ways_to_everywhere(kind):
 
 def test_the_robot_keeps_its_distance_and_turns():
     driver = controller.FollowController()
-    base = robot.Pose2D(1.0, 1.0, math.pi / 2.0)
+    base, still = robot.Pose2D(1.0, 1.0, math.pi / 2.0), np.zeros(2)
 
     def command(time, position, heading, is_free=lambda angle, distance: True):
-        given = controller.Perceived(time, position, (0.0, 0.0), heading)
-        driver.take(given)
+        position = None if position is None else np.array(position)
+        bearing = None if heading is None else heading - base.yaw
+        report = chain.Report("tracking", 1.0, None, {}, position, None, still, bearing=bearing)
+        driver.take(time, base, report)
         return driver.command(time, base, is_free)
 
     assert command(0.0, (1.0, 3.0), None) == (0.0, 0.0)
@@ -223,3 +239,23 @@ def test_whoever_is_alike_wears_the_same():
     walkers = world.World.draw(1, scenario, 20.0).cast.walkers
     assert len(walkers) > 3
     assert len({walker.sprites.clothes for walker in walkers}) == 1
+
+
+@pytest.mark.parametrize("name", ["depth_select", "image_hand"])
+def test_the_nodes_say_what_the_library_says(name):
+    pytest.importorskip("rclpy")
+    from follow_parts.nodes import NodeChain
+
+    scenario, reports = SCENARIOS[name], []
+    for chain_of in (chain.LibraryChain, NodeChain):
+        drawn = world.World.draw(3, scenario, 3.0)
+        with closing(chain_of(scenario, 3, has_imu=drawn.has_imu)) as made:
+            moments = loop.moments(drawn, scenario, 3, 3.0, made)
+            reports.append([moment.report for moment in moments])
+    # The topic of a box has single precision, and each draw of particles enlarges the difference.
+    assert [one.state for one in reports[0]] == [one.state for one in reports[1]]
+    posed = [pair for pair in zip(*reports, strict=True) if pair[0].position is not None]
+    assert len(posed) > 20
+    for one, other in posed:
+        assert iou(np.array(one.box), np.array(other.box)) > 0.7
+        np.testing.assert_allclose(one.position, other.position, atol=0.3)

@@ -38,7 +38,7 @@ def test_a_sequence_counts_pixels_from_zero(folders, moving_square):
 def test_ours_follows_between_the_frames_that_the_detector_sees(folders):
     make = TRACKERS[targets.OURS]
     sequence = targets.read_sequence(*folders)
-    done = targets.run(make(sequence.interval), sequence, every=12, first=0)
+    done = targets.run(make(), sequence, every=12, first=0)
     for truth, told in zip(sequence.truth, done.tracks, strict=True):
         assert list(told.ids) == [1]
         assert targets.pairwise_iou(truth.boxes, told.boxes)[0, 0] > 0.6
@@ -50,7 +50,7 @@ def test_fewer_frames_than_the_ground_truth_are_refused(folders):
     sequence = targets.read_sequence(folder, images)
     (images / "012.png").unlink()
     with pytest.raises(ValueError, match="has 11 frames; drawn needs 12"):
-        targets.run(make(sequence.interval), sequence, every=12, first=0)
+        targets.run(make(), sequence, every=12, first=0)
 
 
 def test_the_boxes_go_along_with_a_camera_that_moves(folders, moving_square):

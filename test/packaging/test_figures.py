@@ -54,7 +54,7 @@ def test_a_part_is_measured_and_the_others_are_kept(tmp_path, monkeypatch, capsy
     assert found["parts"].keys() == {"node", "quick"}
     part = found["parts"]["quick"]
     assert part["commands"] == ["growth_model.py --runs 2"]
-    assert [len(table["rows"]) for table in part["tables"]] == [3]
+    assert [len(table["rows"]) for table in part["tables"]] == [2]
     assert found["machine"]["versions"].keys() >= {"python", "numpy"}
     # A benchmark that fails is named.
     monkeypatch.setattr(
@@ -65,14 +65,53 @@ def test_a_part_is_measured_and_the_others_are_kept(tmp_path, monkeypatch, capsy
     assert "bad: growth_model.py has ended with code 2" in capsys.readouterr().err
 
 
-def test_footage_makes_the_commands(tmp_path):
-    (tmp_path / "sequences").mkdir()
-    (tmp_path / "mot" / "street").mkdir(parents=True)
-    (tmp_path / "mot" / "street" / "seqinfo.ini").touch()
-    made = {part: commands(tmp_path, 2) for part, commands in figures.PARTS.items()}
-    assert made["peers"] == [["peers.py", str(tmp_path / "sequences"), "--seeds", "1"]]
+@pytest.fixture
+def footage(tmp_path):
+    """Two sequences, three of the MOT challenge, of which one has no frames, and depth."""
+    for name in ("sequences/tir_horse", "sequences/video", "world/office"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("street", "square", "hall"):
+        (tmp_path / "mot" / name).mkdir(parents=True)
+        (tmp_path / "mot" / name / "seqinfo.ini").touch()
+    (tmp_path / "mot" / "street" / "img1").mkdir()
+    for name in ("sequences/video/square.avi", "sequences/video/other.avi"):
+        (tmp_path / name).touch()
+    (tmp_path / "world" / "office" / "0_depth.png").touch()
+    return tmp_path
+
+
+def test_footage_makes_the_commands(footage, capsys):
+    made = {part: commands(footage, 2) for part, commands in figures.PARTS.items()}
+    assert made["peers"] == [["peers.py", str(footage / "sequences"), "--seeds", "1"]]
+    thermal = str(footage / "sequences" / "tir_horse")
+    assert made["infrared"] == [["infrared.py", thermal, "--seeds", "2"]]
     assert [command[-2:] for command in made["targets"]] == [["--seed", "0"], ["--seed", "1"]]
-    assert str(tmp_path / "mot" / "street" / "img1") in made["targets"][0]
+    assert made["positions"] == [["world.py", "--cost", "--depth", str(footage / "world/office")]]
     for commands in made.values():
         for script, *_ in commands:
             assert (figures.ROOT / "benchmarks" / script).is_file()
+
+
+def test_frames_are_images_or_the_video_of_the_same_name(footage, capsys):
+    (command,) = figures.PARTS["targets"](footage, 1)
+    mot = footage / "mot"
+    square = ["--sequence", str(mot / "square"), str(footage / "sequences/video/square.avi")]
+    street = ["--sequence", str(mot / "street"), str(mot / "street" / "img1")]
+    assert command == ["targets.py", *square, *street, "--seed", "0"]
+    assert f"hall is left out: neither {mot}/hall/img1 nor " in capsys.readouterr().err
+
+
+def test_what_is_left_out_is_said_before_the_first_part(tmp_path, monkeypatch, capsys):
+    path = tmp_path / "results" / "figures.json"
+    told = []
+
+    def measure(part, commands, pictures):
+        told.append((part, capsys.readouterr().err))
+        return []
+
+    parts = {"quick": lambda footage, seeds: [["x.py"]], "absent": lambda footage, seeds: []}
+    monkeypatch.setattr(figures, "PARTS", parts)
+    monkeypatch.setattr(figures, "measure", measure)
+    assert figures.main(["measure", str(tmp_path), "--output", str(path)]) == 0
+    assert told == [("quick", f"absent is left out: its footage is not in {tmp_path}\n")]
+    assert json.loads(path.read_text())["parts"].keys() == {"quick"}

@@ -1,18 +1,18 @@
-"""A drawn room with exact truth: a robot that drives and turns, people who walk, and a pillar.
+"""A drawn room with exact truth: a robot that drives and turns, and people who walk.
 
-`follow_parts/rendering.py` draws it. The robot starts at the origin of the fixed frame (x forward
-at the start, y left). Each frame has a color image, depth with holes and noise, and where everybody
-is and is seen.
+`benchmarks/follow_parts/rendering.py` draws it. The robot starts at the origin of the fixed frame
+(x forward at the start, y left). Each frame has a color image, depth with holes and noise, and
+where everybody is and is seen.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from follow_parts.layout import Layout, Pillar, circle, walls_of
+from follow_parts.layout import Layout, walls_of
 from follow_parts.people import Body, Clothes, Color, Sprites
 from follow_parts.rendering import CAMERA_PITCH, CameraState, Placed, Renderer
 from follow_parts.robot import Pose2D
@@ -77,33 +77,20 @@ def driving(speed: float, swing: float, rate: float) -> Callable[[float], Pose2D
     return base
 
 
-WALKERS = (
-    Walker(circling((5.0, 0.0), 1.3, 9.0, 2.6), (50, 60, 200), (90, 60, 40)),
-    Walker(circling((5.6, -0.4), 1.9, 14.0, -1.2), (170, 140, 60), (60, 60, 60), 1.68),
-)
-PILLAR = Pillar((3.4, 0.9), 0.25)
-
-
 @dataclass(frozen=True)
 class Room:
     """A room with a robot and walkers; the same frames for the same seed."""
 
-    walkers: Sequence[Walker] = WALKERS
-    # time in seconds to the pose of the robot
-    base: Callable[[float], Pose2D] = field(
-        default_factory=lambda: driving(0.15, 0.2, math.radians(7.0))
-    )
+    walkers: Sequence[Walker]
+    base: Callable[[float], Pose2D]  # time in seconds to the pose of the robot
     rate: float = 15.0  # frames per second
-    pillars: Sequence[Pillar] = ()
     seed: int = 0  # of textures and noise
 
     def frames(self, count: int) -> Iterator[RoomFrame]:
         """The first frames."""
         generator = np.random.default_rng(self.seed)
-        pillars = [replace(one, center=tuple(_START + one.center)) for one in self.pillars]
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]) * _SIDE
-        loops = [corners, *map(circle, pillars)]
-        renderer = Renderer(Layout(corners, *walls_of(loops), tuple(pillars)), generator, self.seed)
+        renderer = Renderer(Layout(corners, *walls_of([corners]), ()), generator, self.seed)
         looks = [_looks(walker, generator) for walker in self.walkers]
         for index in range(count):
             time = index / self.rate

@@ -1,8 +1,4 @@
-r"""Writes a bag of a rendered room with exact truth, to try positions in meters on.
-
-    python benchmarks/world_recording.py room.mcap
-    track room.mcap --bag-topic /camera/image_raw --world --output room --bag --report \
-        --parameter camera.height=0.8 --parameter camera.pitch=0.03
+"""Writes bags of a drawn room with exact truth, to try positions in meters on.
 
 | topic | content |
 |---|---|
@@ -13,36 +9,29 @@ r"""Writes a bag of a rendered room with exact truth, to try positions in meters
 | /tf, /tf_static | the same, and the camera on it |
 | /ground_truth | box of the first walker, also behind others |
 | /truth/walker_N | where each walker is, geometry_msgs/PoseStamped |
-
-room.target.yaml beside it has the boxes of the people in the first frame.
 """
 
 from __future__ import annotations
 
-import argparse
-import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
-from world_room import PILLAR, WALKERS, Room, RoomFrame
-
-from pf_tracker_ros.footage import FootageError
-from pf_tracker_ros.footage.bag_writing import BagWriter
-from pf_tracker_ros.messages import (
-    IMAGE_TYPE,
-    POLYGON_TYPE,
-    MessageFactory,
-    box_message,
-    image_message,
+from follow_parts.messages import (
+    BASE_FRAME,
+    camera_info_message,
+    imu_message,
+    odometry_message,
+    pose_message,
 )
-from pf_tracker_ros.recordings.sidecar_files import target_file
-from pf_tracker_ros.recordings.target import Target, file_text
+from follow_parts.rendering import CAMERA, CAMERA_HEIGHT, CAMERA_PITCH
+from world_room import Room, RoomFrame
+
+from pf_tracker_ros.footage.bag_writing import BagWriter
+from pf_tracker_ros.messages import IMAGE_TYPE, POLYGON_TYPE, box_message, image_message
+from pf_tracker_ros.recordings.target import Target
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.world import CameraModel
 
 IMAGE_TOPIC, DEPTH_TOPIC = "/camera/image_raw", "/camera/depth/image"
 CAMERA_INFO_TOPIC, IMU_TOPIC, ODOMETRY_TOPIC = "/camera/camera_info", "/camera/imu", "/odom"
@@ -52,7 +41,6 @@ _START = 1_700_000_000 * NANOSECONDS
 _SENSOR_RATE, _GRAVITY, _IMU_NOISE = 50.0, 9.81, 0.05
 TRANSFORM_TOPIC, STATIC_TRANSFORM_TOPIC = "/tf", "/tf_static"
 _POSE, _TRANSFORMS = "geometry_msgs/msg/PoseStamped", "tf2_msgs/msg/TFMessage"
-_BASE_FRAME = "base_link"
 
 
 def stamp_at(time: float) -> int:
@@ -84,9 +72,11 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
         for topic, message_type in topics.items():
             writer.add_topic(topic, message_type)
         # (log time, topic, message)
-        mounting = _transform(writer, stamp_at(0.0), (_BASE_FRAME, FRAME), _MOUNTED)
+        mounting = _transform(writer, stamp_at(0.0), (BASE_FRAME, FRAME), _MOUNTED)
         messages: list[tuple[int, str, Any]] = [(stamp_at(0.0), STATIC_TRANSFORM_TOPIC, mounting)]
         generator = np.random.default_rng(room.seed)
+        # Upward at rest, in axes to the right, down and forward.
+        gravity = -_GRAVITY * np.array([0.0, np.cos(CAMERA_PITCH), np.sin(CAMERA_PITCH)])
         # Past the last image, which is interpolated between two poses.
         for index in range(int((count / room.rate + 0.1) * _SENSOR_RATE) + 1):
             time = index / _SENSOR_RATE
@@ -98,9 +88,11 @@ def write_room(room: Room, path: Path, count: int, latency: float = 0.0) -> list
             )
             messages.append((stamp, ODOMETRY_TOPIC, odometry_message(new, header, pose)))
             moved = (base.x, base.y, 0.0), (0.0, 0.0, np.sin(base.yaw / 2), np.cos(base.yaw / 2))
-            transform = _transform(writer, stamp, (FIXED_FRAME, _BASE_FRAME), moved)
+            transform = _transform(writer, stamp, (FIXED_FRAME, BASE_FRAME), moved)
             messages.append((stamp, TRANSFORM_TOPIC, transform))
-            messages.append((stamp, IMU_TOPIC, _imu(writer, stamp, generator)))
+            measured = gravity + generator.normal(0.0, _IMU_NOISE, 3)
+            imu = imu_message(new, writer.header(stamp, FRAME), measured, _IMU_NOISE)
+            messages.append((stamp, IMU_TOPIC, imu))
         for frame in frames:
             stamp = stamp_at(frame.time)
             header = writer.header(stamp, FRAME)
@@ -128,16 +120,6 @@ def first_targets(frame: RoomFrame, count: int) -> list[Target]:
         for number, box in enumerate(frame.boxes[:count], start=1)
         if box
     ]
-
-
-def pose_message(new: MessageFactory, x: float, y: float, yaw: float = 0.0) -> Any:
-    """A pose on the ground as geometry_msgs/Pose."""
-    turn = {"z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
-    return new(
-        "geometry_msgs/msg/Pose",
-        position=new("geometry_msgs/msg/Point", x=x, y=y),
-        orientation=new("geometry_msgs/msg/Quaternion", **turn),
-    )
 
 
 # Of the camera on the base: the optical axes (right, down, forward), turned down by the pitch.
@@ -172,75 +154,3 @@ def _transform(
         transform=new("geometry_msgs/msg/Transform", translation=translation, rotation=rotation),
     )
     return new(_TRANSFORMS, transforms=[transform])
-
-
-def odometry_message(new: MessageFactory, header: Any, pose: Any) -> Any:
-    """A pose of the robot's base as nav_msgs/Odometry, without covariances."""
-    kinds = {"pose": {"pose": pose}, "twist": {}}
-    parts = {
-        name: new(
-            f"geometry_msgs/msg/{name.title()}WithCovariance", covariance=np.zeros(36), **given
-        )
-        for name, given in kinds.items()
-    }
-    return new("nav_msgs/msg/Odometry", header=header, child_frame_id=_BASE_FRAME, **parts)
-
-
-def _imu(writer: BagWriter, stamp: int, generator: np.random.Generator) -> Any:
-    # Upward at rest, in axes to the right, down and forward.
-    up = -np.array([0.0, np.cos(CAMERA_PITCH), np.sin(CAMERA_PITCH)])
-    x, y, z = (_GRAVITY * up + generator.normal(0.0, _IMU_NOISE, 3)).tolist()
-    zeros = np.zeros(9)
-    return writer.new(
-        "sensor_msgs/msg/Imu",
-        header=writer.header(stamp, FRAME),
-        orientation_covariance=np.array([-1.0, *zeros[1:]]),
-        angular_velocity_covariance=zeros,
-        linear_acceleration=writer.new("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
-        linear_acceleration_covariance=_IMU_NOISE**2 * np.eye(3).ravel(),
-    )
-
-
-def camera_info_message(new: MessageFactory, header: Any, camera: CameraModel) -> Any:
-    """A calibration as sensor_msgs/CameraInfo."""
-    k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
-    return new(
-        "sensor_msgs/msg/CameraInfo",
-        header=header,
-        height=camera.height,
-        width=camera.width,
-        distortion_model=camera.model,
-        d=np.array(camera.distortion, dtype=float),
-        k=k.ravel(),
-        r=np.eye(3).ravel(),
-        p=np.column_stack([k, np.zeros(3)]).ravel(),
-    )
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Write the bag."""
-    parser = argparse.ArgumentParser(
-        description=str(__doc__), formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("bag", type=Path, help="the new bag, such as room.mcap")
-    parser.add_argument("--frames", type=int, default=80, help="(default: %(default)s)")
-    parser.add_argument(
-        "--rate", type=float, default=10.0, metavar="HZ", help="of frames (default: %(default)s)"
-    )
-    options = parser.parse_args(argv)
-    if options.frames < 1 or not options.rate > 0.0:
-        parser.error("--frames is at least 1, --rate above 0")
-    room = Room(rate=options.rate, pillars=(PILLAR,))
-    try:
-        frames = write_room(room, options.bag, options.frames)
-        targets = first_targets(frames[0], len(WALKERS))
-        text = file_text(targets, options.bag, "as they were rendered")
-        target_file(options.bag).write_text(text, encoding="utf-8")
-    except (FootageError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
