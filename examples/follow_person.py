@@ -4,7 +4,7 @@
 1. With a pose of the target: drive to keep the distance, and turn toward it.
 2. Without, but with a bearing: turn toward that, and stand still.
 3. With neither: turn for 1.5 s toward where its last velocity takes it, then search to that side.
-4. Without odometry, or 20 s after the last pose or bearing: stand still.
+4. Without odometry or localizer, if their frames differ, or after 20 s of 3: stand still.
 
 It does not look for obstacles: send the velocities through a safety node, or see
 docs/follow_a_person.md for Nav2. Start it in the namespace of the tracker:
@@ -12,29 +12,37 @@ docs/follow_a_person.md for Nav2. Start it in the namespace of the tracker:
     python3 follow_person.py --ros-args -r odom:=/odom -r cmd_vel:=/cmd_vel -p distance:=2.0
 """
 
-from __future__ import annotations
-
+import cmath
 import math
 import time
 from typing import Any
 
 import rclpy
-from geometry_msgs.msg import Twist, Vector3Stamped
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.utilities import try_shutdown
 
-SPEED_GAIN, TURN_GAIN = 1.2, 2.0
-# Of the search, radians per second.
-SEARCH_TURN = 0.7
-# Seconds for which a pose, a bearing or odometry counts, for which a velocity does, and after which
-# the search ends.
-FRESH, PREDICTED, GIVES_UP_AFTER = 0.3, 1.5, 20.0
+# Of the search in radians per second.
+SPEED_GAIN, TURN_GAIN, SEARCH_TURN = 1.2, 2.0, 0.7
+# Seconds for which odometry, a pose or a bearing counts, and a velocity; seconds after which the
+# search ends, and without a status after which tracker or localizer are gone.
+FRESH, PREDICTED, GIVES_UP_AFTER, GONE_AFTER = 0.3, 1.5, 20.0, 0.5
 PERIOD = 0.05
+# Default, minimum, maximum and description.
+LIMITS = {
+    "distance": (2.0, 0.5, 20.0, "Distance to keep, m"),
+    "fastest": (0.8, 0.0, 5.0, "Maximum speed forward, m/s"),
+    "fastest_backward": (0.0, 0.0, 5.0, "Maximum speed backward, m/s"),
+    "fastest_turn": (1.2, 0.0, 6.0, "Maximum turn, rad/s"),
+}
 
 
 class Follower(Node):
@@ -42,84 +50,86 @@ class Follower(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("follow_person", **options)
-        self._distance = self.declare_parameter("distance", 2.0).value
-        self._fastest = self.declare_parameter("fastest", 0.8).value
-        self._fastest_turn = self.declare_parameter("fastest_turn", 1.2).value
-        # Each with its arrival, by `time.monotonic`.
-        self._base: tuple[float, float, float, float] | None = None
-        self._target: tuple[float, float, float, float, float] | None = None
-        self._heading: tuple[float, float] | None = None
-        self._known_at, self._side = -math.inf, 1.0
-        self._velocities = self.create_publisher(Twist, "cmd_vel", 10)
-        sensor = qos_profile_sensor_data
-        self.create_subscription(Odometry, "odom", self._on_base, sensor)
+        for name, (default, least, most, text) in LIMITS.items():
+            limits = [FloatingPointRange(from_value=least, to_value=most)]
+            kind = ParameterDescriptor(description=text, floating_point_range=limits)
+            self.declare_parameter(name, default, kind)
+        kind = ParameterDescriptor(description="Send TwistStamped, not Twist", read_only=True)
+        self._stamped = self.declare_parameter("stamped", False, kind).value
+        # By `time.monotonic`: place and direction, place and velocity, direction; as x + iy.
+        self._base: tuple[float, complex, complex] | None = None
+        self._target: tuple[float, complex, complex] | None = None
+        self._heading: tuple[float, complex] | None = None
+        self._heard_at, self._side, self._frame, self._is_comparable = -math.inf, 1.0, "", True
+        message_type = TwistStamped if self._stamped else Twist
+        self._velocities = self.create_publisher(message_type, "cmd_vel", 10)
+        self.create_subscription(Odometry, "odom", self._on_base, qos_profile_sensor_data)
         self.create_subscription(Odometry, "localizer/odometry", self._on_target, 10)
         self.create_subscription(Vector3Stamped, "localizer/bearing", self._on_bearing, 10)
+        # Volatile: a status from before the start of this node must not count.
+        self.create_subscription(DiagnosticArray, "localizer/status", self._on_status, 10)
         # The steady clock runs on when the simulated time stops.
         self.create_timer(PERIOD, self._drive, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
+    def _on_status(self, _: DiagnosticArray) -> None:
+        self._heard_at = time.monotonic()
+
     def _on_base(self, message: Odometry) -> None:
-        place = message.pose.pose.position
-        self._base = time.monotonic(), place.x, place.y, _yaw(message)
+        self._base = time.monotonic(), *_pose(message)
+        self._frame = message.header.frame_id
 
     def _on_target(self, message: Odometry) -> None:
-        place, yaw = message.pose.pose.position, _yaw(message)
+        place, direction = _pose(message)
         # The velocity is in the frame of the target.
-        along, across = message.twist.twist.linear.x, message.twist.twist.linear.y
-        x = math.cos(yaw) * along - math.sin(yaw) * across
-        y = math.sin(yaw) * along + math.cos(yaw) * across
-        self._target = time.monotonic(), place.x, place.y, x, y
+        velocity = direction * complex(message.twist.twist.linear.x, message.twist.twist.linear.y)
+        self._target = time.monotonic(), place, velocity
+        frame = message.header.frame_id
+        self._is_comparable = frame == self._frame
+        if self._base and not self._is_comparable:
+            text = f"standing still: odom is in the frame '{self._frame}', the target in '{frame}'"
+            text += f"; set the localizer's fixed_frame to '{self._frame}'"
+            self.get_logger().error(text, once=True)  # type: ignore[no-untyped-call]
 
     def _on_bearing(self, message: Vector3Stamped) -> None:
-        if self._base:
-            # In the optical frame x is to the right, z forward.
-            angle = -math.atan2(message.vector.x, message.vector.z)
-            self._heading = time.monotonic(), self._base[3] + angle
+        # In the optical frame x is to the right, z forward.
+        ahead = complex(message.vector.z, -message.vector.x)
+        self._heading = (time.monotonic(), self._base[2] * ahead) if self._base else None
 
     def _drive(self) -> None:
-        now, command = time.monotonic(), Twist()
-        if self._base and now - self._base[0] <= FRESH:
+        now, command, value = time.monotonic(), TwistStamped(), self.get_parameter
+        is_heard = self._is_comparable and now - self._heard_at <= GONE_AFTER
+        if is_heard and self._base and now - self._base[0] <= FRESH:
             speed, turn = self._command(now, *self._base[1:])
-            command.linear.x = min(max(speed, -self._fastest), self._fastest)
-            command.angular.z = min(max(turn, -self._fastest_turn), self._fastest_turn)
-        self._velocities.publish(command)
+            speed = min(max(speed, -value("fastest_backward").value), value("fastest").value)
+            most = value("fastest_turn").value
+            command.twist.linear.x, command.twist.angular.z = speed, min(max(turn, -most), most)
+        command.header.stamp = self.get_clock().now().to_msg()
+        self._velocities.publish(command if self._stamped else command.twist)
 
-    def _command(self, now: float, x: float, y: float, yaw: float) -> tuple[float, float]:
-        """Speed in m/s and turn in rad/s, for the place of the robot."""
+    def _command(self, now: float, base: complex, direction: complex) -> tuple[float, float]:
+        """Speed in m/s and turn in rad/s, for the place and direction of the robot."""
         speed = 0.0
-        unseen_for = now - self._target[0] if self._target else math.inf
-        if unseen_for <= FRESH:
-            angle, distance = self._toward(0.0, x, y, yaw)
-            speed = SPEED_GAIN * (distance - self._distance) * max(math.cos(angle), 0.0)
-            self._known_at = now
-        elif self._heading and now - self._heading[0] <= FRESH:
-            angle = _wrapped(self._heading[1] - yaw)
-            self._known_at = now
-        elif unseen_for <= PREDICTED:
-            angle, _ = self._toward(unseen_for, x, y, yaw)
-        elif now - self._known_at <= GIVES_UP_AFTER:
-            return 0.0, self._side * SEARCH_TURN
+        seen_at, place, velocity = self._target or (-math.inf, base, 0j)
+        headed_at, heading = self._heading or (-math.inf, direction)
+        if now - seen_at <= FRESH:
+            way = (place - base) / direction
+            gap = abs(way) - self.get_parameter("distance").value
+            speed = SPEED_GAIN * gap * max(math.cos(cmath.phase(way)), 0.0)
+        elif now - headed_at <= FRESH:
+            way = heading / direction
+        elif now - seen_at <= PREDICTED:
+            way = (place + (now - seen_at) * velocity - base) / direction
         else:
-            return 0.0, 0.0
-        self._side = 1.0 if angle >= 0.0 else -1.0
-        return speed, TURN_GAIN * angle
-
-    def _toward(self, seconds: float, x: float, y: float, yaw: float) -> tuple[float, float]:
-        """Angle and distance to where the target is some seconds after its last pose."""
-        _, place_x, place_y, velocity_x, velocity_y = self._target or (0.0, x, y, 0.0, 0.0)
-        offset_x = place_x + seconds * velocity_x - x
-        offset_y = place_y + seconds * velocity_y - y
-        angle = _wrapped(math.atan2(offset_y, offset_x) - yaw)
-        return angle, math.hypot(offset_x, offset_y)
+            has_ended = now - max(seen_at, headed_at) > GIVES_UP_AFTER
+            return 0.0, 0.0 if has_ended else self._side * SEARCH_TURN
+        self._side = 1.0 if way.imag >= 0.0 else -1.0
+        return speed, TURN_GAIN * cmath.phase(way)
 
 
-def _yaw(message: Odometry) -> float:
-    turn = message.pose.pose.orientation
-    return 2.0 * math.atan2(turn.z, turn.w)
-
-
-def _wrapped(angle: float) -> float:
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+def _pose(message: Odometry) -> tuple[complex, complex]:
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    # The quaternion has half the angle.
+    return complex(place.x, place.y), cmath.rect(1.0, 2.0 * math.atan2(turn.z, turn.w))
 
 
 def main() -> None:
@@ -129,6 +139,8 @@ def main() -> None:
         rclpy.spin(Follower())
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except ParameterException as error:
+        raise SystemExit(f"follow_person: {error} (numbers need a point: 2.0)") from None
     finally:
         try_shutdown()
 

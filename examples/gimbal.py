@@ -7,7 +7,7 @@
    from the localizer's status.
 3. It is 0 when the target is occluded or lost, and after half a second without a direction.
 
-Start it in the namespace of the tracker:
+Start it in the namespace of the tracker; with `-p stamped:=true` it sends TwistStamped:
 
     python3 gimbal.py --ros-args -r cmd_vel:=/gimbal/cmd_vel
 """
@@ -20,9 +20,11 @@ from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Twist, Vector3Stamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3Stamped
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.utilities import try_shutdown
@@ -44,7 +46,10 @@ class Gimbal(Node):
         self._bearing = (0, 0.0)
         self._spread = (0, 0.0)
         self._steered_at = -PATIENCE
-        self._turns = self.create_publisher(Twist, "cmd_vel", 10)
+        kind = ParameterDescriptor(description="Send TwistStamped, not Twist", read_only=True)
+        self._stamped = self.declare_parameter("stamped", False, kind).value
+        message_type = TwistStamped if self._stamped else Twist
+        self._turns = self.create_publisher(message_type, "cmd_vel", 10)
         self.create_subscription(Vector3Stamped, "localizer/bearing", self._on_bearing, 10)
         # Volatile: a status from before the start of this node must not turn the axis.
         self.create_subscription(DiagnosticArray, "localizer/status", self._on_status, 10)
@@ -84,9 +89,10 @@ class Gimbal(Node):
             self._turn(0.0)
 
     def _turn(self, rate: float) -> None:
-        turn = Twist()
-        turn.angular.z = rate
-        self._turns.publish(turn)
+        command = TwistStamped()
+        command.header.stamp = self.get_clock().now().to_msg()
+        command.twist.angular.z = rate
+        self._turns.publish(command if self._stamped else command.twist)
 
 
 def _stamp(message: DiagnosticArray | Vector3Stamped) -> int:
@@ -100,6 +106,8 @@ def main() -> None:
         rclpy.spin(Gimbal())
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except ParameterException as error:
+        raise SystemExit(f"gimbal: {error}") from None
     finally:
         try_shutdown()
 

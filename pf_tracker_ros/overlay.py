@@ -126,14 +126,18 @@ def draw_box(canvas: NDArray[Any], box: NDArray[np.float64], color: Color, thick
 def _write_captions(
     canvas: NDArray[np.uint8], targets: Sequence[TrackedTarget], scale: float
 ) -> None:
-    """Write id and label above each box, one that would cover another caption above that."""
-    line = 20 * scale
+    """Write id and label above each box and inside the image.
+
+    One that would cover another caption is written above that.
+    """
+    line, outlined = 20 * scale, max(1, round(1.6 * scale)) + 2
     taken: list[tuple[float, float, float]] = []
     for target in targets:
         text = _drawable(target_caption(target))
         x, y = np.clip(target.estimate.box[:2], 0.0, canvas.shape[1::-1])
         baseline = y - 4 * scale if y > line else y + line
-        (width, _), _ = cv2.getTextSize(text, _FONT, 0.8 * _FONT_SCALE * scale, 1)
+        (width, _), _ = cv2.getTextSize(text, _FONT, 0.8 * _FONT_SCALE * scale, outlined)
+        x = max(min(x, canvas.shape[1] - width - outlined), 0.0)
         # From the lowest caption up, so that one step leaves it for good.
         for left, right, other in sorted(taken, key=lambda caption: -caption[2]):
             if x < right and left < x + width and abs(baseline - other) < line:

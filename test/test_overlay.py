@@ -113,6 +113,20 @@ def test_captions_of_neighbors_do_not_cover_each_other(monkeypatch, plain):
     assert 190 < areas["1 person"][3] < 200
 
 
+def test_a_caption_at_the_right_edge_is_as_whole_as_elsewhere(plain):
+    def caption(x):
+        target = TrackedTarget(2, "person", make_estimate(box=(x, 200.0, 40.0, 60.0)), 1.0, 0.0)
+        drawn = draw_multi_target(plain, [target])[170:197]
+        columns = np.flatnonzero((drawn != GRAY).any(axis=(0, 2)))
+        return drawn[:, columns[0] : columns[-1] + 1]
+
+    # Beside the particle.
+    whole = caption(200.0)
+    assert whole.shape[1] > 40
+    for x in (WIDTH - 20.0, WIDTH + 50.0):
+        assert np.array_equal(caption(x), whole)
+
+
 def test_gray_becomes_the_same_gray_in_color():
     gray = np.arange(HEIGHT * WIDTH, dtype=np.uint32).astype(np.uint8).reshape(HEIGHT, WIDTH)
     overlay = draw_overlay(gray, None)

@@ -113,6 +113,7 @@ class RecordingReport:
         self._path = path
         self._video = video
         self._image_size = (0, 0)
+        self._has_depth = False
         self._recording = recording
         self._preset = preset
         self._given_facts = facts
@@ -130,6 +131,8 @@ class RecordingReport:
             self._image_size = (tracked.frame.image.shape[1], tracked.frame.image.shape[0])
         if self._ground and tracked.located:
             self._ground.add(tracked.located)
+            sensed = tracked.located.sensed
+            self._has_depth |= sensed is not None and sensed.depth_offset is not None
         if tracked.max_targets == 1:
             self._frames.append(summary_of(tracked))
             return
@@ -151,7 +154,9 @@ class RecordingReport:
     @property
     def _recording_video(self) -> RecordingVideo:
         rate = playable_rate(1.0 / self._recording.interval)
-        return RecordingVideo(self._video, rate, len(self._states), self._image_size)
+        return RecordingVideo(
+            self._video, rate, len(self._states), self._image_size, self._has_depth
+        )
 
     @property
     def _facts(self) -> Mapping[str, str]:
@@ -329,7 +334,9 @@ class _Track:
         first, end = min(self._frames), max(self._frames) + 1
         frames = [
             self._frames.get(number)
-            or FrameSummary(0, "skipped" if states[number] == "skipped" else "absent", None, None)
+            or FrameSummary(
+                0, "skipped" if states[number] == "skipped" else "unreported", None, None
+            )
             for number in range(first, end)
         ]
         content = _content(f"target {self.id} {self._label}".rstrip(), frames, None)

@@ -172,7 +172,7 @@ class RunSummary:
             shares = f"best state in each frame: {shares}"
         targets = f", {counted(len(self._ids), 'target')}" if self.is_multi_target else ""
         if self._located is not None:
-            targets += f", positions in {self._located / self.frames:.0%}"
+            targets += f", positions, also of hidden targets, in {self._located / self.frames:.0%}"
         origin = f"; target from {self.target_source}" if self.target_source else ""
         line = f"{counted(self.frames, 'frame')} ({shares}){targets}, {rate:.0f} frames/s{origin}"
         return [line, self._keyframes.text] if self._keyframes.given else [line]

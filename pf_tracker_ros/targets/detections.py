@@ -32,14 +32,16 @@ DUPLICATE_ABOVE = 0.65
 _CLEAR_BELOW = 0.1
 # Minimum width and height of a box, pixels.
 _MIN_SIDE = 2.0
+# Excess of a score over 0 to 1 that rounding explains.
+_ROUNDING = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Detections:
     """Objects that a detector found in one frame; empty where it ran and found none.
 
-    Unusable boxes (not finite, without area, outside of the image) are skipped later, not refused.
-    Duplicates count as one.
+    Unusable detections (a box that is not finite, without area or outside of the image, a score
+    that is not 0 to 1, such as percent) are skipped later, not refused. Duplicates count as one.
 
     Args:
         boxes: (M, 4) x, y, width, height in pixels, as in `Tracker.start`.
@@ -158,19 +160,22 @@ def usable(
         finite = np.isfinite(boxes).all(axis=1) & np.isfinite(scores) & np.isfinite(ends).all(1)
         centers = boxes[:, :2] + boxes[:, 2:] / 2
         starts, ends = np.maximum(boxes[:, :2], 0.0), np.minimum(ends, size)
+        in_range = (scores >= -_ROUNDING) & (scores <= 1.0 + _ROUNDING)
         inside = ((centers >= 0.0) & (centers <= size)).all(axis=1)
         has_area = (boxes[:, 2:] >= _MIN_SIDE).all(axis=1)
         has_area &= (ends - starts >= _MIN_SIDE).all(axis=1) | ~inside
+    valid = finite & in_range
     reasons = [
         f"{count} of {counted(len(boxes), 'detection')} left out: {reason}"
         for count, reason in (
             (int((~finite).sum()), "a box or score is not finite"),
-            (int((finite & ~has_area).sum()), "a box is smaller than 2 px"),
-            (int((finite & has_area & ~inside).sum()), "its center is outside of the image"),
+            (int((finite & ~in_range).sum()), "a score is not 0 to 1"),
+            (int((valid & ~has_area).sum()), "a box is smaller than 2 px"),
+            (int((valid & has_area & ~inside).sum()), "its center is outside of the image"),
         )
         if count
     ]
-    numbers = np.flatnonzero(finite & has_area & inside & (scores >= score_above))
+    numbers = np.flatnonzero(valid & has_area & inside & (scores >= score_above))
     numbers = numbers[np.argsort(-scores[numbers], kind="stable")]
     if len(numbers) > _MAX_COUNT:
         reasons.append(

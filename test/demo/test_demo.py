@@ -243,6 +243,7 @@ def test_the_demo_ends_with_a_robot_that_follows(demo):
     error = re.search(r"positions are (\d\.\d+) m off the true ones in the median", shown)
     assert float(error[1]) < 0.2
     assert error[0] in demo[1].replace("\n", "")
+    assert "0.05 m of it because depth shows the surface of a body" in shown
     assert "x in odom, m" in shown
     assert "track demo/follower" in page or f"track {folder}" in page
 

@@ -28,18 +28,19 @@ def test_short_occlusions_are_left_out_and_losses_are_not():
         states(("tracking", 5), ("occluded", 2), ("tracking", 5), ("occluded", 3), ("lost", 2))
     )
     (loss,), count = losses([shown], SIZE)
-    assert (loss.first, loss.last, loss.worst, count) == (12, 16, "lost", 1)
+    assert (loss.first, loss.last, count) == (12, 16, 1)
+    assert loss.states == "occluded in 12 to 14; lost in 15 to 16"
     assert loss.outcome == "not found again"
     (short,), _ = losses([content(states(("tracking", 2), ("lost", 1), ("tracking", 1)))], SIZE)
-    assert (short.worst, short.outcome) == ("lost", "found again in frame 3, 0 px away")
+    assert (short.states, short.outcome) == ("lost", "found again in frame 3, 0 px away")
     # Frames are counted in the recording.
     shown = content(states(("tracking", 2), ("occluded", 4), ("tracking", 1)), first=10)
     (loss,), _ = losses([shown], SIZE)
     assert (loss.first, loss.last, loss.outcome) == (12, 15, "found again in frame 16, 0 px away")
 
 
-def cause(*contents):
-    (loss,), _ = losses(contents, SIZE)
+def cause(*contents, has_depth=False):
+    (loss,), _ = losses(contents, SIZE, has_depth=has_depth)
     return loss.cause
 
 
@@ -59,9 +60,11 @@ def test_the_cause_is_a_target_in_front_an_edge_skipped_frames_or_the_confidence
         states(("tracking", 6), ("occluded", 3)), [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.3, 0.3]
     )
     assert cause(slow).startswith("the confidence fell from 0.90 to 0.30 in 6 frames: it was")
-    assert cause(content(out)).startswith("the confidence stayed at 0.90")
+    stayed = "the confidence stayed at 0.90: the tracker took it for hidden by something"
+    assert cause(content(out)) == f"{stayed} that has no box here"
+    assert cause(content(out), has_depth=True) == f"{stayed} that has no box here, or by its depth"
     assert cause(content(out, [np.nan] * 7)) == "the confidence is unknown"
-    unreported = content(states(("tracking", 3), ("absent", 4)), [0.9] * 3 + [np.nan] * 4)
+    unreported = content(states(("tracking", 3), ("unreported", 4)), [0.9] * 3 + [np.nan] * 4)
     assert cause(unreported).startswith("not reported: it had ended, or could not be told")
     hidden = content(states(("occluded", 4), ("tracking", 3)), [0.2] * 4 + [0.9] * 3)
     assert cause(hidden) == "from the first frame on, at a confidence of 0.20"

@@ -202,7 +202,16 @@ def test_a_file_that_is_no_result_file_is_refused(tmp_path, text):
 
 
 def test_shares_of_a_target_that_ended_and_returned():
-    states = ("tracking", "absent", "absent", "skipped", "lost", "tracking", "tracking", "tracking")
+    states = (
+        "tracking",
+        "unreported",
+        "unreported",
+        "skipped",
+        "lost",
+        "tracking",
+        "tracking",
+        "tracking",
+    )
     other = ("tracking", "tracking")
     came_back = replace(content(states=states), first=4)
     ended = replace(content("ended", states=other), first=3, has_ended=True)
@@ -217,12 +226,14 @@ def test_shares_of_a_target_that_ended_and_returned():
         ("tracking", "0.5"),
         ("occluded", "0.0"),
         ("lost", "0.125"),
-        ("absent", "0.25"),
+        ("unreported", "0.25"),
         ("skipped", "0.125"),
     ]
     assert [float(share) for _, share in found[5:]] == 2 * [1, 0, 0, 0, 0]
     text = " ".join(re.sub("<[^>]*>", " ", page).split())
-    assert "Frames 4 to 11: lost in 8; absent in 5 to 6; skipped in 7; otherwise tracking." in text
+    assert (
+        "Frames 4 to 11: lost in 8; unreported in 5 to 6; skipped in 7; otherwise tracking." in text
+    )
     assert "Frames 0 to 1: tracking." in text
     assert "Frames 3 to 4, where it ended: tracking." in text
 

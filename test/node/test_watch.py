@@ -1,5 +1,6 @@
 """`watch` prints what a real tracker publishes."""
 
+import itertools
 import sys
 
 import pytest
@@ -93,6 +94,25 @@ def test_once_ends_with_the_first_target(graph, client, images, box):
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 0
     assert "target 1  tracking" in output
+
+
+def test_it_ends_quietly_with_the_reader_of_its_output(graph, client, images, box):
+    code = "import pf_tracker_ros.commands as c; c.watch()"
+    command = 'set -o pipefail; "$0" -c "$1" --rate 0 | head -2'
+    graph.tracker(client, preset="li2007", particles=20)
+    process = graph.command("bash", "-c", command, sys.executable, code)
+    client.point_at(box)
+    indices = itertools.count()
+
+    def has_ended():
+        client.show(images[0], client.at(next(indices)))
+        return process.poll() is not None
+
+    client.wait_for(has_ended, "end")
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 0, output
+    assert len(output.splitlines()) == 2, output
+    assert output.count("target 1  tracking") == 2
 
 
 def test_a_missing_tracker_is_reported(graph, monkeypatch, capfd):

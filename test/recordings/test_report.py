@@ -131,7 +131,8 @@ def test_a_loss_is_listed_with_cause_and_end(track, rows, moving_square, write_s
     assert "<figcaption>frame 0, idle</figcaption>" in page
     assert re.search(r"Frames 0 to 29: .*lost in \d+ to 29; ", page)
     (row,) = re.findall(r"<tr><td>target</td>.*?</tr>", page)
-    assert re.search(r'data-frame="1\d">1\d to 29</button></td><td>lost</td>', row)
+    assert re.search(r'data-frame="1\d">1\d to 29</button></td>', row)
+    assert re.search(r">occluded in 1\d( to 1\d)?; lost in 1\d to 29</td>", row)
     assert "the confidence fell from" in row
     assert "not found again" in row
     assert "With <code>--video</code> it seeks in the video, too." in page

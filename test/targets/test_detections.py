@@ -84,11 +84,18 @@ def test_duplicates_count_once_with_the_best_score():
     assert reasons == []
 
 
-def test_low_and_nan_scores_are_left_out_and_high_ones_clipped():
+def test_low_and_nan_scores_are_left_out_and_rounded_ones_clipped():
     boxes = [(20, 50, 30, 60), (80, 50, 30, 60), (140, 50, 30, 60)]
-    described, reasons = describe(Detections(boxes, [0.2, np.nan, 7.0]), score_above=0.3)
+    described, reasons = describe(Detections(boxes, [0.2, np.nan, 1.000001]), score_above=0.3)
     assert [one.score for one in described] == [1.0]
     assert len(reasons) == 1
+
+
+def test_scores_in_percent_or_below_0_are_left_out_with_the_reason():
+    boxes = [(20, 50, 30, 60), (80, 50, 30, 60), (140, 50, 30, 60)]
+    described, reasons = describe(Detections(boxes, [90.0, -0.5, 0.9]), score_above=0.3)
+    assert [one.score for one in described] == [0.9]
+    assert reasons == ["2 of 3 detections left out: a score is not 0 to 1"]
 
 
 def test_of_ten_thousand_the_best_200_count():

@@ -22,7 +22,7 @@ _MAX_SAMPLED = 8
 _MIN_DISTANCE = 5
 
 _STANDARD_STATES = ("tracking", "occluded", "lost")
-_OTHER_STATES = ("idle", "absent", "skipped")
+_OTHER_STATES = ("idle", "unreported", "skipped")
 
 
 class FrameRange(NamedTuple):
@@ -91,8 +91,8 @@ class SequenceContent:
         boxes: (frames, 4) x, y, width, height in pixels; a row of NaN without box. While the
             target is lost, the last box is repeated.
         true_boxes: (frames, 4), a row of NaN for an absent target; None without ground truth.
-        states: (frames,) "tracking", "occluded", "lost", "idle", "skipped", or "absent" where one
-            of several targets was not reported.
+        states: (frames,) "tracking", "occluded", "lost", "idle", "skipped", or "unreported" where
+            one of several targets was not reported.
         confidence: (frames,) 0 to 1, NaN if unknown.
         effective_sample_size: (frames,), NaN if unknown.
         cue_weights: Name of a cue to its (frames,) weight.
@@ -134,11 +134,7 @@ class SequenceContent:
     @property
     def states_in_words(self) -> str:
         """The frames of each state; those of tracking are the others."""
-        parts = [
-            f"{state} in {', '.join(map(_listed, self.frame_ranges(state)))}"
-            for state in (*_STANDARD_STATES, *_OTHER_STATES)
-            if state != "tracking" and state in self.states
-        ]
+        parts = states_in_ranges(self.states, self.first)
         if "tracking" in self.states:
             parts.append("otherwise tracking" if parts else "tracking")
         return "; ".join(parts)
@@ -179,6 +175,15 @@ class SequenceContent:
         has_box = np.asarray(np.isfinite(self.boxes).all(axis=1))
         values = measure(np.where(has_box[:, None], self.boxes, 0.0), self.true_boxes)
         return np.asarray(np.where(has_box, values, np.nan))
+
+
+def states_in_ranges(states: Sequence[str], first: int = 0) -> list[str]:
+    """Each state but tracking with the ranges of its frames; arguments as for `frame_ranges`."""
+    return [
+        f"{state} in {', '.join(map(_listed, frame_ranges(states, state, first)))}"
+        for state in (*_STANDARD_STATES, *_OTHER_STATES)
+        if state != "tracking" and state in states
+    ]
 
 
 def frame_ranges(states: Sequence[str], state: str, first: int = 0) -> list[FrameRange]:

@@ -1,7 +1,7 @@
 """Where targets were out of sight, and what the boxes and the confidence tell about the cause.
 
-1. An episode is a run of frames in which the target is occluded, lost or absent. Occlusions of
-   fewer than `_MIN_OCCLUSION` frames are no episodes.
+1. An episode is a run of frames in which the target is occluded, lost or not reported.
+   Occlusions of fewer than `_MIN_OCCLUSION` frames are no episodes.
 2. The cause is read from the last box before it, in this order: frames were skipped, another target
    covers the box, the box touches the edge of the image, the target was not reported, or how fast
    the confidence fell.
@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pf_tracker_ros.evaluation.reports.content import SequenceContent
+from pf_tracker_ros.evaluation.reports.content import SequenceContent, states_in_ranges
 from pf_tracker_ros.plurals import counted
 
-_OUT_OF_SIGHT = ("occluded", "lost", "absent")
+_OUT_OF_SIGHT = ("occluded", "lost", "unreported")
 _MIN_OCCLUSION = 3
 _MAX_LISTED = 40
 # Share of the box that another one covers.
@@ -39,7 +39,7 @@ class Loss(NamedTuple):
         target: Name of the target.
         first: Its first frame, counted from 0.
         last: Its last frame.
-        worst: The worst state, "occluded", "lost" or "absent".
+        states: Its state; several with their frames, as in "occluded in 5 to 6; lost in 7".
         cause: What the data tell about the cause, as a sentence.
         outcome: How it ended, as a sentence.
     """
@@ -47,55 +47,58 @@ class Loss(NamedTuple):
     target: str
     first: int
     last: int
-    worst: str
+    states: str
     cause: str
     outcome: str
 
 
 def losses(
-    contents: Sequence[SequenceContent], image_size: tuple[int, int]
+    contents: Sequence[SequenceContent], image_size: tuple[int, int], *, has_depth: bool = False
 ) -> tuple[list[Loss], int]:
     """The episodes of all targets of a recording, in order of their first frames.
 
     Args:
         contents: The targets.
         image_size: (width, height) in pixels; (0, 0) if unknown.
+        has_depth: Whether depth images were used.
 
     Returns:
         The longest episodes, at most 40, and the number of all.
     """
-    found = [loss for content in contents for loss in _losses(content, contents, image_size)]
+    scene = _Scene(contents, image_size, has_depth)
+    found = [loss for content in contents for loss in _losses(content, scene)]
     longest = sorted(found, key=lambda loss: loss.first - loss.last)[:_MAX_LISTED]
     return sorted(longest, key=lambda loss: loss.first), len(found)
 
 
-def _losses(
-    content: SequenceContent, contents: Sequence[SequenceContent], image_size: tuple[int, int]
-) -> Iterator[Loss]:
+class _Scene(NamedTuple):
+    """What all episodes share; attributes as the arguments of `losses`."""
+
+    contents: Sequence[SequenceContent]
+    image_size: tuple[int, int]
+    has_depth: bool
+
+
+def _losses(content: SequenceContent, scene: _Scene) -> Iterator[Loss]:
     index = 0
     for is_out, frames in groupby(content.states, lambda state: state in _OUT_OF_SIGHT):
         states = list(frames)
         start, index = index, index + len(states)
-        worst = max(states, key=_OUT_OF_SIGHT.index) if is_out else ""
-        is_short = worst == "occluded" and len(states) < _MIN_OCCLUSION
+        is_short = set(states) == {"occluded"} and len(states) < _MIN_OCCLUSION
         if not is_out or is_short:
             continue
+        ranges = states_in_ranges(states, content.first + start)
         yield Loss(
             content.name,
             content.first + start,
             content.first + index - 1,
-            worst,
-            _cause(content, start, contents, image_size),
+            states[0] if len(set(states)) == 1 else "; ".join(ranges),
+            _cause(content, start, scene),
             _outcome(content, start, index),
         )
 
 
-def _cause(
-    content: SequenceContent,
-    start: int,
-    contents: Sequence[SequenceContent],
-    image_size: tuple[int, int],
-) -> str:
+def _cause(content: SequenceContent, start: int, scene: _Scene) -> str:
     before = content.states[max(0, start - _SUDDEN) : start]
     if skipped := before.count("skipped"):
         return f"after {counted(skipped, 'skipped frame')}"
@@ -103,17 +106,17 @@ def _cause(
     if not np.isfinite(box).all():
         return "no box before it"
     number = content.first + start
-    for other in contents:
+    for other in scene.contents:
         index = number - other.first
         if other is content or not 0 <= index < other.frames or other.states[index] != "tracking":
             continue
         if _covered_share(box, other.boxes[index]) > _COVERED:
             return f"behind {other.name}"
-    if edge := _edge(box, image_size):
+    if edge := _edge(box, scene.image_size):
         return f"at the {edge} edge of the image"
-    if content.states[start] == "absent":
+    if content.states[start] == "unreported":
         return "not reported: it had ended, or could not be told from a target in front of it"
-    return _fall(content.confidence, start)
+    return _fall(content.confidence, start, has_depth=scene.has_depth)
 
 
 def _covered_share(box: NDArray[np.float64], other: NDArray[np.float64]) -> float:
@@ -136,7 +139,7 @@ def _edge(box: NDArray[np.float64], image_size: tuple[int, int]) -> str:
     return nearest if distances[nearest] < _NEAR_EDGE else ""
 
 
-def _fall(confidence: NDArray[np.float64], start: int) -> str:
+def _fall(confidence: NDArray[np.float64], start: int, *, has_depth: bool) -> str:
     """How the confidence fell up to a frame."""
     low = float(confidence[start])
     past = confidence[max(0, start - _LOOK_BACK) : start]
@@ -147,9 +150,8 @@ def _fall(confidence: NDArray[np.float64], start: int) -> str:
         return f"from the first frame on, at a confidence of {low:.2f}"
     high = float(past.max())
     if high - low < _NOTABLE_FALL:
-        return (
-            f"the confidence stayed at {low:.2f}: a target in front of it, or its depth, tells so"
-        )
+        sources = "something that has no box here" + (", or by its depth" if has_depth else "")
+        return f"the confidence stayed at {low:.2f}: the tracker took it for hidden by {sources}"
     frames = len(past) - int(np.flatnonzero(past >= high - 0.1 * (high - low))[-1])
     values = f"from {high:.2f} to {low:.2f} in {counted(frames, 'frame')}"
     if frames <= _SUDDEN:

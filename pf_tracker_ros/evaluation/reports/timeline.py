@@ -21,12 +21,14 @@ class RecordingVideo:
         frame_rate: Frames of the video in a second.
         frames: Number of frames of the recording.
         image_size: (width, height) in pixels; (0, 0) if unknown.
+        has_depth: Whether depth images were used.
     """
 
     video: str
     frame_rate: float
     frames: int
     image_size: tuple[int, int]
+    has_depth: bool = False
 
 
 class Run(NamedTuple):
@@ -73,7 +75,7 @@ class Timeline(NamedTuple):
 def timeline(contents: Sequence[SequenceContent], recording_video: RecordingVideo) -> Timeline:
     """The timeline of the targets of a recording."""
     rows = [Row(one.name, list(_runs(one)), list(_lines(one))) for one in contents]
-    found, count = losses(contents, recording_video.image_size)
+    found, count = losses(contents, recording_video.image_size, has_depth=recording_video.has_depth)
     data = {
         "rate": recording_video.frame_rate,
         "frames": recording_video.frames,

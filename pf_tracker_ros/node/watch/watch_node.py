@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import math
+import os
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -28,7 +30,8 @@ _FINE = ("tracking", "located")
 class WatchNode(Node):
     """Prints a line for each target of tracker and localizer.
 
-    A target's line is printed when its state changes, and else `rate` times a second.
+    A target's line is printed when its state changes, and else `rate` times a second. The node ends
+    with the reader of its output, such as `head`.
 
     Args:
         rate: Lines a second for each target; 0 prints every frame.
@@ -59,11 +62,22 @@ class WatchNode(Node):
             last_state, last_time = self._last.get((topic, target), ("", -math.inf))
             is_due = self._rate == 0.0 or now - last_time >= 1.0 / self._rate
             if state != last_state or is_due:
-                print(f"{seconds:.3f}  {text}", flush=True)
                 self._last[topic, target] = state, now
+                try:
+                    print(f"{seconds:.3f}  {text}", flush=True)
+                except BrokenPipeError:
+                    self._end_without_reader()
+                    return
             has_target |= target != _NO_TARGET
         if self._once and has_target:
             self.context.try_shutdown()
+
+    def _end_without_reader(self) -> None:
+        # Python flushes its buffer at exit, and would raise again.
+        null_device = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null_device, sys.stdout.fileno())
+        os.close(null_device)
+        self.context.try_shutdown()
 
     def _report_silence(self) -> None:
         if not self._has_status:

@@ -2,17 +2,23 @@
 
 import importlib.util
 import math
+import sys
 from pathlib import Path
 
 import pytest
-from geometry_msgs.msg import Twist, Vector3Stamped
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
+from nodes import overrides
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "follow_person.py"
 
 
-def odometry(x, y, yaw):
+def odometry(x, y, yaw, frame="odom"):
     message = Odometry()
+    message.header.frame_id = frame
     message.pose.pose.position.x, message.pose.pose.position.y = x, y
     message.pose.pose.orientation.z = math.sin(yaw / 2)
     message.pose.pose.orientation.w = math.cos(yaw / 2)
@@ -20,28 +26,33 @@ def odometry(x, y, yaw):
 
 
 class Robot:
-    """A robot that moves by each command for one of the follower's periods."""
+    """A robot that moves by each command for one of the follower's periods, with a localizer."""
 
-    def __init__(self, client, period):
+    def __init__(self, client, period, message_type=Twist):
         self.x = self.y = self.yaw = 0.0
         self.commands = []
         self._period = period
         self._client = client
         self._odometry = client.create_publisher(Odometry, "odom", 10)
-        client.create_subscription(Twist, "cmd_vel", self._take, 10)
+        self._status = client.create_publisher(DiagnosticArray, "localizer/status", 10)
+        self.poses = client.create_publisher(Odometry, "localizer/odometry", 10)
+        client.create_subscription(message_type, "cmd_vel", self._take, 10)
 
     def _take(self, command):
+        command = getattr(command, "twist", command)
         speed, turn = command.linear.x, command.angular.z
         self.commands.append((speed, turn))
         self.yaw += turn * self._period
         self.x += speed * math.cos(self.yaw) * self._period
         self.y += speed * math.sin(self.yaw) * self._period
 
-    def wait_for(self, is_true, what, *messages):
-        """Move, and publish odometry and messages, until something is true."""
+    def wait_for(self, is_true, what, *messages, has_localizer=True):
+        """Move, and publish odometry, status and messages, until something is true."""
 
         def moves():
             self._odometry.publish(odometry(self.x, self.y, self.yaw))
+            if has_localizer:
+                self._status.publish(DiagnosticArray())
             for publisher, message in messages:
                 publisher.publish(message)
             return is_true()
@@ -50,18 +61,33 @@ class Robot:
 
 
 @pytest.fixture
-def follower(graph):
-    """The module of the example, with its node running."""
+def module():
+    """The module of the example."""
     spec = importlib.util.spec_from_file_location("follow_person", EXAMPLE)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    graph.run(module.Follower(context=graph.context()))
     return module
 
 
-def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, follower):
-    robot = Robot(client, follower.PERIOD)
-    poses = client.create_publisher(Odometry, "localizer/odometry", 10)
+@pytest.fixture
+def follow(graph, client, module):
+    """A function that starts the example with parameters, and returns its robot."""
+
+    def follow(message_type=Twist, **parameters):
+        graph.run(
+            module.Follower(context=graph.context(), parameter_overrides=overrides(parameters))
+        )
+        return Robot(client, module.PERIOD, message_type)
+
+    return follow
+
+
+def is_still(robot):
+    return robot.commands[-3:] == [(0.0, 0.0)] * 3
+
+
+def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, module, follow):
+    robot = follow()
     bearings = client.create_publisher(Vector3Stamped, "localizer/bearing", 10)
     client.wait_for(lambda: len(robot.commands) > 2, "a standstill without odometry")
     assert set(robot.commands) == {(0.0, 0.0)}
@@ -75,7 +101,7 @@ def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, follower):
         angle = math.atan2(1.0 - robot.y, 3.0 - robot.x) - robot.yaw
         return abs(distance - 2.0) < 0.1 and abs(angle) < 0.05
 
-    robot.wait_for(keeps_distance, "two meters between them", (poses, target))
+    robot.wait_for(keeps_distance, "two meters between them", (robot.poses, target))
     assert max(speed for speed, _ in robot.commands) <= 0.8
     assert max(abs(turn) for _, turn in robot.commands) <= 1.2
 
@@ -90,8 +116,8 @@ def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, follower):
     # Without either, where it was going, and then on to that side.
     robot.wait_for(
         lambda: (
-            robot.commands[-1] == (0.0, -follower.SEARCH_TURN)
-            or robot.commands[-1] == (0.0, follower.SEARCH_TURN)
+            robot.commands[-1] == (0.0, -module.SEARCH_TURN)
+            or robot.commands[-1] == (0.0, module.SEARCH_TURN)
         ),
         "the search",
     )
@@ -100,3 +126,89 @@ def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, follower):
         lambda: len(robot.commands) > count and robot.commands[-1] == (0.0, 0.0),
         "a standstill without odometry",
     )
+
+
+def test_it_stands_still_once_tracker_or_localizer_are_gone(module, follow):
+    robot = follow()
+    target = odometry(3.0, 1.0, 0.0)
+    robot.wait_for(lambda: len(robot.commands) > 20, "drive", (robot.poses, target))
+
+    def is_searching():
+        return abs(robot.commands[-1][1]) == module.SEARCH_TURN
+
+    robot.wait_for(is_searching, "the search")
+    robot.wait_for(lambda: is_still(robot), "a standstill", has_localizer=False)
+    robot.wait_for(is_searching, "the search of a localizer that is back")
+
+
+def test_it_stands_still_and_tells_once_when_the_frames_differ(follow, capfd):
+    robot = follow()
+    robot.wait_for(
+        lambda: robot.commands[-1:] > [(0.3, 0.0)], "drive", (robot.poses, odometry(5.0, 0.0, 0.0))
+    )
+    other = odometry(5.0, 0.0, 0.0, frame="map")
+    robot.wait_for(lambda: is_still(robot), "a standstill", (robot.poses, other))
+    place = robot.x
+    count = len(robot.commands)
+    robot.wait_for(lambda: len(robot.commands) > count + 20, "commands", (robot.poses, other))
+    assert robot.x == place
+    error = capfd.readouterr().err
+    assert error.count("odom is in the frame 'odom', the target in 'map'; set the localizer's") == 1
+    robot.wait_for(
+        lambda: robot.commands[-1] > (0.3, 0.0), "drive", (robot.poses, odometry(5.0, 0.0, 0.0))
+    )
+
+
+def test_it_drives_backward_only_where_that_is_wanted_and_takes_changes(client, follow):
+    robot = follow()
+    near = odometry(0.5, 0.0, 0.0)
+    robot.wait_for(lambda: len(robot.commands) > 20, "commands", (robot.poses, near))
+    assert {speed for speed, _ in robot.commands} == {0.0}
+
+    service = client.create_client(
+        SetParametersAtomically, "follow_person/set_parameters_atomically"
+    )
+    client.wait_for(service.service_is_ready, "service")
+
+    def change(**values):
+        request = SetParametersAtomically.Request()
+        request.parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        future = service.call_async(request)
+        client.wait_for(future.done, "response")
+        return future.result().result
+
+    assert change(fastest_backward=0.3, distance=1.5).successful
+    robot.wait_for(lambda: robot.x < -0.5, "a drive backward", (robot.poses, near))
+    assert min(speed for speed, _ in robot.commands) == -0.3
+    robot.wait_for(
+        lambda: abs(robot.x + 1.0) < 0.1, "the distance that is set", (robot.poses, near)
+    )
+    assert "range" in change(distance=-1.0).reason
+    assert "expected 'Type.DOUBLE' got 'Type.INTEGER'" in change(distance=2).reason
+    assert "read-only" in change(stamped=True).reason
+
+
+def test_it_sends_stamped_velocities_to_drivers_that_want_them(follow):
+    robot = follow(TwistStamped, stamped=True)
+    robot.wait_for(
+        lambda: robot.commands[-1:] > [(0.3, 0.0)], "drive", (robot.poses, odometry(5.0, 0.0, 0.0))
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ("distance:=2", "expecting type 'DOUBLE'"),
+        ("fastest:=-1.0", "range"),
+        ("stamped:=1", "BOOL"),
+    ],
+)
+def test_a_wrong_parameter_ends_it_with_a_sentence(graph, given, reason):
+    process = graph.command(sys.executable, str(EXAMPLE), "--ros-args", "-p", given)
+    output, _ = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "follow_person: " in output
+    assert reason in output
+    assert "Traceback" not in output

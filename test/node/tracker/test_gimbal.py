@@ -7,8 +7,8 @@ import importlib.util
 from pathlib import Path
 
 import pytest
-from geometry_msgs.msg import Twist
-from nodes import QUICK
+from geometry_msgs.msg import Twist, TwistStamped
+from nodes import QUICK, overrides
 from sensor_msgs.msg import CameraInfo
 
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
@@ -17,14 +17,24 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "gimbal.py"
 
 
 @pytest.fixture
-def gimbal(graph):
-    """The example's node."""
+def start(graph):
+    """A function that starts the example's node with parameters."""
     spec = importlib.util.spec_from_file_location("gimbal", EXAMPLE)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    node = module.Gimbal(context=graph.context())
-    graph.run(node)
-    return node
+
+    def start(**parameters):
+        node = module.Gimbal(context=graph.context(), parameter_overrides=overrides(parameters))
+        graph.run(node)
+        return node
+
+    return start
+
+
+@pytest.fixture
+def gimbal(start):
+    """The example's node."""
+    return start()
 
 
 @pytest.fixture
@@ -79,3 +89,12 @@ def test_it_stands_still_while_frames_are_skipped_or_without_the_target(
         return turns[-3:] == [0.0] * 3
 
     client.wait_for(is_still, "a standstill")
+
+
+def test_its_commands_have_a_stamp_where_the_driver_wants_one(client, start):
+    start(stamped=True)
+    commands = []
+    client.create_subscription(TwistStamped, "cmd_vel", commands.append, 100)
+    client.wait_for(lambda: commands, "a stamped command")
+    assert commands[0].header.stamp.sec > 0
+    assert commands[0].twist == Twist()

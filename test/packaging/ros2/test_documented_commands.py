@@ -142,6 +142,10 @@ DOCUMENTS = {
     ],
     "docs/follow_a_person.md": [
         going_on(FOLLOW, "camera_info on /camera/color/camera_info", node="/localizer"),
+        *(
+            elsewhere(f"~/pf_tracker/bin/{part}", "for an environment without the command ros2")
+            for part in ("tracker", "localizer", "python examples/follow_person.py")
+        ),
         elsewhere("python3 examples/follow_person.py", "test_follow_person.py"),
         elsewhere("ros2 action send_goal", "needs Nav2"),
     ],
