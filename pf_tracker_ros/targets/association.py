@@ -7,9 +7,8 @@
        cost = 5/2 log(1 + d^2 / 3) + 1/2 log(|S| / |R|) + 0.3 (size) + 1 (other label)
               + 2 (appearance distance / mean appearance distance of the track - 2.4)
 
-   Pairs with d^2 above a gate are excluded, and detections beside a target that stays and that
-   the image shows for certain. The Hungarian algorithm minimizes the sum over all pairs; a pair
-   above the maximum cost is none.
+   Pairs with d^2 above a gate are excluded. The Hungarian algorithm minimizes the sum over all
+   pairs; a pair above the maximum cost is none.
 2. `correct_id_switches`: where two detected tracks are near each other and their descriptors fit
    better the other way round, they exchange filters.
 3. `ReIdentifier`: a new track takes over the key of a lost one with a similar appearance.
@@ -26,10 +25,10 @@ from collections.abc import Sequence
 from importlib import import_module
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pf_tracker_ros.appearances import Appearance
-from pf_tracker_ros.boxes import pairwise_coverage, pairwise_iou
+from pf_tracker_ros.boxes import pairwise_coverage
 from pf_tracker_ros.targets.box_kalman_filter import CENTER_STD
 from pf_tracker_ros.targets.detections import Detection
 from pf_tracker_ros.targets.tracks import Track, TrackSet, boxes_of
@@ -51,21 +50,18 @@ def require_scipy() -> None:
         ) from error
 
 
-def assign(costs: NDArray[np.float64], max_costs: ArrayLike) -> dict[int, int]:
+def assign(costs: NDArray[np.float64], max_cost: float) -> dict[int, int]:
     """Row to column, each at most once, by the Hungarian algorithm.
 
-    `costs` are (N, M), infinite for excluded pairs. A pair costs less than `max_costs`, one for all
-    or (N,), each that of a row without a column.
+    `costs` are (N, M), infinite for excluded pairs. A pair costs less than `max_cost`.
     """
     from scipy.optimize import linear_sum_assignment
 
-    # Relative to no pair.
-    differences = np.minimum(costs - np.reshape(max_costs, (-1, 1)), 0.0)
-    rows, columns = linear_sum_assignment(differences)
+    rows, columns = linear_sum_assignment(np.minimum(costs, max_cost))
     return {
         int(row): int(column)
         for row, column in zip(rows, columns, strict=True)
-        if differences[row, column] < 0.0
+        if costs[row, column] < max_cost
     }
 
 
@@ -83,11 +79,8 @@ _SIZE_WEIGHT, _MAX_SIZE_COST = 0.3, 9.0
 _APPEARANCE_WEIGHT, _NEUTRAL_DISTANCE = 2.0, 2.4
 # Cost of another label.
 _LABEL_WEIGHT = 1.0
-# Maximum cost of a pair, and of one with a distractor, which may be nothing.
-_MAX_COST, _MAX_DISTRACTOR_COST = 5.5, 3.0
-# A detection below this intersection over union is of somebody else where a target that stays is
-# seen with more than this confidence.
-_ELSEWHERE_BELOW, _SEEN_ABOVE = 0.2, 0.9
+# Maximum cost of a pair.
+_MAX_COST = 5.5
 
 
 class Associator:
@@ -107,8 +100,7 @@ class Associator:
         boxes = np.array([one.box for one in detections])
         descriptors = np.array([one.descriptor for one in detections])
         costs = np.array([self._costs(track, detections, boxes, descriptors) for track in tracks])
-        distractors = np.array([track.is_distractor for track in tracks])
-        return assign(costs, np.where(distractors, _MAX_DISTRACTOR_COST, _MAX_COST))
+        return assign(costs, _MAX_COST)
 
     def _costs(
         self,
@@ -133,9 +125,6 @@ class Associator:
         relative = distances / track.mean_appearance_distance
         costs += _APPEARANCE_WEIGHT * (relative - _NEUTRAL_DISTANCE)
         costs[squared > _GATE] = np.inf
-        if track.is_held and track.filter_state.confidence > _SEEN_ABOVE:
-            overlaps = pairwise_iou(np.array([track.box, track.predicted_box]), boxes)
-            costs[overlaps.max(axis=0) < _ELSEWHERE_BELOW] = np.inf
         return costs
 
 

@@ -70,37 +70,3 @@ def test_detections_of_two_close_targets_are_assigned_by_appearance(tracks):
     blue = replace(blue, filter_state=red.filter_state, box_filter=box_filter)
     both = [detect(red, 0.0, blue.descriptor), detect(red, 0.2)]
     assert Associator(STRIPES).assign([red, blue], both) == {0: 1, 1: 0}
-
-
-def test_a_detection_beside_a_held_target_that_the_image_shows_is_of_somebody_else(tracks):
-    red, _, _ = tracks
-    beside, near = detect(red, 0.8), detect(red, 0.5)
-    assert Associator(STRIPES).assign([red], [beside]) == {0: 0}
-
-    def held(confidence):
-        state = replace(red.filter_state, confidence=confidence)
-        return replace(red, filter_state=state, is_selected=True)
-
-    # The intersection over union is 0.2 / 1.8, and 0.5 / 1.5.
-    assert Associator(STRIPES).assign([held(0.95)], [beside]) == {}
-    assert Associator(STRIPES).assign([held(0.95)], [near]) == {0: 0}
-    # The image may be wrong where it is less sure.
-    assert Associator(STRIPES).assign([held(0.85)], [beside]) == {0: 0}
-
-
-def test_a_distractor_does_not_take_the_detection_of_its_target(tracks):
-    """On the target, and with a poor detection left for that."""
-    red, blue, _ = tracks
-    own = detect(red)
-    poor = detect(red, 0.7, between(red.descriptor, blue.descriptor, 0.25))
-    associator = Associator(STRIPES)
-    costs = [
-        associator._costs(red, [one], one.box[None], one.descriptor[None])[0] for one in (own, poor)
-    ]
-    assert costs[0] < 0.0
-    assert 3.0 < costs[1] < 5.5
-    distractor = replace(red, distracted_key=red.key)
-    assert associator.assign([red, distractor], [own, poor])[0] == 0
-    # Alone, it keeps a good one, and no poor one.
-    assert associator.assign([distractor], [own]) == {0: 0}
-    assert associator.assign([distractor], [poor]) == {}
