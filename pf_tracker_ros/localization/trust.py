@@ -19,12 +19,10 @@ import math
 
 from pf_tracker_ros.stamps import NANOSECONDS
 
-# People per square meter to whom a box may go over: anywhere, and once one was in front.
-_OTHERS_DENSITY, _CROSSING_DENSITY = 0.05, 1.0
-# Covered share of a box from which on somebody is in front.
-_COVERED_ABOVE = 0.5
-LEAST_LOG_ODDS = -4.0
-"""Least log odds by the place: it contradicts the prediction."""
+# People per square meter to whom a box may go over.
+_OTHERS_DENSITY = 0.05
+# Least log odds by the place: it contradicts the prediction.
+_LEAST_LOG_ODDS = -4.0
 # Confidences closer to 0 or 1 count as this, since those of 0 and 1 are infinite.
 _LEAST_CONFIDENCE = 1e-3
 
@@ -35,21 +33,14 @@ class Trust:
     Attributes:
         doubted_for: Seconds until its place and confidence suffice, infinite while it is hidden; 0
             without a doubt.
-        others_density: People per square meter to whom the box may have gone over.
     """
 
     def __init__(self) -> None:
         self.doubted_for = 0.0
-        self.others_density = _OTHERS_DENSITY
         # Log odds by the place; None until the target is measured, 0 where nothing was predicted.
         self._by_place: float | None = None
         self._measured_since = 0
         self._is_doubted = False
-
-    @property
-    def is_open(self) -> bool:
-        """Whether the target is out of sight: the next measurement decides."""
-        return self._is_doubted and self._by_place is None
 
     def lose_sight(self, *, is_hidden: bool) -> None:
         """The target gives no measurement; the next one decides.
@@ -61,23 +52,13 @@ class Trust:
         if is_hidden:
             self.doubted_for = math.inf
 
-    def cover(self, share: float) -> None:
-        """Something is in front of the target, which is out of sight.
-
-        Args:
-            share: Of its box that is covered, 0 to 1.
-        """
-        if share > _COVERED_ABOVE:
-            self.others_density = _CROSSING_DENSITY
-
     def contradict(self, stamp: int) -> None:
         """The target is in another place than predicted.
 
         Args:
             stamp: Of the frame, nanoseconds.
         """
-        self._is_doubted, self._by_place, self._measured_since = True, LEAST_LOG_ODDS, stamp
-        self.others_density = _OTHERS_DENSITY
+        self._is_doubted, self._by_place, self._measured_since = True, _LEAST_LOG_ODDS, stamp
 
     def measure(
         self,
@@ -92,7 +73,7 @@ class Trust:
 
         Args:
             stamp: Of the frame, nanoseconds.
-            by_place: Log odds by its place.
+            by_place: See `log_odds_by_place`.
             confidence: Of the target, `min_confidence` to 1.
             min_confidence: Least one of a target that is not in doubt.
             hold: Seconds from a place that contradicts until the target counts as the same.
@@ -100,13 +81,25 @@ class Trust:
         if not self._is_doubted:
             return
         if self._by_place is None:
-            self._by_place, self._measured_since = max(by_place, LEAST_LOG_ODDS), stamp
+            self._by_place, self._measured_since = by_place, stamp
         log_odds = self._by_place + _logit(confidence) - _logit(min_confidence)
-        needed = max(-log_odds, 0.0) * hold / -LEAST_LOG_ODDS
+        needed = max(-log_odds, 0.0) * hold / -_LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
-        if not self._is_doubted:
-            self.others_density = _OTHERS_DENSITY
+
+
+def log_odds_by_place(log_density: float | None, squared: float | None) -> float:
+    """Log odds that a measurement is of the target, by its place, -4 up.
+
+    Args:
+        log_density: Of the measurement given its prediction, 1/m^2; None without one.
+        squared: Its normalized innovation; None without a prediction.
+    """
+    if log_density is None or squared is None:
+        return 0.0
+    largest = log_density + squared / 2.0
+    by_place = log_density - min(math.log(_OTHERS_DENSITY), largest)
+    return max(by_place, _LEAST_LOG_ODDS)
 
 
 def _logit(confidence: float) -> float:

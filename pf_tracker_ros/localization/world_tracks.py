@@ -15,7 +15,7 @@ from pf_tracker_ros.localization.camera_pose import CameraPose
 from pf_tracker_ros.localization.expected_boxes import expected_box, standing
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
-from pf_tracker_ros.localization.trust import LEAST_LOG_ODDS, Trust
+from pf_tracker_ros.localization.trust import Trust, log_odds_by_place
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.world import (
@@ -158,7 +158,6 @@ class WorldTracks:
         try:
             if problem:
                 covered_share = track.covered_share(target, scene)
-                track.trust.cover(covered_share or 0.0)
             else:
                 place = localizer.locate(
                     target.box,
@@ -313,16 +312,14 @@ class _Track:
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         stamp, parameters = scene.frame.stamp, scene.parameters
-        density = self.trust.others_density
-        others = density if self.trust.is_open else 0.0
-        is_used = self.filter.update(stamp, measured.mean, measured.covariance, others)
-        by_place = self.filter.log_odds(density)
+        is_used = self.filter.update(stamp, measured.mean, measured.covariance)
+        innovation = self.filter.normalized_innovation
+        by_place = log_odds_by_place(self.filter.log_density, innovation)
         if not is_used:
-            self.place_odds = max(by_place, LEAST_LOG_ODDS)
-            innovation = self.filter.normalized_innovation or 0.0
+            self.place_odds = by_place
             return (
-                f"the position of target {target.id} jumped (squared innovation {innovation:.1f}), "
-                "as if the box were on something else"
+                f"the position of target {target.id} jumped (squared innovation "
+                f"{innovation or 0.0:.1f}), as if the box were on something else"
             )
         if self.filter.has_restarted:
             self.trust.contradict(stamp)

@@ -6,9 +6,8 @@ measurements:
 1. Predict: constant velocity with white-noise acceleration of spectral density q. Over an
    interval t that adds q t^3 / 3 to the variance of a position, q t to that of a velocity, and
    q t^2 / 2 to their covariance.
-2. Gate: an innovation v with the covariance S is rejected where v^T S^-1 v is above the gate, or
-   where it is rather of somebody else (`PositionFilter.log_odds`). After rejections alone for some
-   time, the filter starts anew: the target is elsewhere.
+2. Gate: an innovation v with the covariance S is rejected where v^T S^-1 v is above the gate.
+   After rejections alone for some time, the filter starts anew: the target is elsewhere.
 3. Correct. Errors of boxes are correlated in time: a measurement z with the covariance R has
    z = position + R^1/2 (u_1 + ... + u_n) / n^1/2. Each u is a pair of normal variables with
    variance 1 and the correlation exp(-t / T) after an interval t, with a correlation time T of its
@@ -39,8 +38,6 @@ _ROUNDING = 1e-6
 _LARGEST = 1e12
 # Standard deviation of the velocity of a new target, meters per second: people walk at 1.4.
 _FIRST_SPEED_SD = 1.2
-# Log odds below which a measurement is of somebody else.
-_OTHERS_BELOW = -2.0
 # Least white share of a measurement's covariance: boxes are rounded, also at high rates.
 _LEAST_WHITE = 0.02
 
@@ -153,9 +150,7 @@ class PositionFilter:
         """Nothing is measured for a while: rejections before and after that are not of one run."""
         self.rejected_since = None
 
-    def update(
-        self, stamp: int, position: ArrayLike, covariance: ArrayLike, others_density: float = 0.0
-    ) -> bool:
+    def update(self, stamp: int, position: ArrayLike, covariance: ArrayLike) -> bool:
         """Take a measurement.
 
         Args:
@@ -163,7 +158,6 @@ class PositionFilter:
                 one is ignored.
             position: (2,) or (3,) in the fixed frame, meters; z is ignored.
             covariance: (2, 2) or (3, 3), m^2.
-            others_density: Others per square meter who may be measured in its place.
 
         Returns:
             Whether the measurement was used: it is neither late nor outside the gate.
@@ -186,8 +180,7 @@ class PositionFilter:
         squared = float(innovation @ np.linalg.solve(expected, innovation))
         self.normalized_innovation, self.has_restarted = squared, False
         self.log_density = -0.5 * (squared + float(np.linalg.slogdet(2.0 * math.pi * expected)[1]))
-        is_of_other = others_density > 0.0 and self.log_odds(others_density) < _OTHERS_BELOW
-        if squared <= self._gate and not is_of_other:
+        if squared <= self._gate:
             considered = len(self._times)
             self._state = predicted.correct(place, observed, white, considered=considered)
             self._stamp, self.rejected_since = stamp, None
@@ -199,20 +192,6 @@ class PositionFilter:
         self._start(stamp, place, noise)
         self.has_restarted = True
         return True
-
-    def log_odds(self, others_density: float) -> float:
-        """Log odds that the last measurement is of the target; 0 before the second.
-
-        log N(v; 0, S) - log min(r, N(0; 0, S)), with r others per square meter. Where the target
-        may be anywhere, too, the most probable place says nothing against another one.
-
-        Args:
-            others_density: r, 1/m^2, above 0.
-        """
-        if self.log_density is None or self.normalized_innovation is None:
-            return 0.0
-        largest = self.log_density + self.normalized_innovation / 2.0
-        return self.log_density - min(math.log(others_density), largest)
 
     def predict(self, stamp: int) -> FilteredPosition | None:
         """Position and velocity at a stamp; at the last measurement's for an earlier one.

@@ -109,44 +109,6 @@ def test_the_density_of_a_measurement_given_its_prediction():
     assert tracker.log_density == pytest.approx(expected, rel=1e-5)
 
 
-def _predicted(variance):
-    """A filter at rest at (0, 0), whose next measurement has this variance along each axis."""
-    tracker = PositionFilter(acceleration_density=0.0, correlation_times=(0.0,), reset_after=9.0)
-    tracker.update(0, (0.0, 0.0), variance / 2.0 * np.eye(2))
-    return tracker, variance / 2.0 * np.eye(2)
-
-
-# Of a measurement in the most probable place, with a variance of 1 / (2 pi): 1/m^2.
-@pytest.mark.parametrize(
-    ("variance", "others", "squared", "log_odds"),
-    [
-        # One other per square meter is as dense as the target in its most probable place.
-        (0.5 / np.pi, 1.0, 0.0, 0.0),
-        (0.5 / np.pi, 1.0, 3.0, -1.5),
-        (0.5 / np.pi, 1.0, 5.0, -2.5),
-        # Others are rarer: the target's own place may be less probable.
-        (0.5 / np.pi, np.exp(-2.0), 5.0, -0.5),
-        (0.5 / np.pi, np.exp(-2.0), 9.0, -2.5),
-        # A vague prediction: whoever is where it is likeliest may be it as well.
-        (50.0, 1.0, 0.0, 0.0),
-        (50.0, 1.0, 3.0, -1.5),
-        (50.0, 1.0, 5.0, -2.5),
-    ],
-)
-def test_a_measurement_that_is_rather_of_somebody_else(variance, others, squared, log_odds):
-    place = np.sqrt(squared * variance), 0.0
-    tracker, noise = _predicted(variance)
-    assert tracker.log_odds(others) == 0.0
-    is_used = tracker.update(1000, place, noise, others)
-    assert tracker.normalized_innovation == pytest.approx(squared, rel=1e-4, abs=1e-9)
-    assert tracker.log_odds(others) == pytest.approx(log_odds, rel=1e-3, abs=1e-3)
-    assert is_used == (log_odds > -2.0)
-    assert (tracker.rejected_since is None) == is_used
-    # Where there is nobody else, the gate alone decides.
-    tracker, noise = _predicted(variance)
-    assert tracker.update(1000, place, noise)
-
-
 @pytest.mark.parametrize("sd", [0.1, 0.5, 1.0])
 def test_it_keeps_up_with_who_walks_off(sd):
     """However uncertain the place, where errors last: its changes are seen.

@@ -4,9 +4,11 @@ import math
 
 import pytest
 
-from pf_tracker_ros.localization.trust import LEAST_LOG_ODDS, Trust
+from pf_tracker_ros.localization.trust import Trust, log_odds_by_place
 
 SECOND = 1_000_000_000
+# Of a place that says as much for the target as for another one: one in 20 square meters.
+EVEN = math.log(0.05)
 RULES = {"min_confidence": 0.5, "hold": 2.0}
 
 
@@ -32,7 +34,6 @@ def test_it_is_in_doubt_while_it_is_hidden_and_after_a_contradiction():
         # Log odds of -2 of at least -4: half of the time.
         (-2.0, 0.5, 1.0),
         (-4.0, 0.5, 2.0),
-        (10.0 * LEAST_LOG_ODDS, 0.5, 2.0),
         # Odds of 3 to 1 by the confidence.
         (-2.0, 0.75, 0.5 * (2.0 - math.log(3.0))),
         (-2.0, 0.9, 0.0),
@@ -54,24 +55,12 @@ def test_the_place_and_the_confidence_decide_how_long(by_place, confidence, seco
         assert trust.doubted_for == 0.0
 
 
-def test_others_are_denser_once_somebody_was_in_front_until_there_is_no_doubt():
-    trust = Trust()
-    anywhere = trust.others_density
-    assert not trust.is_open
-    trust.lose_sight(is_hidden=True)
-    trust.cover(0.5)
-    assert trust.is_open
-    assert trust.others_density == anywhere
-    trust.cover(0.8)
-    crossing = trust.others_density
-    assert crossing > 10.0 * anywhere
-    # The first measurement decides; while it is in doubt, they are as dense.
-    trust.measure(0, -2.0, 0.5, **RULES)
-    assert not trust.is_open
-    assert trust.others_density == crossing
-    trust.measure(SECOND, -2.0, 0.5, **RULES)
-    assert trust.others_density == anywhere
-    trust.lose_sight(is_hidden=True)
-    trust.cover(0.8)
-    trust.contradict(2 * SECOND)
-    assert trust.others_density == anywhere
+def test_the_odds_by_a_place():
+    assert log_odds_by_place(None, None) == 0.0
+    # A narrow prediction, by which others are less likely there.
+    assert log_odds_by_place(EVEN + 1.0, 0.5) == pytest.approx(1.0)
+    assert log_odds_by_place(EVEN - 3.0, 8.0) == pytest.approx(-3.0)
+    assert log_odds_by_place(-1e9, 2e9) == -4.0
+    # A wide one: whoever is where it is likeliest may be it as well.
+    assert log_odds_by_place(EVEN - 7.0, 0.0) == 0.0
+    assert log_odds_by_place(EVEN - 7.0, 5.0) == pytest.approx(-2.5)

@@ -116,26 +116,3 @@ def test_depth_of_something_before_the_target_neither_silences_nor_moves_it():
         (located,) = tracks.advance(frame, sensed, LocalizerParameters())
         assert located.silence == ""
         assert located.world.filtered.position[0] == pytest.approx(6.0, abs=0.5)
-
-
-def test_who_is_measured_after_somebody_was_in_front_is_the_target_where_it_was_expected():
-    """At 6 m, hidden for a second by somebody who crosses at 4.8 m."""
-    for distance, is_target in ((6.0, True), (4.8, False)):
-        tracks = WorldTracks()
-        for index in range(31):
-            is_hidden = 20 <= index < 30
-            measured = distance if index == 30 else 6.0
-            lower, upper = 240.0 + 750.0 / measured, 240.0 - 125.0 / measured
-            box = 320.0 - 60.0 / measured, upper, 120.0 / measured, lower - upper
-            state = "occluded" if is_hidden else "tracking"
-            target = ReportedTarget(1, "", state, 0.9, box, np.eye(4))
-            stamp = round((1.0 + index / 10.0) * NANOSECONDS)
-            frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
-            depth = np.full((480, 640), 4.8 if is_hidden else measured, np.float32)
-            sensed = replace(SENSED, depth=depth)
-            (located,) = tracks.advance(frame, sensed, LocalizerParameters(method="depth"))
-            assert not is_hidden or located.covered_share == 1.0
-        assert located.normalized_innovation < 13.8
-        assert (located.silence == "") == is_target
-        assert (located.hint.place_odds == 0.0) == is_target
-        assert located.hint.place_odds <= 0.0
