@@ -213,8 +213,9 @@ def plot(path: Path, outcomes: Sequence[Outcome]) -> None:
                 line, width = ("-", 2.8) if name == OURS else ("--", 1.4)
                 axes.plot(every, hota, line, marker=marker, linewidth=width, label=name)
         axes.set(title=sequence, xlabel="a detector sees every k-th frame", xticks=list(PHASES))
-        axes.set_ylim(bottom=0.0)
         axes.grid(alpha=0.3)
+    # After all of them: it ends the scaling of the shared axis.
+    panels[0].set_ylim(bottom=0.0)
     panels[0].set_ylabel("HOTA, %")
     panels[-1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.savefig(path, dpi=120)

@@ -33,9 +33,8 @@ from rclpy.utilities import try_shutdown
 # Of the search in radians per second.
 SPEED_GAIN, TURN_GAIN, SEARCH_TURN = 1.2, 2.0, 0.7
 # Seconds for which odometry, a pose or a bearing counts, and a velocity; seconds after which the
-# search ends, and without a status after which tracker or localizer are gone.
-FRESH, PREDICTED, GIVES_UP_AFTER, GONE_AFTER = 0.3, 1.5, 20.0, 0.5
-PERIOD = 0.05
+# search ends, without a status after which tracker or localizer are gone, and between velocities.
+FRESH, PREDICTED, GIVES_UP_AFTER, GONE_AFTER, PERIOD = 0.3, 1.5, 20.0, 0.5, 0.05
 # Default, minimum, maximum and description.
 LIMITS = {
     "distance": (2.0, 0.5, 20.0, "Distance to keep, m"),
@@ -60,7 +59,8 @@ class Follower(Node):
         self._base: tuple[float, complex, complex] | None = None
         self._target: tuple[float, complex, complex] | None = None
         self._heading: tuple[float, complex] | None = None
-        self._heard_at, self._side, self._frame, self._is_comparable = -math.inf, 1.0, "", True
+        self._heard_at, self._side = -math.inf, 1.0
+        self._frames = ["", ""]  # of the odometry and of the target
         message_type = TwistStamped if self._stamped else Twist
         self._velocities = self.create_publisher(message_type, "cmd_vel", 10)
         self.create_subscription(Odometry, "odom", self._on_base, qos_profile_sensor_data)
@@ -75,30 +75,30 @@ class Follower(Node):
         self._heard_at = time.monotonic()
 
     def _on_base(self, message: Odometry) -> None:
-        self._base = time.monotonic(), *_pose(message)
-        self._frame = message.header.frame_id
+        self._frames[0], pose = message.header.frame_id, _pose(message)
+        if all(map(cmath.isfinite, pose)):
+            self._base = time.monotonic(), *pose
 
     def _on_target(self, message: Odometry) -> None:
-        place, direction = _pose(message)
+        self._frames[1], (place, direction) = message.header.frame_id, _pose(message)
         # The velocity is in the frame of the target.
         velocity = direction * complex(message.twist.twist.linear.x, message.twist.twist.linear.y)
-        self._target = time.monotonic(), place, velocity
-        frame = message.header.frame_id
-        self._is_comparable = frame == self._frame
-        if self._base and not self._is_comparable:
-            text = f"standing still: odom is in the frame '{self._frame}', the target in '{frame}'"
-            text += f"; set the localizer's fixed_frame to '{self._frame}'"
-            self.get_logger().error(text, once=True)  # type: ignore[no-untyped-call]
+        if cmath.isfinite(place) and cmath.isfinite(velocity):
+            self._target = time.monotonic(), place, velocity
 
     def _on_bearing(self, message: Vector3Stamped) -> None:
         # In the optical frame x is to the right, z forward.
-        ahead = complex(message.vector.z, -message.vector.x)
-        self._heading = (time.monotonic(), self._base[2] * ahead) if self._base else None
+        now, ahead = time.monotonic(), complex(message.vector.z, -message.vector.x)
+        if self._base and now - self._base[0] <= FRESH and cmath.isfinite(ahead):
+            self._heading = now, self._base[2] * ahead
 
     def _drive(self) -> None:
         now, command, value = time.monotonic(), TwistStamped(), self.get_parameter
-        is_heard = self._is_comparable and now - self._heard_at <= GONE_AFTER
-        if is_heard and self._base and now - self._base[0] <= FRESH:
+        frame, other = self._frames
+        if frame and other and frame != other:
+            text = f"standing still: set the localizer's fixed_frame to '{frame}'; it is '{other}'"
+            self.get_logger().error(text, throttle_duration_sec=60.0)  # type: ignore[no-untyped-call]
+        elif now - self._heard_at <= GONE_AFTER and self._base and now - self._base[0] <= FRESH:
             speed, turn = self._command(now, *self._base[1:])
             speed = min(max(speed, -value("fastest_backward").value), value("fastest").value)
             most = value("fastest_turn").value

@@ -153,10 +153,26 @@ def test_it_stands_still_and_tells_once_when_the_frames_differ(follow, capfd):
     robot.wait_for(lambda: len(robot.commands) > count + 20, "commands", (robot.poses, other))
     assert robot.x == place
     error = capfd.readouterr().err
-    assert error.count("odom is in the frame 'odom', the target in 'map'; set the localizer's") == 1
+    assert error.count("set the localizer's fixed_frame to 'odom'; it is 'map'") == 1
     robot.wait_for(
         lambda: robot.commands[-1] > (0.3, 0.0), "drive", (robot.poses, odometry(5.0, 0.0, 0.0))
     )
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf])
+def test_it_takes_no_numbers_that_are_none(client, follow, number):
+    robot = follow()
+    bearings = client.create_publisher(Vector3Stamped, "localizer/bearing", 10)
+    robot.wait_for(lambda: is_still(robot), "commands")
+    bearing = Vector3Stamped()
+    bearing.vector.x, bearing.vector.z = number, 1.0
+    wrong = (robot.poses, odometry(number, 0.0, 0.0)), (bearings, bearing)
+    count = len(robot.commands)
+    robot.wait_for(lambda: len(robot.commands) > count + 20, "commands", *wrong)
+    # As with neither: it searches.
+    assert set(robot.commands[count:]) <= {(0.0, 0.0), (0.0, 0.7)}
+    right = robot.poses, odometry(5.0, 0.0, 0.0)
+    robot.wait_for(lambda: robot.commands[-1] > (0.3, 0.0), "drive", right)
 
 
 def test_it_drives_backward_only_where_that_is_wanted_and_takes_changes(client, follow):
