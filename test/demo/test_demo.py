@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -92,7 +93,36 @@ def street_frames(demo):
     return json.loads((demo[0] / STREET / "result.json").read_text())["frames"]
 
 
-def test_several_targets_start_without_a_hand_and_keep_their_ids(demo):
+class Truth:
+    """Where a man of the drawn street is, and how much of him is seen."""
+
+    def __init__(self, man):
+        import street_scenes
+
+        footage = street_scenes.people()
+        self._stage = footage._stage
+        feet = np.array([one.positions for one in self._stage.actors])
+        self._feet = feet - footage._camera.offsets
+        x, y, width, height = man
+        offsets = self._feet[:, MEN_FRAME] - [x + width / 2, y + height]
+        self._number = int(np.hypot(*offsets.T).argmin())
+
+    def feet(self, index):
+        return self._feet[self._number, index]
+
+    def visible(self, index):
+        """The share of him that nothing covers, 0 to 1; he in white, all before him in black."""
+        canvas = np.zeros(self._stage.backdrop.shape, np.float32)
+        he, *others = (actor.placed(index) for actor in self._stage.actors[self._number :])
+        replace(he, pixels=np.repeat(he.pixels[..., 3:], 4, axis=2)).draw(canvas)
+        alone = canvas.sum()
+        for other in others:
+            replace(other, pixels=other.pixels * np.float32([0, 0, 0, 1])).draw(canvas)
+        canvas *= 1.0 - self._stage.foreground[..., 3:]
+        return float(canvas.sum() / max(alone, 1.0))
+
+
+def test_several_targets_start_without_a_hand_and_keep_their_ids(demo, demo_modules):
     frames = street_frames(demo)
     assert len(frames) == STREET_FRAMES
     assert frames[0]["targets"] == []
@@ -105,12 +135,22 @@ def test_several_targets_start_without_a_hand_and_keep_their_ids(demo):
     assert len(set(ids)) == len(MEN)
     # Until then they come into view one after the other, and later they leave it.
     until_then = slice(MEN_FRAME - 75, MEN_FRAME + 1)
-    for id in ids:
-        followed = [[one["id"] for one in frame["targets"]].count(id) for frame in frames]
-        first, last = followed.index(1), len(followed) - followed[::-1].index(1)
-        # Trees and others hide them for up to a fifth of the time.
-        assert sum(followed) > 0.75 * (last - first)
-        assert sum(followed[until_then]) > 76 / 2
+    for id, man in zip(ids, MEN, strict=True):
+        truth = Truth(man)
+        boxes = [
+            next((one["box"] for one in frame["targets"] if one["id"] == id), None)
+            for frame in frames
+        ]
+        followed = np.array([box is not None for box in boxes])
+        first, end = followed.argmax(), len(followed) - followed[::-1].argmax()
+        is_seen = np.array([truth.visible(index) > 0.5 for index in range(first, end)])
+        assert is_seen.sum() > 0.8 * (end - first)
+        assert followed[first:end][is_seen].mean() > 0.8
+        assert followed[until_then].sum() > 76 / 2
+        for index in np.flatnonzero(is_seen & followed[first:end]) + first:
+            x, y, width, height = boxes[index]
+            offset = np.abs(np.array([x + width / 2, y + height]) - truth.feet(index))
+            assert (offset < [0.5 * width, 0.2 * height]).all()
 
 
 def test_every_frame_of_several_targets_has_its_answer(demo):
