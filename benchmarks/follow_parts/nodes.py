@@ -18,6 +18,7 @@ from geometry_msgs.msg import PolygonStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, Imu
@@ -113,21 +114,22 @@ class NodeChain:
     def request(self, box: Box, stamp: int) -> None:
         """Publish a box on an image."""
         message = box_message(new_message, _header(stamp, "camera"), box)
-        self._topics["pf_tracker/target"].publish(message)
+        self._publish("pf_tracker/target", message)
 
     def select(self, id: int) -> None:
         """Publish the selected target."""
-        self._topics["pf_tracker/select"].publish(UInt32(data=id))
+        self._publish("pf_tracker/select", UInt32(data=id))
 
     def take_motion(self, motion: Motion) -> None:
         """Publish on the topics odom and imu."""
         stamp, pose = stamp_at(motion.time), motion.odometry
         base = pose_message(new_message, pose.x, pose.y, pose.yaw)
         odometry = odometry_message(new_message, _header(stamp, "odom"), base)
-        self._topics["odom"].publish(odometry)
-        if imu := self._topics.get("imu"):
+        self._publish("odom", odometry)
+        if "imu" in self._topics:
             header = _header(stamp, "camera")
-            imu.publish(imu_message(new_message, header, motion.acceleration, ACCELERATION_NOISE))
+            imu = imu_message(new_message, header, motion.acceleration, ACCELERATION_NOISE)
+            self._publish("imu", imu)
 
     def process(
         self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
@@ -135,10 +137,10 @@ class NodeChain:
         """Publish an image with what belongs to it, and wait for the answers of both nodes."""
         stamp = stamp_at(time)
         header = _header(stamp, "camera")
-        self._topics["camera_info"].publish(camera_info_message(new_message, header, CAMERA))
+        self._publish("camera_info", camera_info_message(new_message, header, CAMERA))
         if depth is not None:
-            self._topics["depth"].publish(image_message(new_message, header, depth))
-        self._topics["image"].publish(image_message(new_message, header, image))
+            self._publish("depth", image_message(new_message, header, depth))
+        self._publish("image", image_message(new_message, header, image))
         statuses = list(_ANSWERS)[:2]
         self._wait(
             lambda: all(self._answer(topic, stamp) for topic in statuses), f"no answer at {time} s"
@@ -160,6 +162,13 @@ class NodeChain:
     def close(self) -> None:
         """End the nodes."""
         self._stack.close()
+
+    def _publish(self, topic: str, message: Any) -> None:
+        """Publish a message, and wait until it is there: messages of other topics may overtake."""
+        publisher = self._topics[topic]
+        publisher.publish(message)
+        if not publisher.wait_for_all_acked(Duration(seconds=_DEADLINE)):
+            raise TimeoutError(f"a message on {topic} did not arrive within {_DEADLINE:.0f} s")
 
     def _keeper(self, topic: str) -> Callable[[Any], None]:
         def keep(message: Any) -> None:
