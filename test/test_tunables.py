@@ -111,9 +111,10 @@ def test_the_scene_covers_all_states(scene, preset):
         (preset, name)
         for preset in PRESETS
         for name, one in KNOWN.items()
-        # Another appearance needs the file of a network: networks/test_embedding.py.
+        # Another appearance needs the file of a network: networks/test_embedding.py; a selected
+        # target a session: targets/test_held_targets.py.
         if one.is_active(preset_parameters(preset))
-        and name not in {*OF_DETECTIONS, "appearance.kind"}
+        and name not in {*OF_DETECTIONS, "appearance.kind", "track.keep_selected"}
     ],
 )
 def test_a_tunable_makes_a_difference(makes_a_difference, preset, name):

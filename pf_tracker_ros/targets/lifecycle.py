@@ -222,11 +222,12 @@ _LEFT_WITHIN = 0.03
 class Deleter:
     """Ends tracks that the detector does not find any more, or that have left the image.
 
-    An ended track can be re-identified for `reidentify_within` seconds.
+    An ended track can be re-identified for `reidentify_within` seconds, and the selected one ends
+    `keep_selected` seconds after its last detection.
     """
 
-    def __init__(self, reidentify_within: float) -> None:
-        self._reidentify_within = reidentify_within
+    def __init__(self, reidentify_within: float, keep_selected: float) -> None:
+        self._reidentify_within, self._keep_selected = reidentify_within, keep_selected
 
     def delete_tracks(
         self, track_set: TrackSet, image_size: tuple[int, int], interval: float
@@ -249,7 +250,7 @@ class Deleter:
 
     def _stays(self, track: Track) -> bool:
         """Whether nothing but a user ends a track, or it may still come back."""
-        may_return = track.unconfirmed_for <= self._reidentify_within
+        may_return = track.unconfirmed_for <= self._keep_selected
         return track.is_manual or (track.is_selected and may_return)
 
 

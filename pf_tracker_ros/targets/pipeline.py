@@ -48,7 +48,7 @@ class TrackingPipeline:
         self._associator = Associator(self.appearance)
         self._updater = Updater(target_filter, parameters.detector.recall, self.appearance)
         self.initiator = Initiator(target_filter, seed, parameters.max_targets, self.appearance)
-        self._deleter = Deleter(parameters.track.reidentify_within)
+        self._deleter = Deleter(parameters.track.reidentify_within, parameters.track.keep_selected)
         self._reidentifier = ReIdentifier(self.appearance)
         self._redetector = AppearanceRedetector(target_filter, self.appearance)
         self._distractors = DistractorManager(self.initiator, target_filter.operations)

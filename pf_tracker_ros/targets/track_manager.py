@@ -245,7 +245,7 @@ class TrackManager:
             hints: Id of a target to what is known of it in the last frame. A covered share lowers
                 the confidence of this one; a target out of sight is looked for where it is
                 expected.
-            selected: Id of the target that stays for `track.reidentify_within` while nothing shows
+            selected: Id of the target that stays for `track.keep_selected` while nothing shows
                 it, 0 for none.
 
         Raises:

@@ -54,10 +54,17 @@ class TrackParameters(TrackThresholds):
         choices=OCCLUSION_POLICIES,
     )
     reidentify_within: float = declared(
-        30.0,
+        10.0,
         "A target from a detector that has ended gets its id back if it is detected again within "
-        "this time with a similar appearance; 0 disables re-identification. The selected target "
-        "does not end before.",
+        "this time with a similar appearance; 0 disables re-identification.",
+        unit="s",
+        minimum=0.0,
+        maximum=3600.0,
+    )
+    keep_selected: float = declared(
+        30.0,
+        "The selected target stays for this time while nothing shows it, and keeps its id when it "
+        "is found again.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,

@@ -103,7 +103,7 @@ def test_a_selected_target_keeps_its_id_until_it_is_found_again(crossing, iou, m
 
 
 def test_a_selected_target_ends_when_it_may_not_come_back(crossing):
-    session = make_session(1, track__reidentify_within=1.0)
+    session = make_session(1, track__keep_selected=1.0)
     for number in range(45):
         outcome = show(session, crossing, [number], 2, [0] if number < 4 else [1])
     # The other one is the target now.
