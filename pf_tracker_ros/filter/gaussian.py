@@ -15,6 +15,7 @@ Source: Zhang Bo, section 3.3.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -104,6 +105,29 @@ class Gaussian:
             self.mean + gain @ (np.asarray(measurement, dtype=np.float64) - predicted),
             left @ self.covariance @ left.T + gain @ error @ gain.T,
         )
+
+    def observe(self, observation: ArrayLike, noise: ArrayLike) -> Gaussian:
+        """The distribution of a measurement z = G x + v; arguments as of `correct`."""
+        matrix = np.asarray(observation, dtype=np.float64)
+        covariance = matrix @ self.covariance @ matrix.T + np.asarray(noise)
+        return Gaussian(matrix @ self.mean, covariance)
+
+    @classmethod
+    def mixture(cls, parts: Sequence[Gaussian], weights: ArrayLike) -> Gaussian:
+        """The Gaussian with the mean and the covariance of a mixture of some.
+
+        Args:
+            parts: K of the same dimension.
+            weights: (K,) nonnegative, not all 0.
+        """
+        if len(parts) == 1:
+            return parts[0]
+        shares = np.asarray(weights, dtype=np.float64) / np.sum(weights)
+        means = np.array([one.mean for one in parts])
+        mean = shares @ means
+        offsets = means - mean
+        within = np.tensordot(shares, [one.covariance for one in parts], axes=1)
+        return cls(mean, within + (shares[:, None] * offsets).T @ offsets)
 
     def marginal(self, columns: NDArray[np.bool_]) -> Gaussian:
         """The distribution of the columns selected by a (D,) mask."""

@@ -33,6 +33,8 @@ from pf_tracker_ros.world_messages import UNKNOWN_ANGLE, WorldTarget
 # Times after which half of a box's errors correlate by 1/e, seconds. Those of a tracker last longer
 # than those of a detector: each box depends on the one before.
 _CORRELATION_TIMES = 0.3, 5.0
+# Seconds for which somebody stands on average.
+_STANDS_FOR = 6.0
 # Least speed, m/s, and its squared distance from 0 in standard deviations (99 % of two
 # dimensions), from which a target has a heading.
 _MIN_SPEED, _MIN_SPEED_DISTANCE = 0.2, -2.0 * math.log(0.01)
@@ -261,7 +263,7 @@ class _Track:
     """Filter, errors of the box, trust, heading and size of one target."""
 
     def __init__(self) -> None:
-        self.filter = PositionFilter(correlation_times=_CORRELATION_TIMES)
+        self.filter = PositionFilter(correlation_times=_CORRELATION_TIMES, stands_for=_STANDS_FOR)
         self.box_errors = BoxErrors()
         self.trust = Trust()
         # Stamp of the last measurement without a doubt.

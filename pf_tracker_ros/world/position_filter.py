@@ -16,8 +16,14 @@ measurements:
    the start of a walk for an error, and stays behind. So they are considered, after Schmidt: their
    correlation with the state is kept, and they are never estimated.
 
+Of a target that may stand there are two such filters, interacting multiple models: one moves as
+above, one stands. Before step 1, each starts from the mixture of both, by the chance that the
+target has started or stopped meanwhile. Those who are slow stop soon: nobody walks at 0.1 m/s, but
+slow errors look like it. The measurement's density under each gives their odds, and both together
+are one normal distribution with the mean and the covariance of the mixture.
+
 Sources: Bar-Shalom, Li and Kirubarajan 2001, "Estimation with Applications to Tracking and
-Navigation", sections 6.2 and 5.4, and chapter 8 for autocorrelated noise; Schmidt 1966,
+Navigation", sections 6.2, 5.4 and 11.6.6, and chapter 8 for autocorrelated noise; Schmidt 1966,
 "Application of State-Space Methods to Navigation Problems", for considered errors.
 """
 
@@ -26,6 +32,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +47,14 @@ _LARGEST = 1e12
 _FIRST_SPEED_SD = 1.2
 # Least white share of a measurement's covariance: boxes are rounded, also at high rates.
 _LEAST_WHITE = 0.02
+# Speed below which a target stops soon, m/s, and how soon at least, seconds.
+_SLOW, _STOPS_WITHIN = 0.2, 0.3
+# Standard deviation of the velocity along each axis of who starts to walk, and of who stands, m/s.
+_START_SD, _STANDING_SD = 0.7, 0.05
+# Who stands sways: standard deviation of the place after a second, meters.
+_SWAY_SD = 0.05
+# Least probability that a target moves, and that it stands.
+_LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +105,8 @@ class PositionFilter:
         gate: Largest normalized innovation squared of a measurement, of two degrees of freedom: a
             target's own exceed 13.8 once in a thousand times.
         reset_after: Time in seconds of rejections alone after which the filter starts anew.
+        stands_for: Time in seconds for which a target stands on average, before it moves again; 0
+            for one that never does.
 
     Raises:
         ValueError: A number is not finite or out of its range.
@@ -114,6 +131,7 @@ class PositionFilter:
         correlation_times: Sequence[float] = (0.1, 2.0),
         gate: float = 13.8,
         reset_after: float = 0.5,
+        stands_for: float = 0.0,
     ) -> None:
         times = np.array(correlation_times, dtype=np.float64)
         if times.ndim != 1 or not times.size or not ((times >= 0.0) & (times <= _LARGEST)).all():
@@ -125,6 +143,7 @@ class PositionFilter:
             "acceleration_density": acceleration_density,
             "gate": gate,
             "reset_after": reset_after,
+            "stands_for": stands_for,
         }
         for name, number in numbers.items():
             if not 0.0 <= number <= _LARGEST:
@@ -134,7 +153,7 @@ class PositionFilter:
         self._times = np.repeat(times[times > 0.0], 2)
         self._share = 1.0 / len(times)
         self._white = max(self._share * float((times == 0.0).sum()), _LEAST_WHITE)
-        self._gate, self._reset_after = gate, reset_after
+        self._gate, self._reset_after, self._stands_for = gate, reset_after, stands_for
         self.reset()
 
     def reset(self) -> None:
@@ -144,7 +163,7 @@ class PositionFilter:
         self.rejected_since: int | None = None
         self.has_restarted = False
         self._stamp: int | None = None
-        self._state: Gaussian | None = None
+        self._models: _Models | None = None
 
     def interrupt(self) -> None:
         """Nothing is measured for a while: rejections before and after that are not of one run."""
@@ -167,22 +186,28 @@ class PositionFilter:
                 definite.
         """
         place, noise = _horizontal(position, covariance)
-        if self._state is None or self._stamp is None:
+        if self._models is None or self._stamp is None:
             self._start(stamp, place, noise)
             return True
         if stamp <= self._stamp:
             return False
-        interval = (stamp - self._stamp) * 1e-9
-        predicted = self._predicted(interval)
+        models = self._predicted(self._models, (stamp - self._stamp) * 1e-9)
         observed, white = self._observed(noise), self._white * noise
-        innovation = place - observed @ predicted.mean
-        expected = observed @ predicted.covariance @ observed.T + white
-        squared = float(innovation @ np.linalg.solve(expected, innovation))
+        expected = models.merged.observe(observed, white)
+        squared, self.log_density = _compared(expected, place)
         self.normalized_innovation, self.has_restarted = squared, False
-        self.log_density = -0.5 * (squared + float(np.linalg.slogdet(2.0 * math.pi * expected)[1]))
         if squared <= self._gate:
+            densities = [_compared(one.observe(observed, white), place)[1] for one in models.states]
+            odds = models.shares * np.exp(np.subtract(densities, max(densities)))
+            shares = np.maximum(odds / odds.sum(), _LEAST_SHARE)
             considered = len(self._times)
-            self._state = predicted.correct(place, observed, white, considered=considered)
+            self._models = _Models(
+                tuple(
+                    one.correct(place, observed, white, considered=considered)
+                    for one in models.states
+                ),
+                shares / shares.sum(),
+            )
             self._stamp, self.rejected_since = stamp, None
             return True
         if self.rejected_since is None:
@@ -199,10 +224,10 @@ class PositionFilter:
         Returns:
             None before the first measurement.
         """
-        if self._state is None or self._stamp is None:
+        if self._models is None or self._stamp is None:
             return None
         stamp = max(stamp, self._stamp)
-        state = self._predicted((stamp - self._stamp) * 1e-9)
+        state = self._predicted(self._models, (stamp - self._stamp) * 1e-9).merged
         return FilteredPosition(stamp, state.mean[:2], state.mean[2:4], state.covariance[:4, :4])
 
     def _start(self, stamp: int, place: NDArray[np.float64], noise: NDArray[np.float64]) -> None:
@@ -214,23 +239,40 @@ class PositionFilter:
         # The position is the measurement less its error.
         covariance[:2, 4:] = -self._observed(noise)[:, 4:]
         covariance[4:, :2] = covariance[:2, 4:].T
-        self._state = Gaussian(mean, covariance)
+        states = [Gaussian(mean, covariance)]
+        if self._stands_for:
+            states.append(_at_rest(states[0], _STANDING_SD))
+        self._models = _Models(tuple(states), np.full(len(states), 1.0 / len(states)))
         self._stamp, self.rejected_since = stamp, None
 
-    def _predicted(self, interval: float) -> Gaussian:
-        if self._state is None:
-            raise RuntimeError("no measurement yet")
+    def _predicted(self, models: _Models, interval: float) -> _Models:
         if not interval:
-            return self._state
+            return models
+        states, shares = models
+        if self._stands_for:
+            (moving, standing), velocity = states, states[0].mean[2:4]
+            slowness = math.exp(-0.5 * float(velocity @ velocity) / _SLOW**2)
+            stops = -math.expm1(-interval * slowness / _STOPS_WITHIN)
+            starts = -math.expm1(-interval / self._stands_for)
+            flows = shares[:, None] * [[1.0 - stops, stops], [starts, 1.0 - starts]]
+            shares = flows.sum(axis=0)
+            states = (
+                Gaussian.mixture((moving, _at_rest(standing, _START_SD)), flows[:, 0]),
+                Gaussian.mixture((_at_rest(moving, _STANDING_SD), standing), flows[:, 1]),
+            )
         diagonal = np.ones(4 + len(self._times))
         diagonal[4:] = np.exp(-interval / self._times)
-        matrix = np.diag(diagonal)
+        matrix, noise = np.diag(diagonal), np.diag(1.0 - diagonal**2)
+        stands, sways = matrix.copy(), noise.copy()
+        sways[[0, 1], [0, 1]] = _SWAY_SD**2 * interval
         matrix[0, 2] = matrix[1, 3] = interval
-        noise = np.diag(1.0 - diagonal**2)
         noise[[0, 1], [0, 1]] = self._density * interval**3 / 3.0
         noise[[0, 1, 2, 3], [2, 3, 0, 1]] = self._density * interval**2 / 2.0
         noise[[2, 3], [2, 3]] = self._density * interval
-        return self._state.predict(matrix, noise)
+        steps = (matrix, noise), (stands, sways)
+        return _Models(
+            tuple(one.predict(*step) for one, step in zip(states, steps, strict=False)), shares
+        )
 
     def _observed(self, noise: NDArray[np.float64]) -> NDArray[np.float64]:
         """(2, D) derivative of a measurement by the state."""
@@ -241,6 +283,34 @@ class PositionFilter:
         root *= math.sqrt(self._share / (noise[0, 0] + noise[1, 1] + 2.0 * root_of_determinant))
         errors = np.tile(root, len(self._times) // 2)
         return np.hstack([_POSITION, errors])
+
+
+class _Models(NamedTuple):
+    """The states of a target if it moves and, where it may, if it stands; their probabilities."""
+
+    states: tuple[Gaussian, ...]
+    shares: NDArray[np.float64]
+
+    @property
+    def merged(self) -> Gaussian:
+        """Both as one normal distribution."""
+        return Gaussian.mixture(self.states, self.shares)
+
+
+def _at_rest(state: Gaussian, sd: float) -> Gaussian:
+    """A state with a velocity of 0 and its standard deviation, whatever it was."""
+    mean, covariance = state.mean.copy(), state.covariance.copy()
+    mean[2:4] = covariance[2:4] = covariance[:, 2:4] = 0.0
+    covariance[[2, 3], [2, 3]] = sd**2
+    return Gaussian(mean, covariance)
+
+
+def _compared(expected: Gaussian, place: NDArray[np.float64]) -> tuple[float, float]:
+    """Normalized squared innovation of a measurement, and its log density."""
+    innovation = place - expected.mean
+    squared = float(innovation @ np.linalg.solve(expected.covariance, innovation))
+    size = float(np.linalg.slogdet(2.0 * math.pi * expected.covariance)[1])
+    return squared, -0.5 * (squared + size)
 
 
 def _horizontal(

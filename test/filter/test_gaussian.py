@@ -51,6 +51,21 @@ def test_draws_have_the_mean_and_the_covariance():
     np.testing.assert_allclose(np.cov(states.T), gaussian.covariance, atol=0.1)
 
 
+def test_a_mixture_and_a_measurement_have_the_moments_of_what_is_drawn_from_them():
+    generator = np.random.default_rng(0)
+    parts = [
+        Gaussian([0.0, 1.0], [[1.0, 0.5], [0.5, 2.0]]),
+        Gaussian([3.0, -1.0], [[0.2, 0.0], [0.0, 0.1]]),
+    ]
+    mixture = Gaussian.mixture(parts, [3.0, 1.0])
+    states = np.vstack([parts[0].draw(90_000, generator), parts[1].draw(30_000, generator)])
+    assert mixture.mean == pytest.approx(states.mean(axis=0), abs=0.02)
+    assert mixture.covariance == pytest.approx(np.cov(states.T), abs=0.03)
+    observed = mixture.observe([[2.0, 1.0]], [[0.5]])
+    assert observed.mean == pytest.approx([2.0 * 0.75 + 0.5])
+    assert observed.covariance == pytest.approx(np.var(states @ [2.0, 1.0]) + 0.5, abs=0.1)
+
+
 def test_marginal_keeps_the_named_columns():
     gaussian = Gaussian([1.0, 2.0, 3.0], [[1.0, 0.1, 0.2], [0.1, 2.0, 0.3], [0.2, 0.3, 3.0]])
     marginal = gaussian.marginal(np.array([True, False, True]))

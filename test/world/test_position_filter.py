@@ -123,6 +123,58 @@ def test_it_keeps_up_with_who_walks_off(sd):
             assert tracker.predict(round(time * SECOND)).position[0] > place - 0.1
 
 
+def followed(positions, places, seed):
+    """Results in each frame of 0.05 s, with errors of 6 cm that mostly last, as those of depth."""
+    generator = np.random.default_rng(seed)
+    kept = np.exp(-0.05 / np.array([[0.3], [5.0]]))
+    parts, results = generator.normal(size=(2, 2)), []
+    for step, place in enumerate(places):
+        stamp = round(0.05 * step * SECOND)
+        error = parts.T @ [0.02, 0.055]
+        positions.update(stamp, (place, 0.0) + error, 0.06**2 * np.eye(2))
+        results.append(positions.predict(stamp))
+        parts = kept * parts + np.sqrt(1.0 - kept**2) * generator.normal(size=parts.shape)
+    return results
+
+
+def test_who_stands_has_no_speed_though_errors_drift():
+    speeds = {0.0: [], 6.0: []}
+    for seed in range(5):
+        for stands_for, found in speeds.items():
+            positions = PositionFilter(correlation_times=(0.3, 5.0), stands_for=stands_for)
+            results = followed(positions, np.zeros(150), seed)
+            found += [np.hypot(*one.velocity) for one in results[40:]]
+    assert np.quantile(speeds[6.0], 0.95) < 0.08 < 0.15 < np.quantile(speeds[0.0], 0.95)
+
+
+def test_who_starts_and_stops_is_followed_and_the_covariance_is_that_of_the_errors():
+    """Stands for 3 s, walks at 1 m/s for 3 s, and stands again."""
+    places = np.clip(0.05 * np.arange(180) - 3.0, 0.0, 3.0)
+    distances, speeds = [], []
+    for seed in range(10):
+        positions = PositionFilter(correlation_times=(0.3, 5.0), stands_for=6.0)
+        results = followed(positions, places, seed)
+        errors = [one.position - (place, 0.0) for one, place in zip(results, places, strict=True)]
+        assert np.hypot(*np.array(errors).T).max() < 0.4
+        assert positions.rejected_since is None
+        distances += [
+            error @ np.linalg.solve(one.covariance[:2, :2], error) / 2.0
+            for error, one in zip(errors[20:], results[20:], strict=True)
+        ]
+        speeds.append([one.velocity[0] for one in results])
+    assert 0.6 < np.mean(distances) < 1.6
+    by_time = np.mean(speeds, axis=0)
+    # A second after the start, and a second after the stop.
+    assert by_time[80] == pytest.approx(1.0, abs=0.1)
+    assert by_time[140] == pytest.approx(0.0, abs=0.1)
+
+
+def test_who_walks_out_of_sight_is_expected_to_walk_on():
+    positions = PositionFilter(correlation_times=(0.3, 5.0), stands_for=6.0)
+    followed(positions, 0.05 * np.arange(100), 0)
+    assert positions.predict(7 * SECOND).position[0] == pytest.approx(7.0, abs=0.5)
+
+
 def test_late_measurements_and_early_predictions():
     tracker = PositionFilter()
     assert tracker.predict(0) is None
@@ -164,7 +216,7 @@ def test_the_uncertainty_grows_without_measurements_and_the_largest_numbers_stay
     sds = [tracker.predict((10 + 10 * index) * SECOND // 10).covariance[0, 0] for index in range(4)]
     assert sds == sorted(sds)
     assert tracker.predict(3 * SECOND).position[0] > 2.0
-    tracker = PositionFilter(acceleration_density=1e12)
+    tracker = PositionFilter(acceleration_density=1e12, stands_for=1e12)
     with np.errstate(all="raise"):
         for step in range(3):
             tracker.update(step * SECOND, (1e12, -1e12), 1e24 * np.eye(2))
@@ -178,6 +230,7 @@ def test_the_uncertainty_grows_without_measurements_and_the_largest_numbers_stay
         ("acceleration_density", [-1.0, np.nan, np.inf, 1e200]),
         ("gate", [-1.0, np.nan, np.inf, 1e200]),
         ("reset_after", [-1.0, np.nan, np.inf, 1e200]),
+        ("stands_for", [-1.0, np.nan, np.inf, 1e200]),
     ],
 )
 def test_wrong_parameters_are_rejected(name, values):
