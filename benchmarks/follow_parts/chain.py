@@ -59,8 +59,6 @@ class Report:
     position: NDArray[np.float64] | None = None
     covariance: NDArray[np.float64] | None = None  # (2, 2) of the position; None without
     velocity: NDArray[np.float64] | None = None  # (2,) of the position, m/s; None without
-    # (2,) unfiltered position in the frame of the odometry; None without
-    measured: NDArray[np.float64] | None = None
     bearing: float | None = None  # angle to the left of the camera's axis, radians; None without
 
 
@@ -86,11 +84,6 @@ class LibraryChain:
 
     Attributes:
         session: For detections, boxes drawn by hand and the selection.
-
-    Args:
-        scenario: What there is to be fed.
-        seed: Of the tracker.
-        has_imu: Whether there is an accelerometer.
     """
 
     def __init__(self, scenario: Scenario, seed: int, *, has_imu: bool) -> None:
@@ -178,9 +171,6 @@ def _report(result: FrameResult, located: LocatedFrame) -> Report:
         filtered = certain.filtered
         values["position"], values["velocity"] = filtered.position, filtered.velocity
         values["covariance"] = filtered.covariance[:2, :2]
-    if target and target.place and located.sensed:
-        pose = located.sensed.pose.pose
-        values["measured"] = (pose.rotation @ target.place.position + pose.translation)[:2]
     if target and target.bearing and target.has_bearing:
         x, _, z = target.bearing.direction.tolist()
         values["bearing"] = math.atan2(-x, z)

@@ -70,10 +70,6 @@ class Robot:
         odometry: Pose by its wheels, from 0.
         speed: m/s.
         turn: rad/s.
-
-    Args:
-        pose: At the start.
-        generator: Errors are drawn from it.
     """
 
     def __init__(self, pose: Pose2D, generator: np.random.Generator) -> None:

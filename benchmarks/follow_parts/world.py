@@ -39,7 +39,6 @@ class Truth:
     positions: Array  # (N, 2) of everybody in the room, meters; the first is followed
     robot: Pose2D  # the robot in the room
     odometry: Pose2D  # the robot by its odometry
-    velocity: Array  # (2,) of the followed person, m/s
     stands_for: float  # seconds for which the followed person stands
 
     def in_odometry(self, position: Array) -> Array:
@@ -68,13 +67,6 @@ class World:
         cast: Everybody; the first is followed.
         time: Seconds since the start.
         has_imu: Whether the camera has an accelerometer; else its tilt is known by its drawing.
-
-    Args:
-        layout: The room.
-        renderer: Of the room.
-        robot: At its start.
-        cast: Everybody at their start.
-        generator: Light and the noise of the sensors are drawn from it.
     """
 
     def __init__(
@@ -125,7 +117,6 @@ class World:
             np.array([walker.position for walker in self.cast.walkers]),
             pose,
             robot.odometry,
-            self.cast.walkers[0].velocity.copy(),
             self.cast.walkers[0].stands_for,
         )
 

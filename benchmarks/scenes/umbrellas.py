@@ -42,9 +42,6 @@ class UmbrellaScene(Scene):
     Every seed gives other paths, colors, textures, houses, trees, shake and noise; the same seed
     gives the same bits. Trees and street are drawn once, when the scene is made.
 
-    Args:
-        seed: Seed of everything random, at least 0.
-
     Attributes:
         other_boxes: (frames, 4) x, y, width, height of the other umbrella's region.
     """
