@@ -8,10 +8,11 @@ Seeds below 100 are for development, those from 100 on for reports. `follow_part
 
 right: share of the frames that show the person whose box is on them. pose: share of those frames
 with a pose. off: share of the poses that are wrong by more than 0.7 m. kept: share of the time at
-1.5 to 3 m. astray: seconds on somebody else, each time for over a second. first: seconds from the
-end of an occlusion of under a second to the first right pose, median and 90 %; late: of longer
-ones. back: share of the absences of over 2 s after which that takes at most 2 s. stands: speed of
-the pose while the person stands, m/s, 95 %. rms: error of the pose's distance. NEES: over its
+1.5 to 3 m. astray: seconds on somebody else, each time for over a second. silence: the longest time
+without a pose. first: seconds from the end of an occlusion of under a second to the first right
+pose, median and 90 %; late: of longer ones. back: share of the absences of over 2 s after which
+that takes at most 2 s. stands: speed and acceleration of the pose while the person stands, 95 %.
+rms: of the pose's distance, and of the unfiltered one. lag: of the pose, seconds. NEES: over its
 degrees of freedom.
 """
 
@@ -46,11 +47,13 @@ _COLUMNS = {
     "off": ("off",),
     "kept": ("kept",),
     "astray s": ("astray",),
+    "silence s": ("silence",),
     "first s": ("first_50", "first_90"),
     "late s": ("late_50", "late_90"),
     "back": ("back",),
-    "stands": ("stands",),
-    "rms m": ("rms",),
+    "stands": ("stands_speed", "stands_acceleration"),
+    "rms / raw m": ("rms", "raw_rms"),
+    "lag s": ("lag",),
     "NEES": ("nees",),
 }
 

@@ -44,11 +44,7 @@ Step = Callable[[int, Image], object]
 
 
 class People(Scene):
-    """Eight people in two rows, who walk left and right.
-
-    Attributes:
-        boxes: (people, frames, 4) in pixels.
-    """
+    """Eight people in two rows, who walk left and right in (people, frames, 4) boxes."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         background, looks, camera = np.random.default_rng(0).spawn(3)

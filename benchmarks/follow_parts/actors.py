@@ -349,11 +349,7 @@ class Cast:
 
 
 class _Hiding:
-    """Lets the followed person hide, time and again.
-
-    Attributes:
-        is_hiding: Whether they go to hide, or are hidden.
-    """
+    """Lets the followed person go and hide, time and again."""
 
     def __init__(self, layout: Layout, kind: str, generator: np.random.Generator) -> None:
         self.is_hiding = False

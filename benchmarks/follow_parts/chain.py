@@ -59,6 +59,8 @@ class Report:
     position: NDArray[np.float64] | None = None
     covariance: NDArray[np.float64] | None = None  # (2, 2) of the position; None without
     velocity: NDArray[np.float64] | None = None  # (2,) of the position, m/s; None without
+    # (2,) unfiltered position in the frame of the odometry; None without
+    measured: NDArray[np.float64] | None = None
     bearing: float | None = None  # angle to the left of the camera's axis, radians; None without
 
 
@@ -80,11 +82,7 @@ class _Feed:
 
 
 class LibraryChain:
-    """`Session` with the preset `default`, set as that of the node, and `FrameLocalizer`.
-
-    Attributes:
-        session: For detections, boxes drawn by hand and the selection.
-    """
+    """`Session` with the preset `default`, set as that of the node, and `FrameLocalizer`."""
 
     def __init__(self, scenario: Scenario, seed: int, *, has_imu: bool) -> None:
         self.session = Session(preset_parameters("default", scenario.max_targets), seed)
@@ -171,6 +169,9 @@ def _report(result: FrameResult, located: LocatedFrame) -> Report:
         filtered = certain.filtered
         values["position"], values["velocity"] = filtered.position, filtered.velocity
         values["covariance"] = filtered.covariance[:2, :2]
+    if target and target.place and located.sensed:
+        pose = located.sensed.pose.pose
+        values["measured"] = (pose.rotation @ target.place.position + pose.translation)[:2]
     if target and target.bearing and target.has_bearing:
         x, _, z = target.bearing.direction.tolist()
         values["bearing"] = math.atan2(-x, z)

@@ -50,7 +50,9 @@ class Row:
     robot: Pose2D  # in the room
     said: Array  # (2,) of the pose, in the room
     said_distance: float  # from the robot to the pose
+    measured_distance: float  # from the robot to the unfiltered position
     nees: float  # of the pose over its two degrees of freedom
+    velocity: Array  # (2,) of the person, m/s, in the room
     said_velocity: Array  # (2,) of the pose, m/s, in the frame of the odometry
     stands_for: float  # how long the person has been standing
 
@@ -74,9 +76,11 @@ def row_of(moment: Moment) -> Row:
     """The row of a moment."""
     truth, report = moment.truth, moment.report
     person, people = truth.positions[0], truth.view.people
-    said = np.full(2, np.nan)
+    said = measured = np.full(2, np.nan)
     nees = math.nan
     robot = truth.robot.position
+    if report.measured is not None:
+        measured = truth.in_room(report.measured)
     if report.position is not None and report.covariance is not None:
         said = truth.in_room(report.position)
         error = report.position - truth.in_odometry(person)
@@ -101,7 +105,9 @@ def row_of(moment: Moment) -> Row:
         robot=truth.robot,
         said=said,
         said_distance=float(np.hypot(*(said - robot))),
+        measured_distance=float(np.hypot(*(measured - robot))),
         nees=nees,
+        velocity=truth.velocity,
         said_velocity=np.full(2, np.nan) if report.velocity is None else report.velocity,
         stands_for=truth.stands_for,
     )
@@ -129,17 +135,23 @@ def figures(rows: Sequence[Row], interval: float = INTERVAL) -> dict[str, float]
         for begin, end in spans([row.is_on_other for row in kept])
         if (end - begin) * interval > ASTRAY
     ]
+    silences = [(end - begin) * interval for begin, end in spans(~posed)]
     near = posed & (errors <= OFF)
     said = np.array([row.said_distance for row in kept])
+    measured = np.array([row.measured_distance for row in kept])
+    both = near & np.isfinite(measured)
     return {
         "right": _mean(right[visible]),
         "pose": _mean(posed[visible]),
         "off": _mean(~near[posed]),
         "kept": _mean((distance >= _NEAR) & (distance <= _FAR)),
         "astray": float(sum(astray)),
+        "silence": max(silences, default=0.0),
         **_returns(visible, near, interval),
-        "stands": _standing_speed(kept, posed),
+        **_standing(kept, posed, interval),
         "rms": _rms((said - distance)[near]),
+        "raw_rms": _rms((measured - distance)[both]),
+        "lag": _lag(kept, near),
         "nees": _mean(np.array([row.nees for row in kept])[posed]),
     }
 
@@ -170,11 +182,23 @@ def _returns(
     }
 
 
-def _standing_speed(rows: Sequence[Row], posed: NDArray[np.bool_]) -> float:
-    """Speed of the pose while the person stands."""
+def _standing(rows: Sequence[Row], posed: NDArray[np.bool_], interval: float) -> dict[str, float]:
+    """Speed and acceleration of the pose while the person stands."""
     speeds = np.array([row.said_velocity for row in rows]).reshape(-1, 2)
     stands = np.array([row.stands_for > _STANDS_AFTER for row in rows], bool) & posed
-    return _quantile(np.hypot(*speeds[stands].T), 0.95)
+    changes = np.diff(speeds, axis=0)[stands[1:] & stands[:-1]] / interval
+    return {
+        "stands_speed": _quantile(np.hypot(*speeds[stands].T), 0.95),
+        "stands_acceleration": _quantile(np.hypot(*changes.T), 0.95),
+    }
+
+
+def _lag(rows: Sequence[Row], posed: NDArray[np.bool_]) -> float:
+    """Seconds by which the pose is late, by its error along the velocity."""
+    velocity = np.array([row.velocity for row in rows]).reshape(-1, 2)[posed]
+    error = np.array([row.said - row.person for row in rows]).reshape(-1, 2)
+    moved = float((velocity**2).sum())
+    return -float((error[posed] * velocity).sum()) / moved if moved > 0.0 else math.nan
 
 
 def _mean(values: NDArray[np.bool_] | Array) -> float:

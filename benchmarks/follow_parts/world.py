@@ -39,6 +39,7 @@ class Truth:
     positions: Array  # (N, 2) of everybody in the room, meters; the first is followed
     robot: Pose2D  # the robot in the room
     odometry: Pose2D  # the robot by its odometry
+    velocity: Array  # (2,) of the followed person, m/s
     stands_for: float  # seconds for which the followed person stands
 
     def in_odometry(self, position: Array) -> Array:
@@ -59,14 +60,9 @@ class Motion(NamedTuple):
 
 
 class World:
-    """A room with a robot and people.
+    """A room with a robot and people, the first of whom is followed; the time is in seconds.
 
-    Attributes:
-        layout: The room.
-        robot: The robot.
-        cast: Everybody; the first is followed.
-        time: Seconds since the start.
-        has_imu: Whether the camera has an accelerometer; else its tilt is known by its drawing.
+    The tilt of a camera without an accelerometer is known by its drawing.
     """
 
     def __init__(
@@ -117,6 +113,7 @@ class World:
             np.array([walker.position for walker in self.cast.walkers]),
             pose,
             robot.odometry,
+            self.cast.walkers[0].velocity.copy(),
             self.cast.walkers[0].stands_for,
         )
 

@@ -151,12 +151,13 @@ def row():
     def made(index, said=None, **changes):
         time = 2.0 + INTERVAL * index
         box = (100.0, 100.0, 50.0, 100.0)
-        at = np.array([time, 0.0])
+        ahead, at = np.array([1.0, 0.0]), np.array([time, 0.0])
         given = {"time": time, "distance": 2.0, "visible": 1.0, "state": "tracking"}
         given |= {"confidence": 0.9, "box": box, "true_box": box, "own": 1.0, "other": 0.0}
         given |= {"person": at, "robot": robot.Pose2D(time - 2.0, 0.0, 0.0)}
         given |= {"said": at if said is None else np.array([said, 0.0]), "said_distance": 2.0}
-        given |= {"nees": 1.0, "said_velocity": np.array([1.0, 0.0]), "stands_for": 0.0}
+        given |= {"measured_distance": 2.1, "nees": 1.0, "velocity": ahead}
+        given |= {"said_velocity": ahead, "stands_for": 0.0}
         return metrics.Row(**(given | changes))
 
     return made
@@ -169,8 +170,9 @@ SILENT |= {"said_velocity": np.full(2, math.nan)}
 def test_figures_of_a_run_without_errors(row):
     figures = metrics.figures([row(index) for index in range(50)], INTERVAL)
     assert (figures["right"], figures["pose"], figures["off"], figures["kept"]) == (1, 1, 0, 1)
-    assert figures["astray"] == 0
-    assert (figures["rms"], figures["nees"]) == pytest.approx((0.0, 1.0))
+    assert (figures["astray"], figures["silence"]) == (0, 0)
+    assert figures["raw_rms"] == pytest.approx(0.1)
+    assert (figures["rms"], figures["lag"], figures["nees"]) == pytest.approx((0.0, 0.0, 1.0))
 
 
 def test_occlusions_and_absences_end_with_the_first_right_pose(row):
@@ -184,6 +186,7 @@ def test_occlusions_and_absences_end_with_the_first_right_pose(row):
     assert figures["first_50"] == figures["first_90"] == pytest.approx(0.3)
     assert figures["late_50"] == pytest.approx(1.0)
     assert figures["back"] == 1.0
+    assert figures["silence"] == pytest.approx(3.0)
     assert figures["pose"] == pytest.approx(62 / 65)
     assert figures["off"] == pytest.approx(10 / 62)
 
@@ -198,10 +201,17 @@ def test_somebody_else_counts_after_a_second(row):
     assert metrics.figures(occluded, INTERVAL)["astray"] == 0.0
 
 
+def test_a_late_pose_has_its_lag(row):
+    rows = [row(index, said=2.0 + INTERVAL * index - 0.2) for index in range(50)]
+    assert metrics.figures(rows, INTERVAL)["lag"] == pytest.approx(0.2)
+
+
 def test_speed_while_the_person_stands(row):
     still = {"stands_for": 2.0, "said_velocity": np.array([0.04, 0.0])}
     rows = [row(index, **(still if index >= 20 else {})) for index in range(60)]
-    assert metrics.figures(rows, INTERVAL)["stands"] == pytest.approx(0.04)
+    figures = metrics.figures(rows, INTERVAL)
+    assert figures["stands_speed"] == pytest.approx(0.04)
+    assert figures["stands_acceleration"] == pytest.approx(0.0)
 
 
 def test_a_seed_gives_the_same_run(tmp_path, capsys):
