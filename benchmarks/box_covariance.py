@@ -24,11 +24,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import chi2
 from tables import Table
-from tracking_runs import estimates_of, timed_images
+from tracking_runs import estimates_of, followed, timed_images
 
 from pf_tracker_ros.evaluation import EvaluationError, has_target, overlap, read_sequences
 from pf_tracker_ros.footage import Footage
-from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tracking.box_covariance import (
     COEFFICIENTS,
     SIZE_CORRELATION,
@@ -135,11 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sequences = read_sequences(options.sequences)
         if len(sequences) < 2:
             raise EvaluationError("one sequence; allowed: at least two, to leave one out")
-        measured = []
-        with progress_bar(len(sequences), "sequences") as on_progress:
-            for footage in sequences:
-                measured.append(measure(footage, options.seeds))
-                on_progress(footage.name, 1)
+        measured = [measure(footage, options.seeds) for footage in followed(sequences)]
     fitted = [fit([*measured[:number], *measured[number + 1 :]]) for number in range(len(measured))]
     summary("All sequences, each fitted on the others", measured, fitted).show()
     summary("All sequences, the package's", measured, [COEFFICIENTS] * len(sequences)).show()

@@ -32,9 +32,6 @@ class ColorImageTracker(ABC):
 
     It learns the target from the first image and locates it in each later one. If this fails, the
     last box is kept.
-
-    Args:
-        seed: Seed of the random numbers.
     """
 
     def __init__(self, seed: int = 0) -> None:

@@ -3,7 +3,6 @@
     make figures FOOTAGE=FOLDER                        # measure all, hours; write JSON and tables
     python benchmarks/figures.py measure FOLDER --only peers --seeds 1
     python benchmarks/figures.py write                 # the tables of the documents, from the JSON
-    python benchmarks/figures.py check                 # exit code 1 where they differ
 
 `FOLDER/sequences` has sequence folders, and `FOLDER/mot` folders of the MOT challenge. The frames
 of `mot/NAME` are the images in its `img1`, or the video `FOLDER/sequences/video/NAME.*`.
@@ -253,7 +252,7 @@ def read_figures() -> dict[str, Any]:
     return json.loads((ROOT / FIGURES).read_text(encoding="utf-8"))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line."""
     parser = options_of.parser(__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
@@ -263,23 +262,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options_of.add_seeds(measuring, 3, "at most")
     measuring.add_argument("--output", type=Path, default=ROOT / FIGURES, help=argparse.SUPPRESS)
     commands.add_parser("write")
-    commands.add_parser("check")
     options = parser.parse_args(arguments)
     try:
         if options.command == "measure":
-            return _measure(options)
-        known = read_figures()["parts"]
-        stale = [(path, new) for path, old, new in documents(known) if new != old]
+            _measure(options)
+            return
+        # All of them before any is written, as one may name a table that there is not.
+        for path, old, new in list(documents(read_figures()["parts"])):
+            if new != old:
+                path.write_text(new, encoding="utf-8")
+                print(f"{path.relative_to(ROOT)}: written")
     except (FiguresError, OSError) as error:
         parser.error(str(error))
-    for path, new in stale:
-        if options.command == "write":
-            path.write_text(new, encoding="utf-8")
-        print(f"{path.relative_to(ROOT)}: {'written' if options.command == 'write' else 'differs'}")
-    return int(options.command == "check" and bool(stale))
 
 
-def _measure(options: argparse.Namespace) -> int:
+def _measure(options: argparse.Namespace) -> None:
     footage = options.footage.resolve()
     if not footage.is_dir():
         raise FiguresError(f"no folder {options.footage}")
@@ -307,8 +304,7 @@ def _measure(options: argparse.Namespace) -> int:
         known["machine"] = machine()
         # After each part: another one may fail.
         path.write_text(json.dumps(known, indent=1, sort_keys=True) + "\n", encoding="utf-8")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

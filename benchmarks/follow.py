@@ -9,11 +9,11 @@ Seeds below 100 are for development, those from 100 on for reports. `follow_part
 right: share of the frames that show the person whose box is on them. pose: share of those frames
 with a pose. off: share of the poses that are wrong by more than 0.7 m. kept: share of the time at
 1.5 to 3 m. astray: seconds on somebody else, each time for over a second. silence: the longest time
-without a pose. wrong: share of the frames called tracking with an IoU below 0.1. first: seconds
-from the end of an occlusion of under a second to the first right pose, median and 90 %; late: of
-longer ones. back: share of the absences of over 2 s after which that takes at most 2 s. stands:
-speed and acceleration of the pose while the person stands, 95 %. rms: of the pose's distance, and
-of the unfiltered one. lag: of the pose, seconds. NEES: over its degrees of freedom.
+without a pose. first: seconds from the end of an occlusion of under a second to the first right
+pose, median and 90 %; late: of longer ones. back: share of the absences of over 2 s after which
+that takes at most 2 s. stands: speed and acceleration of the pose while the person stands, 95 %.
+rms: of the pose's distance, and of the unfiltered one. lag: of the pose, seconds. NEES: over its
+degrees of freedom.
 """
 
 from __future__ import annotations
@@ -48,7 +48,6 @@ _COLUMNS = {
     "kept": ("kept",),
     "astray s": ("astray",),
     "silence s": ("silence",),
-    "wrong": ("wrong",),
     "first s": ("first_50", "first_90"),
     "late s": ("late_50", "late_90"),
     "back": ("back",),

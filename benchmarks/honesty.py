@@ -70,7 +70,6 @@ class Run:
     # else in a situation
     figure: float
     seconds: float = math.nan  # until the target was tracked again; infinite for never
-    is_apart: bool = False  # whether the other scene is the place of the target itself
     share: float = math.nan  # of a situation's frames called tracking on something else
 
 
@@ -103,13 +102,17 @@ def in_light(seed: int, folder: Path, kind: str) -> Run:
     return Run(kind, clip.name, seed, float(mean))
 
 
-def after_cut(seed: int, folder: Path, scene_folder: Path) -> Run:
-    """Number of frames of another scene with the target reported as tracked."""
+def after_cut(seed: int, folder: Path, scene_folder: Path) -> Run | None:
+    """Number of frames of another scene with the target reported as tracked.
+
+    None where the scene is the place of the target itself.
+    """
     clip, scene = read(folder, BEFORE_CUT), read(scene_folder, AFTER_CUT)
+    if same_place(clip, scene):
+        return None
     estimates = tracked(seed, cut(clip, scene, AFTER_CUT), clip)
     count = int(is_sure(estimates[-AFTER_CUT:]).sum())
-    name = f"{clip.name} to {scene.name}"
-    return Run("cut", name, seed, count, is_apart=same_place(clip, scene))
+    return Run("cut", f"{clip.name} to {scene.name}", seed, count)
 
 
 def in_situation(seed: int, folder: Path, kind: str) -> Run | None:
@@ -193,18 +196,13 @@ def light_table(runs: Sequence[Run]) -> Table:
 
 def cut_table(runs: Sequence[Run]) -> Table:
     """How often something in another scene is reported as the target."""
-    rows = []
-    for name, is_apart in (("other places", False), ("the same place at another time", True)):
-        pairs = [run for run in runs if run.kind == "cut" and run.is_apart == is_apart]
-        if not pairs:
-            continue
-        counts = np.array([run.figure for run in pairs])
-        longest = sorted(pairs, key=lambda run: -run.figure)[:3]
-        named = ", ".join(f"{run.name} {run.figure:.0f}" for run in longest if run.figure)
-        share = counts.sum() / (AFTER_CUT * len(pairs))
-        rows.append([name, named or "-", str(len(pairs)), f"{share:.1%}"])
+    pairs = [run for run in runs if run.kind == "cut"]
+    longest = sorted(pairs, key=lambda run: -run.figure)[:3]
+    named = ", ".join(f"{run.name} {run.figure:.0f}" for run in longest if run.figure)
+    share = sum(run.figure for run in pairs) / (AFTER_CUT * len(pairs))
+    row = [named or "-", str(len(pairs)), f"{share:.1%}"]
     title = f"Cut to another scene, {AFTER_CUT} frames: tracking above {SURE_ABOVE}"
-    return Table(title, ("scenes", "most frames", "runs", "share of the frames"), rows, names=2)
+    return Table(title, ("most frames", "runs", "share of the frames"), [row])
 
 
 def situation_table(runs: Sequence[Run]) -> Table:

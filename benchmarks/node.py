@@ -55,11 +55,7 @@ _MEMORY = {"MALLOC_TRIM_THRESHOLD_": "200000000", "MALLOC_MMAP_THRESHOLD_": "330
 
 
 class BareSubscriber(Node):
-    """Publishes the header of every image.
-
-    Args:
-        reliability: Of its subscription, one of `RELIABILITIES`.
-    """
+    """Publishes the header of every image."""
 
     def __init__(self, reliability: str) -> None:
         super().__init__("bare")
@@ -97,11 +93,7 @@ HEADINGS += ["MB, first / last", "start s"]
 
 
 class Camera(Node):
-    """Publishes frames at a constant rate and records the time of each answer.
-
-    Args:
-        reliability: Of the images, one of `RELIABILITIES`.
-    """
+    """Publishes frames at a constant rate and records the time of each answer."""
 
     def __init__(self, reliability: str) -> None:
         super().__init__("camera")

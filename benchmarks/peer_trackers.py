@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 
 class PeerTracker(ColorImageTracker):
-    """Another tracker as one that can be evaluated; its answers are taken as they are.
-
-    Args:
-        seed: Seed of everything random.
-    """
+    """Another tracker as one that can be evaluated; its answers are taken as they are."""
 
     name: ClassVar[str]
     """As it stands in the tables."""

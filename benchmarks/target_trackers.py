@@ -43,12 +43,7 @@ class TargetTracker(Protocol):
 
 
 class MultiTargets(TargetTracker):
-    """`MultiTracker` with its default preset.
-
-    Args:
-        seed: Seed of the tracker.
-        every: Not used.
-    """
+    """`MultiTracker` with its default preset."""
 
     def __init__(self, seed: int = 0, every: int = 1) -> None:
         self._tracker = MultiTracker.from_preset("default", seed)
@@ -65,10 +60,6 @@ class SingleTargets(TargetTracker):
 
     It starts on an unmatched detection, ends when a detector frame has none for it, and restarts
     on its detection after drift.
-
-    Args:
-        seed: Seed of each tracker.
-        every: Not used.
     """
 
     SAME_ABOVE = 0.3
@@ -128,10 +119,6 @@ class DetectionOnlyTracker(TargetTracker):
     """A tracker of the package `trackers`, which does not use the image.
 
     Its Kalman filter's prediction gives the boxes between detections.
-
-    Args:
-        seed: Not used.
-        every: Interval of the detector in frames, one of `SETTINGS`.
     """
 
     SETTINGS: ClassVar[Mapping[int, Settings]]

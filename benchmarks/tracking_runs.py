@@ -11,7 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from pf_tracker_ros import Estimate, Tracker
 from pf_tracker_ros.footage import Footage
+from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.stamps import NANOSECONDS
+
+
+def followed(sequences: Sequence[Footage]) -> Iterator[Footage]:
+    """The sequences, with a bar of those that are done."""
+    with progress_bar(len(sequences), "sequences") as on_progress:
+        for footage in sequences:
+            yield footage
+            on_progress(footage.name, 1)
 
 
 def timed_images(footage: Footage) -> Iterator[tuple[NDArray[Any], float]]:

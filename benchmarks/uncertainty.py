@@ -22,14 +22,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from tables import Table
-from tracking_runs import estimates_of, timed_images
+from tracking_runs import estimates_of, followed, timed_images
 
 from pf_tracker_ros import Estimate
 from pf_tracker_ros.evaluation import EvaluationError, has_target, overlap, read_sequences
 from pf_tracker_ros.evaluation.sequences import usable_ground_truth
 from pf_tracker_ros.footage import Footage
 from pf_tracker_ros.plurals import counted
-from pf_tracker_ros.progress import progress_bar
 from pf_tracker_ros.tuning.confidence import (
     LabeledConfidences,
     calibration_error,
@@ -81,15 +80,12 @@ def together(parts: Sequence[Frames]) -> Frames:
 def measured(sequences: Sequence[Footage], seeds: int) -> list[Frames]:
     """Output of `default` for all frames but the first, for each sequence, all seeds."""
     parts = []
-    with progress_bar(len(sequences), "sequences") as on_progress:
-        for footage in sequences:
-            truth = usable_ground_truth(footage)
-            runs = [
-                estimates_of("default", seed, timed_images(footage), truth[0])
-                for seed in range(seeds)
-            ]
-            parts.append(together([compared(one, truth[1:]) for one in runs]))
-            on_progress(footage.name, 1)
+    for footage in followed(sequences):
+        truth = usable_ground_truth(footage)
+        runs = [
+            estimates_of("default", seed, timed_images(footage), truth[0]) for seed in range(seeds)
+        ]
+        parts.append(together([compared(one, truth[1:]) for one in runs]))
     return parts
 
 
@@ -115,7 +111,10 @@ def grouped(names: Sequence[str], wanted: Sequence[str]) -> dict[str, list[int]]
 def summary(groups: Mapping[str, Frames], title: str) -> Table:
     """The figures of each group of sequences, such as a kind of footage."""
     columns = [figures(frames) for frames in groups.values()]
-    rows = [[name, *(_text(one[name]) for one in columns)] for name in columns[0]]
+    rows = []
+    for name in columns[0]:
+        values = [one[name] for one in columns]
+        rows.append([name, *("-" if math.isnan(one) else f"{one:.3f}" for one in values)])
     return Table(title, ("figure", *groups), rows)
 
 
@@ -131,16 +130,6 @@ def figures(frames: Frames) -> dict[str, float]:
             tracking[frames.overlap < GONE_BELOW]
         ),
     }
-
-
-def reliability_table(frames: Frames) -> Table:
-    """Share of right frames in each range of confidence."""
-    count = len(frames.overlap)
-    rows = [
-        [f"{one.low:.1f} to {one.high:.1f}", f"{count * one.share:.0f}", _text(one.right)]
-        for one in reliability(frames.labeled)
-    ]
-    return Table("Right frames by confidence", ("confidence", "frames", "right"), rows)
 
 
 def plot(path: Path, frames: Frames, title: str) -> None:
@@ -162,10 +151,6 @@ def plot(path: Path, frames: Frames, title: str) -> None:
 
 def _mean(values: NDArray[Any]) -> float:
     return float(values.mean()) if len(values) else math.nan
-
-
-def _text(figure: float) -> str:
-    return "-" if math.isnan(figure) else f"{figure:.3f}"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -192,7 +177,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         runs = f"{counted(len(sequences), 'sequence')}, {counted(options.seeds, 'seed')}"
         title = f"Uncertainty: {runs}"
         summary(groups, title).show()
-        reliability_table(frames).show()
         options.output.mkdir(parents=True, exist_ok=True)
         plot(options.output / "uncertainty.png", frames, f"default: {runs}")
 

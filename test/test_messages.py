@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common import make_estimate
 from geometry_msgs.msg import Point32, PolygonStamped
 from hypothesis import given
 from hypothesis import strategies as st
 from std_msgs.msg import Header
 
-from pf_tracker_ros import Estimate
 from pf_tracker_ros.background import BackgroundState
 from pf_tracker_ros.decoding.image_decoding import decode_raw
 from pf_tracker_ros.messages import (
@@ -38,27 +38,6 @@ def polygon(*points):
     message = PolygonStamped()
     message.polygon.points = [Point32(x=float(x), y=float(y)) for x, y in points]
     return message
-
-
-def make_estimate(particle_boxes, weights):
-    return Estimate(
-        box=(1.0, 2.0, 3.0, 4.0),
-        state="tracking",
-        confidence=0.1,
-        box_covariance=np.diag([1 / 3, 2 / 3, 4.0, 5.0]) - 0.5 * np.eye(4)[[1, 0, 3, 2]],
-        particles=np.zeros((len(weights), 4)),
-        particle_boxes=np.array(particle_boxes, np.float64),
-        weights=np.array(weights, np.float64),
-        effective_sample_size=1.7,
-        cue_weights={"color_histogram": 0.75, "gradient_orientation": 0.25},
-    )
-
-
-def test_a_box_becomes_its_four_corners_clockwise_from_the_top_left(header):
-    message = box_message(new_message, header, (10.0, 20.0, 3.0, 4.0))
-    points = [(point.x, point.y, point.z) for point in message.polygon.points]
-    assert points == [(10, 20, 0), (13, 20, 0), (13, 24, 0), (10, 24, 0)]
-    assert message.header == header
 
 
 @given(
@@ -105,11 +84,9 @@ def test_an_image_survives_the_conversion_to_a_message(header, noise):
     assert isinstance(message.data, array)
     assert np.array_equal(decode_raw(message), image)
     assert message.header == header
-
-
-def test_an_image_that_is_not_contiguous_is_packed(header, noise):
-    image = noise(height=7, width=10)[:, ::2]
-    assert np.array_equal(decode_raw(image_message(new_message, header, image)), image)
+    # One that is not contiguous is packed.
+    apart = image[:, ::2]
+    assert np.array_equal(decode_raw(image_message(new_message, header, apart)), apart)
 
 
 def test_a_message_holds_the_only_copy_of_an_image(header, noise):
@@ -123,7 +100,13 @@ def test_a_message_holds_the_only_copy_of_an_image(header, noise):
 
 
 def test_numbers_of_a_status_read_back_unchanged(header):
-    estimate = make_estimate([(0, 0, 1, 1)] * 3, [0.2, 0.3, 0.5])
+    estimate = make_estimate(
+        confidence=0.1,
+        box_covariance=np.diag([1 / 3, 2 / 3, 4.0, 5.0]) - 0.5 * np.eye(4)[[1, 0, 3, 2]],
+        weights=np.array([0.2, 0.3, 0.5]),
+        effective_sample_size=1.7,
+        cue_weights={"color_histogram": 0.75, "gradient_orientation": 0.25},
+    )
     values = estimate_values(estimate)
     made = Status("/pf_tracker", WARN, "text", values)
     (status,) = status_message(new_message, header, [made]).status
@@ -150,7 +133,7 @@ def test_numbers_of_a_status_read_back_unchanged(header):
 
 
 def test_what_not_every_estimate_has_is_in_the_status_where_it_is():
-    estimate = make_estimate([(0, 0, 1, 1)], [1.0])
+    estimate = make_estimate()
     assert not {"reacquired_for", "background"} & estimate_values(estimate).keys()
     off = BackgroundState("off", "the camera moves")
     for given_value, key, text in (

@@ -3,9 +3,8 @@ import itertools
 import cv2
 import numpy as np
 import pytest
-from common import run_python
+from common import make_estimate, run_python
 
-from pf_tracker_ros import Estimate
 from pf_tracker_ros.overlay import STATE_COLORS, draw_multi_target, draw_overlay
 from pf_tracker_ros.targets.tracked_target import TrackedTarget
 
@@ -13,22 +12,12 @@ HEIGHT, WIDTH = 288, 384
 GRAY = 90
 
 
-def make_estimate(
+def estimate_with(
     state="tracking", box=(100.0, 80.0, 60.0, 50.0), centers=((130, 105),), weights=(1.0,)
 ):
     centers = np.array(centers, np.float64)
     boxes = np.hstack([centers - [30, 25], np.tile([60.0, 50.0], (len(centers), 1))])
-    return Estimate(
-        box=box,
-        state=state,
-        confidence=0.5,
-        box_covariance=np.eye(4),
-        particles=boxes,
-        particle_boxes=boxes,
-        weights=np.array(weights),
-        effective_sample_size=1.0,
-        cue_weights={"color_histogram": 0.75, "gradient_orientation": 0.25},
-    )
+    return make_estimate(box, state, particle_boxes=boxes, weights=np.array(weights))
 
 
 @pytest.fixture
@@ -42,7 +31,7 @@ def white_pixels(overlay, left, top, right, bottom):
 
 @pytest.mark.parametrize("state", STATE_COLORS)
 def test_the_box_is_drawn_at_its_place_in_the_color_of_the_state(plain, state):
-    overlay = draw_overlay(plain, make_estimate(state))
+    overlay = draw_overlay(plain, estimate_with(state))
     for row, column in [(80, 130), (129, 130), (105, 100), (105, 159)]:
         assert tuple(overlay[row, column]) == STATE_COLORS[state]
     for row, column in [(75, 130), (135, 130), (105, 95), (105, 165), (90, 115)]:
@@ -52,13 +41,13 @@ def test_the_box_is_drawn_at_its_place_in_the_color_of_the_state(plain, state):
 def test_the_input_is_not_drawn_into(plain):
     before = plain.copy()
     plain.flags.writeable = False
-    overlay = draw_overlay(plain, make_estimate(), "tracking 0.50")
+    overlay = draw_overlay(plain, estimate_with(), "tracking 0.50")
     assert np.array_equal(plain, before)
     assert not np.shares_memory(overlay, plain)
 
 
 def test_a_heavier_particle_is_a_larger_box_around_its_center(plain):
-    estimate = make_estimate(
+    estimate = estimate_with(
         box=(300.0, 200.0, 60.0, 50.0),
         centers=((50, 50), (100, 50), (150, 50)),
         weights=(0.1, 0.3, 0.6),
@@ -97,7 +86,7 @@ def test_captions_of_neighbors_do_not_cover_each_other(monkeypatch, plain):
     boxes = [(100.0, 200.0, 20.0, 40.0), (110.0, 195.0, 20.0, 40.0), (105.0, 205.0, 20.0, 40.0)]
     labels = ["person", "person", "\udc80"]
     targets = [
-        TrackedTarget(id, label, make_estimate(box=box), 1.0, 0.0)
+        TrackedTarget(id, label, estimate_with(box=box), 1.0, 0.0)
         for id, (label, box) in enumerate(zip(labels, boxes, strict=True), start=1)
     ]
     draw_multi_target(plain, targets)
@@ -115,7 +104,7 @@ def test_captions_of_neighbors_do_not_cover_each_other(monkeypatch, plain):
 
 def test_a_caption_at_the_right_edge_is_as_whole_as_elsewhere(plain):
     def caption(x):
-        target = TrackedTarget(2, "person", make_estimate(box=(x, 200.0, 40.0, 60.0)), 1.0, 0.0)
+        target = TrackedTarget(2, "person", estimate_with(box=(x, 200.0, 40.0, 60.0)), 1.0, 0.0)
         drawn = draw_multi_target(plain, [target])[170:197]
         columns = np.flatnonzero((drawn != GRAY).any(axis=(0, 2)))
         return drawn[:, columns[0] : columns[-1] + 1]
@@ -154,7 +143,7 @@ def test_a_constant_image_can_be_drawn(value):
     kind = np.uint16 if isinstance(value, np.uint16) else np.float32
     assert draw_overlay(np.full((20, 30), value, kind), None).shape == (20, 30, 3)
     # Likewise the smallest one.
-    smallest = draw_overlay(np.zeros((1, 1), np.uint8), make_estimate(), "tracking")
+    smallest = draw_overlay(np.zeros((1, 1), np.uint8), estimate_with(), "tracking")
     assert smallest.shape == (1, 1, 3)
 
 
@@ -162,5 +151,5 @@ def test_a_constant_image_can_be_drawn(value):
     "box", [(-1e9, -1e9, 10.0, 10.0), (1e12, 50.0, 5.0, 5.0), (-1e9, -1e9, 2e9, 2e9)]
 )
 def test_a_box_whose_edges_are_far_outside_leaves_the_image_alone(plain, box):
-    estimate = make_estimate(box=box, centers=((-1e9, 1e9),))
+    estimate = estimate_with(box=box, centers=((-1e9, 1e9),))
     assert np.array_equal(draw_overlay(plain, estimate), plain)

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from common import make_estimate
 
-from pf_tracker_ros import Estimate
 from pf_tracker_ros.footage import BagWriter
 from pf_tracker_ros.messages import (
     STATUS_TYPE,
@@ -25,16 +25,11 @@ BY_NAME = {output.name: output for output in OUTPUT_TOPICS}
 
 
 def target(id, state="tracking", box=(10.0, 20.0, 4.0, 6.0), label=""):
-    estimate = Estimate(
-        box=box,
-        state=state,
-        confidence=0.25,
+    estimate = make_estimate(
+        *(box, state, 0.25),
         box_covariance=np.diag([2.0, 3.0, 4.0, 5.0]) + 0.5 * np.eye(4)[[1, 0, 3, 2]],
-        particles=np.zeros((2, 4)),
         particle_boxes=np.array([box, (-1.5, 0.0, 1.0, 3.0)]),
         weights=np.array([0.75, 0.25]),
-        effective_sample_size=1.6,
-        cue_weights={"hog": 1.0},
     )
     return TrackedTarget(id, label, estimate, 2.0, 0.5)
 

@@ -137,15 +137,7 @@ class Passage:
 
 
 class Cast:
-    """Moves everybody; the first is followed.
-
-    Args:
-        layout: The room.
-        walkers: Everybody.
-        crossings: Who walks in between when.
-        hides: As of `Scenario`.
-        generator: What is drawn from.
-    """
+    """Moves everybody; the first is followed."""
 
     def __init__(
         self,
@@ -357,16 +349,7 @@ class Cast:
 
 
 class _Hiding:
-    """Lets the followed person hide, time and again.
-
-    Attributes:
-        is_hiding: Whether they go to hide, or are hidden.
-
-    Args:
-        layout: The room.
-        kind: As of `Scenario.hides`.
-        generator: What is drawn from.
-    """
+    """Lets the followed person go and hide, time and again."""
 
     def __init__(self, layout: Layout, kind: str, generator: np.random.Generator) -> None:
         self.is_hiding = False

@@ -82,16 +82,7 @@ class _Feed:
 
 
 class LibraryChain:
-    """`Session` with the preset `default`, set as that of the node, and `FrameLocalizer`.
-
-    Attributes:
-        session: For detections, boxes drawn by hand and the selection.
-
-    Args:
-        scenario: What there is to be fed.
-        seed: Of the tracker.
-        has_imu: Whether there is an accelerometer.
-    """
+    """`Session` with the preset `default`, set as that of the node, and `FrameLocalizer`."""
 
     def __init__(self, scenario: Scenario, seed: int, *, has_imu: bool) -> None:
         self.session = Session(preset_parameters("default", scenario.max_targets), seed)

@@ -218,12 +218,7 @@ def _cheapest(cost: Array, start: tuple[int, int], goal: tuple[int, int]) -> lis
 
 
 def crossings(walls: Array, origin: Array, directions: Array) -> tuple[Array, Array]:
-    """Where the lines of N rays meet those of W walls.
-
-    Args:
-        walls: (W, 2, 2).
-        origin: (2,) of all rays.
-        directions: (N, 2), of any length.
+    """Where the lines of rays, (N, 2) directions from a (2,) origin, meet those of (W, 2, 2) walls.
 
     Returns:
         (N, W) distances in lengths of the directions, and (N, W) shares of the walls.

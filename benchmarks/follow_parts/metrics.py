@@ -130,8 +130,6 @@ def figures(rows: Sequence[Row], interval: float = INTERVAL) -> dict[str, float]
     visible = visibility(np.array([row.visible for row in kept]))
     right = np.array([row.is_right for row in kept])
     distance = np.array([row.distance for row in kept])
-    tracking = np.array([row.state == "tracking" for row in kept])
-    own = np.array([row.own for row in kept])
     astray = [
         (end - begin) * interval
         for begin, end in spans([row.is_on_other for row in kept])
@@ -149,8 +147,6 @@ def figures(rows: Sequence[Row], interval: float = INTERVAL) -> dict[str, float]
         "kept": _mean((distance >= _NEAR) & (distance <= _FAR)),
         "astray": float(sum(astray)),
         "silence": max(silences, default=0.0),
-        "wrong": _mean(own[tracking] < 0.1),
-        "visible": _mean(visible),
         **_returns(visible, near, interval),
         **_standing(kept, posed, interval),
         "rms": _rms((said - distance)[near]),
@@ -178,7 +174,6 @@ def _returns(
         if duration >= _ABSENT:
             back.append(time <= _BACK)
     return {
-        "occlusions": float(len(short) + len(long)),
         "first_50": _quantile(short, 0.5),
         "first_90": _quantile(short, 0.9),
         "late_50": _quantile(long, 0.5),

@@ -57,11 +57,6 @@ _ANSWERS = {
 class NodeChain:
     """The nodes `pf_tracker` and `localizer`, and the robot's topics; used as `LibraryChain`.
 
-    Args:
-        scenario: What there is to be fed.
-        seed: Of the tracker.
-        has_imu: Whether there is an accelerometer.
-
     Raises:
         TimeoutError: The nodes do not find each other.
     """

@@ -177,10 +177,6 @@ class _Figure:
         size: Height of the person, pixels.
         middle: Column of the body's axis.
         floor: Row of the floor.
-
-    Args:
-        body: Build and gait.
-        clothes: Clothes.
         turn: Of the heading to the direction to the camera, radians.
         swing: Of the left leg, -1 to 1.
         lift: Of the body, in heights.

@@ -107,13 +107,7 @@ class View:
 
 
 class Renderer:
-    """Renders one room.
-
-    Args:
-        layout: Its walls.
-        generator: Textures are drawn from it.
-        noise_seed: Of the noise.
-    """
+    """Renders one room."""
 
     def __init__(self, layout: Layout, generator: np.random.Generator, noise_seed: int) -> None:
         self._layout = layout

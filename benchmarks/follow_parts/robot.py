@@ -63,18 +63,7 @@ class Pose2D:
 
 
 class Robot:
-    """A robot that drives.
-
-    Attributes:
-        pose: In the room.
-        odometry: Pose by its wheels, from 0.
-        speed: m/s.
-        turn: rad/s.
-
-    Args:
-        pose: At the start.
-        generator: Errors are drawn from it.
-    """
+    """A robot that drives: its pose in the room and by its wheels, speed, m/s, and turn, rad/s."""
 
     def __init__(self, pose: Pose2D, generator: np.random.Generator) -> None:
         self.pose, self.odometry = pose, Pose2D(0.0, 0.0, 0.0)

@@ -60,21 +60,9 @@ class Motion(NamedTuple):
 
 
 class World:
-    """A room with a robot and people.
+    """A room with a robot and people, the first of whom is followed; the time is in seconds.
 
-    Attributes:
-        layout: The room.
-        robot: The robot.
-        cast: Everybody; the first is followed.
-        time: Seconds since the start.
-        has_imu: Whether the camera has an accelerometer; else its tilt is known by its drawing.
-
-    Args:
-        layout: The room.
-        renderer: Of the room.
-        robot: At its start.
-        cast: Everybody at their start.
-        generator: Light and the noise of the sensors are drawn from it.
+    The tilt of a camera without an accelerometer is known by its drawing.
     """
 
     def __init__(

@@ -14,19 +14,11 @@ _STEPS_PER_PIXEL = 32
 
 
 class HandheldCamera:
-    """Cuts images out of a larger world.
+    """Cuts images of a (width, height) out of a world that is larger by a margin on every side.
 
-    The shake turns the camera, so near and far things move alike in the image.
-
-    Args:
-        generator: Source of randomness.
-        size: (width, height) of an image in pixels.
-        margin: Pixels by which the world is larger than an image on every side; the shake stays
-            within it.
-        frames: Number of frames.
-        shake: Standard deviation of the image's slow sway in pixels, along either axis.
-        lighting: Standard deviation of the slow drift of the brightness, as a share of it.
-        noise: Standard deviation of the sensor's noise in gray levels, in each channel.
+    The shake turns the camera, so near and far things move alike in the image. It and the margin
+    are in pixels, the lighting is a share of the brightness, the noise is in gray levels; all three
+    are standard deviations.
     """
 
     def __init__(

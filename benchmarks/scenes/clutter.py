@@ -52,15 +52,10 @@ class _Patch(NamedTuple):
 
 
 class ClutteredStreet(Scene):
-    """A rendered sequence of a pedestrian before a street of given clutter, with exact truth.
+    """A rendered sequence of a pedestrian before a street of clutter 0 to 1, with exact truth.
 
     Every seed gives other ways, colors and houses; the same seed gives the same bits. Of one seed,
     a higher level has all patches and people of a lower one, in the same places.
-
-    Args:
-        seed: Seed of everything random, at least 0.
-        clutter: Complexity of the background, 0 to 1.
-        frames: Number of frames.
     """
 
     def __init__(self, seed: int = 0, clutter: float = 0.5, frames: int = 120) -> None:

@@ -20,13 +20,8 @@ FRAME_INTERVAL = 0.04
 class Scene:
     """A stage before a camera, as `Footage`.
 
-    The images are drawn once and kept, for one tracker after another to see.
-
-    Args:
-        name: Name of the sequence.
-        stage: What is seen.
-        camera: What sees it.
-        ground_truth: (frames, 4) x, y, width, height of the target in pixels.
+    The images are drawn once and kept, for one tracker after another to see. The ground truth has
+    (frames, 4) x, y, width, height of the target in pixels.
     """
 
     def __init__(

@@ -98,14 +98,9 @@ class Placement:
 
 
 class Drawing:
-    """Smooth-edged shapes, drawn enlarged and scaled down by area.
+    """Smooth-edged shapes, drawn enlarged by a factor and scaled down by area.
 
     Coordinates are in pixels of the result; (0, 0) is the corner of its top-left pixel.
-
-    Args:
-        width: Of the result, in pixels.
-        height: Of the result, in pixels.
-        enlargement: By which factor it is drawn larger.
     """
 
     def __init__(self, width: int, height: int, enlargement: int = 4):

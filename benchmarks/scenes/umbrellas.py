@@ -40,13 +40,8 @@ class UmbrellaScene(Scene):
     """A rendered sequence of two crossing umbrellas with exact ground truth.
 
     Every seed gives other paths, colors, textures, houses, trees, shake and noise; the same seed
-    gives the same bits. Trees and street are drawn once, when the scene is made.
-
-    Args:
-        seed: Seed of everything random, at least 0.
-
-    Attributes:
-        other_boxes: (frames, 4) x, y, width, height of the other umbrella's region.
+    gives the same bits. Trees and street are drawn once, when the scene is made. `other_boxes` are
+    the (frames, 4) regions of the other umbrella.
     """
 
     def __init__(self, seed: int = 0) -> None:

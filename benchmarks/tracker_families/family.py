@@ -18,9 +18,6 @@ class FamilyTracker(ColorImageTracker):
 
     Whatever it finds, the box's center stays in the image and its size between 0.3 and 4 times the
     first. The same seed and images give the same boxes.
-
-    Args:
-        seed: Seed of everything random.
     """
 
     def start(self, image: NDArray[Any], box: ArrayLike) -> Box:

@@ -28,10 +28,6 @@ def cost_table(on_progress: OnProgress) -> Table:
     cases: Mapping[str, Mapping[str, object]] = {
         "box alone": {},
         "with depth": {"depth": depth},
-        "with depth and a map of the target": {
-            "depth": depth,
-            "target_probability": np.full((32, 16), 0.5),
-        },
         "with depth and image": {"depth": depth, "image": image},
     }
     rows = []

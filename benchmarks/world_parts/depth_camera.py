@@ -1,4 +1,4 @@
-"""Range and occlusion from the frames of a depth camera.
+"""Range and occlusion from the frames of a depth camera, with holes and a passing occluder.
 
 A frame is NAME.jpg, NAME_depth.png (millimeters) and NAME_mask.jpg.
 """
@@ -19,8 +19,8 @@ from pf_tracker_ros.progress import OnProgress
 from pf_tracker_ros.world import CameraModel, Localizer
 from world_parts.errors import auroc
 
-# Boxes of the depth camera are larger than the target by this share at each side.
-LOOSE = 0.15
+# Boxes are larger than the target by this share at each side; share of the depth without a value.
+LOOSE, HOLES = 0.15, 0.3
 # Distance of a passing occluder, of that of the target; its width, of the target's; frames to pass.
 OCCLUDER_NEAR, OCCLUDER_WIDTH, OCCLUDER_FRAMES = 0.55, 0.3, 25
 
@@ -51,42 +51,15 @@ def read_depth_frames(folder: Path) -> Iterator[DepthFrame]:
         yield DepthFrame(image, depth, mask > 127)
 
 
-@dataclass(frozen=True)
-class Case:
-    """What is done to the frames."""
-
-    name: str  # of the row
-    holes: float = 0.0  # share of the depth without a value
-    is_occluded: bool = False  # whether something passes in front of the target
-    is_predicted: bool = False  # whether the localizer is told the range of the last frame
-
-
-CASES = (
-    Case("loose box"),
-    Case("30 % holes", 0.3),
-    Case("30 % holes, occluder", 0.3, is_occluded=True),
-    Case("30 % holes, occluder, predicted range", 0.3, is_occluded=True, is_predicted=True),
-)
-
-
 def depth_table(folder: Path, on_progress: OnProgress) -> Table:
-    """Frames of a depth camera, as they are, with holes, and with a passing occluder."""
-    headings = ("", "off by over 10 %, %", "median error, %", "AUROC of the occlusion")
-    rows = [_row(case, folder, on_progress) for case in CASES]
-    return Table("Frames of a depth camera", headings, rows)
-
-
-def _row(case: Case, folder: Path, on_progress: OnProgress) -> list[str]:
+    """Frames of a depth camera with loose boxes, holes and a passing occluder."""
     generator = np.random.default_rng(0)
-    localizer, prediction = Localizer(CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480)), None
+    localizer = Localizer(CameraModel(525.0, 525.0, 319.5, 239.5, 640, 480))
     errors, evidence, hidden = [], [], []
     for index, original in enumerate(read_depth_frames(folder)):
-        frame = original
-        true = float(np.median(frame.depth[frame.mask & (frame.depth > 0)])) * 1e-3
-        x, y, width, height = cv2.boundingRect(frame.mask.astype(np.uint8))
-        share = 0.0
-        if case.is_occluded:
-            frame, share = _occluded(frame, index, OCCLUDER_NEAR * true)
+        true = float(np.median(original.depth[original.mask & (original.depth > 0)])) * 1e-3
+        x, y, width, height = cv2.boundingRect(original.mask.astype(np.uint8))
+        frame, share = _occluded(original, index, OCCLUDER_NEAR * true)
         place = localizer.locate(
             (
                 x - LOOSE * width,
@@ -95,28 +68,24 @@ def _row(case: Case, folder: Path, on_progress: OnProgress) -> list[str]:
                 (1.0 + 2.0 * LOOSE) * height,
             ),
             image=frame.image,
-            depth=corrupted(frame.depth * 1e-3, case.holes, generator)
-            if case.holes
-            else frame.depth,
-            predicted_range=prediction if case.is_predicted else None,
+            depth=corrupted(frame.depth * 1e-3, HOLES, generator),
         )
-        on_progress(case.name, 1)
+        on_progress("depth", 1)
         if place is None:
             errors.append(np.inf)
             continue
-        distance = float(place.position[2])
-        # The lower center may be far below a half figure: along the bearing.
-        prediction = (distance / float(place.bearing[2]), 0.05 * distance + 0.05)
-        errors.append(abs(distance / true - 1.0))
+        errors.append(abs(float(place.position[2]) / true - 1.0))
         if place.occlusion is not None:
             evidence.append(place.occlusion)
             hidden.append(share)
-    return [
-        case.name,
+    row = [
+        f"{100.0 * HOLES:.0f} % holes, occluder",
         f"{100.0 * float((np.array(errors) > 0.1).mean()):.1f}",
         f"{100.0 * float(np.median(errors)):.1f}",
-        auroc(np.array(evidence), np.array(hidden) > 0.05) if case.is_occluded else "-",
+        auroc(np.array(evidence), np.array(hidden) > 0.05),
     ]
+    headings = ("", "off by over 10 %, %", "median error, %", "AUROC of the occlusion")
+    return Table("Frames of a depth camera", headings, [row])
 
 
 def _occluded(frame: DepthFrame, index: int, distance: float) -> tuple[DepthFrame, float]:

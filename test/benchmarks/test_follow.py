@@ -170,7 +170,7 @@ SILENT |= {"said_velocity": np.full(2, math.nan)}
 def test_figures_of_a_run_without_errors(row):
     figures = metrics.figures([row(index) for index in range(50)], INTERVAL)
     assert (figures["right"], figures["pose"], figures["off"], figures["kept"]) == (1, 1, 0, 1)
-    assert (figures["astray"], figures["silence"], figures["occlusions"]) == (0, 0, 0)
+    assert (figures["astray"], figures["silence"]) == (0, 0)
     assert figures["raw_rms"] == pytest.approx(0.1)
     assert (figures["rms"], figures["lag"], figures["nees"]) == pytest.approx((0.0, 0.0, 1.0))
 
@@ -183,12 +183,10 @@ def test_occlusions_and_absences_end_with_the_first_right_pose(row):
     rows[40:70] = [row(index, visible=0.0, **SILENT) for index in range(40, 70)]
     rows[70:80] = [row(index, said=99.0) for index in range(70, 80)]
     figures = metrics.figures(rows, INTERVAL)
-    assert figures["occlusions"] == 2
     assert figures["first_50"] == figures["first_90"] == pytest.approx(0.3)
     assert figures["late_50"] == pytest.approx(1.0)
     assert figures["back"] == 1.0
     assert figures["silence"] == pytest.approx(3.0)
-    assert figures["visible"] == pytest.approx(0.65)
     assert figures["pose"] == pytest.approx(62 / 65)
     assert figures["off"] == pytest.approx(10 / 62)
 

@@ -122,8 +122,8 @@ def test_frames_of_a_depth_camera(tmp_path):
         cv2.imwrite(str(tmp_path / f"{index}.jpg"), image)
         cv2.imwrite(str(tmp_path / f"{index}_depth.png"), depth)
         cv2.imwrite(str(tmp_path / f"{index}_mask.jpg"), mask)
-    rows = depth_table(tmp_path, lambda name, done: None).rows
-    assert [row[1] for row in rows[:2]] == ["0.0", "0.0"]
+    (row,) = depth_table(tmp_path, lambda name, done: None).rows
+    assert row[1] == "0.0"
 
 
 @pytest.mark.parametrize(

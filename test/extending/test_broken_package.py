@@ -172,34 +172,6 @@ def test_a_detector_that_fails_is_refused_with_its_error(outcomes):
     assert found[1:] == [expected for _, expected in FAILING.values()][1:]
 
 
-NODE = """
-import json, sys
-import rclpy
-from rclpy.parameter import Parameter
-from pf_tracker_ros.node.tracker.tracker_node import TrackerNode
-rclpy.init()
-node = TrackerNode([])
-refused = [
-    node.set_parameters([Parameter("built_in_detector", value=name)])[0].reason
-    for name in sys.argv[1:]
-]
-print(json.dumps([node.get_parameter("autostart").value, node.lifecycle_state, refused]))
-node.destroy_node()
-rclpy.shutdown()
-"""
-
-
-def test_the_node_runs_beside_a_broken_package(install, run_beside, ros_domain):
-    pytest.importorskip("rclpy")
-    folder = install({name: code for name, (code, _) in BROKEN_IMPORTS.items()})
-    done = run_beside([folder], NODE, *BROKEN_IMPORTS)
-    assert done.returncode == 0, done.stderr
-    autostart, state, refused = json.loads(done.stdout)
-    assert (autostart, state) == (True, "active")
-    for text, (name, (_, reason)) in zip(refused, BROKEN_IMPORTS.items(), strict=True):
-        assert refusal_of(name) + reason in text
-
-
 def test_ctrl_c_during_an_import_ends_the_command(install, run_beside):
     """It is the user's own, not an error of the package."""
     code = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(60)"

@@ -184,8 +184,8 @@ print(json.dumps(generate.generated_files()["docs/parameters.md"]))
         assert f"| `{name}` |" in text
 
 
+@pytest.mark.usefixtures("ros_domain")
 def test_the_node_accepts_them_like_built_in_parts(run, parts, example):
-    pytest.importorskip("rclpy")
     code = """
 import rclpy
 from rclpy.parameter import Parameter
@@ -198,11 +198,12 @@ node = TrackerNode([], parameter_overrides=overrides)
 values = {name: node.get_parameter(name).value for name in given}
 refused = node.set_parameters([Parameter("cues", value=["beyond_reach"])])[0].reason
 allowed = node.set_parameters([Parameter("brightness.sharpness", value=1.0)])[0].successful
-print(json.dumps([values == given, refused, allowed]))
+print(json.dumps([node.lifecycle_state, values == given, refused, allowed]))
 node.destroy_node()
 rclpy.shutdown()
 """
-    (are_taken, refused, allowed), _ = run(code, parts, example)
+    (state, are_taken, refused, allowed), _ = run(code, parts, example)
+    assert state == "active"
     assert are_taken
     assert "'beyond_reach' of parts-of-mine" in refused
     assert allowed

@@ -1,10 +1,7 @@
 """The example `examples/siamese_cue`: installed by pip, it runs a network as a cue."""
 
-import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +9,11 @@ import pytest
 from small_networks import integers, network, node, tensor, value
 
 ROOT = Path(__file__).resolve().parents[2]
-TIMEOUT = 120.0
 FILES = ("fear_noembs_init.onnx", "fear_noembs.onnx")
 
 CODE = """
-import copy, json, pickle, sys
+import copy, pickle
 import cv2
-import numpy as np
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.frames import Frame, Region
@@ -30,19 +25,12 @@ def draw(x, y):
     image[y:y + 40, x:x + 40] = cv2.normalize(smooth, None, 0, 255, cv2.NORM_MINMAX)
     return image
 
-folder = sys.argv[1]
 box = np.array([120.0, 100.0, 40.0, 40.0])
 cue = CUES["siamese"](CUES.parameters_of("siamese")(folder=folder))
 template = cue.learn(Region(Frame(draw(120, 100)), box[None]), box)
 region = Region(Frame(draw(145, 75)), box[None], center_box=box)
 boxes = box + np.array([[25, -25, 0, 0], [25, -11, 0, 0], [0, 0, 0, 0], [200, 0, 0, 0]])
 likelihoods = cue.log_likelihood(region, boxes, template).tolist()
-
-def refusal(**parameters):
-    try:
-        Tracker.from_preset("default", parameters=parameters)
-    except ValueError as error:
-        return str(error)
 
 parameters = {"siamese.folder": folder,
               "cues": ("color_contrast", "correlation_response", "siamese")}
@@ -61,7 +49,9 @@ print(json.dumps({
     "weights": dict(found[0][-1].cue_weights),
     "same": found[0] == found[1] == found[2],
     "alone": gray.update(images[1][:, :, 0], 0.04).box,
-    "refused": refusal(**{**parameters, "siamese.folder": "nowhere"}),
+    "refused": refusal(
+        Tracker.from_preset, "default", parameters=parameters | {"siamese.folder": "nowhere"}
+    ),
 }))
 """
 
@@ -117,17 +107,12 @@ def correlation(folder):
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory):
+def example(installed, tmp_path_factory):
     """The folder in which the example is installed."""
     package = tmp_path_factory.mktemp("example") / "siamese_cue"
     # Building writes into the folder.
     shutil.copytree(ROOT / "examples" / "siamese_cue", package)
-    folder = tmp_path_factory.mktemp("installed")
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
-    command += ["--no-build-isolation", "--disable-pip-version-check", "--target", folder, package]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False)
-    assert done.returncode == 0, done.stderr
-    return folder
+    return installed(package)
 
 
 @pytest.fixture
@@ -139,19 +124,10 @@ def real_files():
     return folder
 
 
-def run(installed, folder):
-    """What the code prints."""
-    path = os.pathsep.join(map(str, (installed, ROOT)))
-    done = subprocess.run(
-        [sys.executable, "-c", CODE, str(folder)],
-        env={**os.environ, "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        timeout=TIMEOUT,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)
+@pytest.fixture
+def tracked(run, example):
+    """What the code prints with the files of a folder, which a cue and a tracker use."""
+    return lambda folder: run(f"folder = {str(folder)!r}\n{CODE}", example)[0]
 
 
 def check(found):
@@ -164,13 +140,13 @@ def check(found):
     assert found["refused"].startswith("network nowhere/fear_noembs_init.onnx cannot be read")
 
 
-def test_a_small_network_weighs_boxes_and_a_tracker_follows(installed, tmp_path):
-    found = run(installed, correlation(tmp_path))
+def test_a_small_network_weighs_boxes_and_a_tracker_follows(tracked, tmp_path):
+    found = tracked(correlation(tmp_path))
     check(found)
     at, beside, *_ = found["likelihoods"]
     # 14 px are one standard deviation of .35 box sides.
     assert (100.0 + beside) / (100.0 + at) == pytest.approx(np.exp(-0.5), abs=0.02)
 
 
-def test_the_real_network_does_the_same(installed, real_files):
-    check(run(installed, real_files))
+def test_the_real_network_does_the_same(tracked, real_files):
+    check(tracked(real_files))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
+from pf_tracker_ros import Estimate
 from pf_tracker_ros.boxes import bounding_box
 from pf_tracker_ros.frames import Frame, Region
 
@@ -73,6 +74,20 @@ def two_walkers(height, width, rows, right, count=16):
         images.append(image)
         boxes.append([(float(x), float(y), 24.0, 40.0) for x, y in corners])
     return images, boxes
+
+
+def make_estimate(box=(1.0, 2.0, 3.0, 4.0), state="tracking", confidence=0.5, **fields):
+    """An estimate with a particle for each weight, by default one, and with other fields."""
+    weights = fields.get("weights", np.ones(1))
+    usual = {
+        "box_covariance": np.eye(4),
+        "particles": np.zeros((len(weights), 4)),
+        "particle_boxes": np.tile(box, (len(weights), 1)),
+        "weights": weights,
+        "effective_sample_size": 1.0,
+        "cue_weights": {},
+    }
+    return Estimate(box=box, state=state, confidence=confidence, **(usual | fields))
 
 
 def region_of(image, boxes):

@@ -196,19 +196,6 @@ def requires():
 
 
 @pytest.fixture(scope="session")
-def make_environment(tmp_path_factory):
-    """Makes a virtual environment that has what a list of requirements needs."""
-
-    def make(name, texts):
-        environment = tmp_path_factory.mktemp(name)
-        venv.EnvBuilder(symlinks=True).create(environment)
-        link(closure(["setuptools", *texts]).values(), environment)
-        return environment
-
-    return make
-
-
-@pytest.fixture(scope="session")
 def workspace(tmp_path_factory):
     """A colcon workspace with a clone of the project."""
     folder = tmp_path_factory.mktemp("workspace")
@@ -253,11 +240,13 @@ def colcon_installation(workspace, colcon, sourced):
 
 
 @pytest.fixture(scope="session")
-def make_pip_installation(make_environment, tmp_path_factory):
+def make_pip_installation(tmp_path_factory):
     """`pip install .` with an extra, into an environment with no more than requirements."""
 
     def make(name, requirements, extra="", sourced=()):
-        environment = make_environment(name, requirements)
+        environment = tmp_path_factory.mktemp(name)
+        venv.EnvBuilder(symlinks=True).create(environment)
+        link(closure(["setuptools", *requirements]).values(), environment)
         source = copy_source(tmp_path_factory.mktemp("source") / PACKAGE)
         report = pip_install(
             environment, f"{source}{extra}", {**plain_variables(), **dict(sourced)}

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 import rclpy
+from nodes import SpunNode
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter_client import AsyncParameterClient
 
 from pf_tracker_ros import __version__
@@ -26,9 +26,7 @@ def remote_parameters(ros_domain):
     """Asks a node in the test's domain for the values of its parameters."""
     context = Context()
     rclpy.init(context=context, domain_id=ros_domain)
-    node = rclpy.create_node("client", context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    node = SpunNode("client", context)
 
     def ask(name, parameters):
         client = AsyncParameterClient(node, name)
@@ -36,14 +34,13 @@ def remote_parameters(ros_domain):
         # An answer that is sent before the node knows this client as well is lost.
         for _ in range(30):
             future = client.get_parameters(parameters)
-            executor.spin_until_future_complete(future, timeout_sec=2.0)
+            node.spinner.spin_until_future_complete(future, timeout_sec=2.0)
             if future.done():
                 return future.result().values
         raise AssertionError(f"no answer from {name}")
 
     yield ask
-    executor.shutdown()
-    node.destroy_node()
+    node.close()
     context.try_shutdown()
 
 

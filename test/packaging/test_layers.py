@@ -1,4 +1,4 @@
-"""Imports of the package have no cycles, and no layer imports one below it in the list."""
+"""Imports have no cycles, and no layer of the package imports one below it in the list."""
 
 import ast
 from graphlib import CycleError, TopologicalSorter
@@ -19,16 +19,16 @@ LAYERS = (
 PLACES = {name: place for place, names in enumerate(LAYERS) for name in names}
 
 
-def modules(folder):
-    """Name to path of every module of the package in a repository folder."""
+def modules(folder, package=PACKAGE):
+    """Name to path of every module of a package in a folder, or of all in the folder."""
     return {
         ".".join(path.relative_to(folder).with_suffix("").parts).removesuffix(".__init__"): path
-        for path in (folder / PACKAGE).rglob("*.py")
+        for path in (folder / package).rglob("*.py")
     }
 
 
 def imported(statement, known):
-    """Names of the package's modules that a statement imports."""
+    """Names of the known modules that a statement imports."""
     if isinstance(statement, ast.Import):
         names = [alias.name for alias in statement.names]
     elif isinstance(statement, ast.ImportFrom) and not statement.level:
@@ -36,7 +36,7 @@ def imported(statement, known):
         names = [one if one in known else str(statement.module) for one in named]
     else:
         names = []
-    return {name for name in names if name.partition(".")[0] == PACKAGE}
+    return known.keys() & names
 
 
 def executed(body):
@@ -91,6 +91,21 @@ def test_every_module_is_in_a_layer_without_cycles_and_imports_of_lower_ones():
     assert {name.split(".")[1] for name in modules(REPOSITORY) if "." in name} == PLACES.keys()
     assert import_cycle(REPOSITORY) == []
     assert list(downward_imports(REPOSITORY)) == []
+
+
+def test_the_benchmarks_import_each_other_in_one_direction():
+    """Also within functions, and for type checkers alone."""
+    known = modules(REPOSITORY / "benchmarks", "")
+    needed = {
+        name: {
+            one
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            for one in imported(node, known)
+        }
+        for name, path in known.items()
+    }
+    assert needed["umbrellas"] >= {"tables", "scenes.scene"}
+    TopologicalSorter(needed).prepare()
 
 
 def test_cycles_and_downward_imports_are_found(tmp_path):

@@ -154,32 +154,23 @@ def shell(built, ros_domain, tmp_path):
 
 @pytest.fixture
 def heard(ros_domain):
-    """Waits for a message on a topic that fulfills a condition, and returns it."""
+    """Waits for a message on a topic, and returns it."""
     rclpy = pytest.importorskip("rclpy")
+    from nodes import SpunNode
+
     context = rclpy.context.Context()
     rclpy.init(context=context, domain_id=ros_domain)
-    node = rclpy.create_node("listener", context=context)
-    executor = rclpy.executors.SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    node = SpunNode("listener", context)
 
-    def wait(message_type, topic, condition=lambda message: True, deadline=40.0):
+    def wait(message_type, topic):
         found = []
-
-        def receive(message):
-            if condition(message):
-                found.append(message)
-
-        subscription = node.create_subscription(message_type, topic, receive, 10)
-        end = time.monotonic() + deadline
-        while not found:
-            assert time.monotonic() < end, f"nothing expected on {topic} within {deadline} s"
-            executor.spin_once(timeout_sec=0.1)
+        subscription = node.create_subscription(message_type, topic, found.append, 10)
+        node.wait_for(lambda: found, f"message on {topic}")
         node.destroy_subscription(subscription)
         return found[0]
 
     yield wait
-    executor.shutdown()
-    node.destroy_node()
+    node.close()
     context.try_shutdown()
 
 
