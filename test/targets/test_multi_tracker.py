@@ -118,6 +118,11 @@ def test_max_targets_counts_for_manual_ones(walkers, make_tracker, start_earlier
     assert tracker.start(walkers.images[0], walkers.boxes[0][2]) == 3
 
 
+def test_low_scores_start_no_target(walkers, make_tracker):
+    low = Detections(walkers.boxes[0], [0.6, 0.1, 0.95])
+    assert len(make_tracker(detector__score_above=0.5).update(walkers.images[0], 0.1, low)) <= 2
+
+
 def test_the_label_of_a_target_is_the_most_frequent_one(walkers, make_tracker):
     tracker = make_tracker()
     labels = ["car", "person", "person", "car", "person"]
@@ -240,9 +245,11 @@ def test_only_unusable_detections_are_no_misses(walkers, make_tracker, box):
     tracker = make_tracker()
     tracker.update(walkers.images[0], INTERVAL, walkers.detections(0))
     for image in walkers.images[1:]:
-        targets = tracker.update(image, INTERVAL, Detections([box]))
+        targets = tracker.update(image, INTERVAL, [Detections([box]), Detections([box] * 2)])
         assert [target.id for target in targets] == [1, 2, 3]
-        assert "1 of 1 detection left out" in tracker.rejected_detections[0]
+        first, second = tracker.rejected_detections
+        assert "1 of 1 detection left out" in first
+        assert "2 of 2 detections left out" in second
 
 
 def test_long_labels_need_no_more_memory(walkers, make_tracker):

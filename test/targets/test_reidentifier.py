@@ -16,22 +16,17 @@ INTERVAL, EVERY = 0.1, 5
 
 
 @pytest.fixture
-def track_first(make_tracker):
+def track_first(run, make_tracker):
     """Tracks the first target of footage, manually started, beside a detector."""
 
-    def run(drawn, targets=None):
+    def track(drawn, targets=None):
         # Only the detector finds it elsewhere.
         tracker = make_tracker(redetection__windows=0)
         first = tracker.start(drawn.images[0], drawn.boxes[0][0])
-        outputs = []
-        for number, image in enumerate(drawn.images[1:], 1):
-            detections = None
-            if number % EVERY == 0:
-                detections = drawn.detections(number, targets)
-            outputs.append(tracker.update(image, INTERVAL, detections))
-        return first, outputs
+        numbers = range(1, len(drawn.images))
+        return first, run(tracker, drawn, numbers, every=EVERY, targets=targets)
 
-    return run
+    return track
 
 
 def ids(output):

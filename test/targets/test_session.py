@@ -16,14 +16,6 @@ def session():
     return make_session(32)
 
 
-def test_early_detections_wait_for_their_frame(session, walkers):
-    show(session, walkers, [0])
-    for number in (3, 4):
-        session.add_detections(walkers.detections(number), at(number))
-    assert ids(show(session, walkers, [1, 2])) == []
-    assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
-
-
 @pytest.mark.parametrize("ahead", [3600 * SECOND, -3600 * SECOND])
 def test_detections_of_another_clock_are_rejected(session, walkers, ahead):
     show(session, walkers, [0])
@@ -83,14 +75,6 @@ def test_detections_of_before_a_stop_are_ignored_after_it(session, walkers):
     outcome = session.process(Frame(walkers.images[6], at(6)))
     assert (outcome.targets, outcome.rejected_detections) == ((), ())
     assert ids(show(session, walkers, range(7, 12), every=2)) == [4, 5, 6]
-
-
-def test_a_stop_discards_queued_detections(session, walkers):
-    show(session, walkers, range(3))
-    for number in (1, 2):
-        session.add_detections(walkers.detections(number), at(number))
-    session.stop()
-    assert ids(show(session, walkers, [3, 4])) == []
 
 
 @pytest.mark.parametrize(
@@ -258,6 +242,17 @@ def test_a_manual_target_on_images_of_another_type_resets_the_tracker(walkers, i
     assert (ids(outcome), outcome.ended, outcome.targets[0].label) == ([3], (), "new")
     session.request(tuple(walkers.boxes[14][0]), at(14))
     assert session.process(Frame(gray(walkers, 16), at(16))).started == (4,)
+
+
+@pytest.mark.parametrize("number", [2, 3, 9])
+def test_a_manual_target_on_a_matching_image_ends_no_other(session, walkers, number):
+    session.request(tuple(walkers.boxes[0][0]))
+    show(session, walkers, range(3))
+    session.request(tuple(walkers.boxes[2][1]), 0 if number == 3 else at(number))
+    for other in range(3, 6):
+        with pytest.raises(ValueError, match="image is"):
+            session.process(Frame(gray(walkers, other), at(other)))
+    assert ids(show(session, walkers, range(6, 10))) == [1, 2]
 
 
 def hide_first(walkers, number, scale=1.0):

@@ -194,12 +194,6 @@ def test_a_target_on_a_past_frame_is_caught_up(watching, images, box, moving_squ
     assert same(after.estimate, library(images[6:12], drawn, [0.04] * 5)[-1])
 
 
-def test_a_target_on_a_missing_frame_starts_on_the_next_one(watching, images, box):
-    watching.request(box, START + 6 * 40_000_000 - 1)
-    outcome = watching.process(Frame(images[10], START + 10 * 40_000_000))
-    assert (outcome.frame, outcome.caught_up) == ("started", 4)
-
-
 def test_a_target_on_a_frame_beyond_the_buffer_is_refused(watching, images, box):
     watching.request(box, START + 40_000_000)
     outcome = watching.process(Frame(images[10], START + 10 * 40_000_000))
