@@ -49,6 +49,22 @@ def test_different_states_are_not_the_same(make_target_filter, couple):
 
 
 @every_preset
+def test_a_step_does_not_change_the_state_before(preset, make_target_filter, couple):
+    """Through an occlusion and out of it again."""
+    target_filter = make_target_filter(preset, {"track.lost_after": 0.1})
+    states, _ = followed(target_filter, couple.images[:1], tuple(couple.first[0]))
+    track_states = []
+    for image in couple.images[1:]:
+        before = states[-1]
+        kept = copy.deepcopy(before)
+        states.append(target_filter.follow(before, Frame(image), INTERVAL))
+        assert same(before, kept)
+        track_states.append(states[-1].estimate.state)
+    if preset != "zhang_bo":
+        assert set(track_states) == {"tracking", "occluded", "lost"}
+
+
+@every_preset
 def test_a_repeated_step_gives_the_same_bits(preset, make_target_filter, couple):
     target_filter = make_target_filter(preset)
     images = couple.images
@@ -57,6 +73,21 @@ def test_a_repeated_step_gives_the_same_bits(preset, make_target_filter, couple)
     for index in reversed(range(1, len(images))):
         for frame in (frames[index], Frame(images[index])):
             assert same(target_filter.follow(states[index - 1], frame, INTERVAL), states[index])
+
+
+@pytest.mark.parametrize("preset", ["default", "zhang_bo"])
+def test_a_target_filter_holds_nothing_of_a_target(preset, make_target_filter, couple):
+    """Two targets in turn by one filter, and each by its own filter."""
+    boxes = tuple(couple.first[0]), tuple(couple.second[0])
+    one = make_target_filter(preset)
+    apart = [followed(make_target_filter(preset), couple.images, box)[0] for box in boxes]
+    frames = [Frame(image) for image in couple.images]
+    together = [[one.start(couple.images[0], box)] for box in boxes]
+    for frame in frames[1:]:
+        for states in together:
+            states.append(one.follow(states[-1], frame, INTERVAL))
+    for states, expected in zip(together, apart, strict=True):
+        assert all(same(*pair) for pair in zip(states, expected, strict=True))
 
 
 def test_a_tracker_does_not_change_earlier_states(couple):

@@ -35,6 +35,21 @@ def off_center(box, x, y):
     return np.hypot(box[0] + box[2] / 2 - x - 18, box[1] + box[3] / 2 - y - 18)
 
 
+def test_a_search_tracks_a_jump_that_the_transition_prior_misses():
+    """A jump of 45 px, 1.25 box sizes, in one frame; the motion noise is 0.12 box sizes."""
+    found = {}
+    for method in ("transition", "search"):
+        tracker = Tracker.from_preset("default", parameters={"proposal.method": method})
+        tracker.start(frame(120, 100), (120, 100, 36, 36))
+        for _ in range(3):
+            tracker.update(frame(120, 100))
+        found[method] = [tracker.update(frame(165, 100)) for _ in range(2)]
+    for estimate in found["search"]:
+        assert off_center(estimate.box, 165, 100) < 3.0
+    assert found["search"][1].state == "tracking"
+    assert off_center(found["transition"][0].box, 165, 100) > 15.0
+
+
 def test_a_target_that_has_reappeared_is_not_searched_elsewhere(monkeypatch):
     """Not even while the smoothed confidence is still below the threshold."""
     searches = []
@@ -51,16 +66,35 @@ def test_a_target_that_has_reappeared_is_not_searched_elsewhere(monkeypatch):
     assert states[-1] == "tracking"
 
 
-def lost_tracker(background):
-    """A tracker that has lost its target, last seen at (60, 60)."""
-    tracker = Tracker.from_preset("default")
+def test_an_occluder_is_not_learned_and_the_target_is_found_nearby(monkeypatch):
+    monkeypatch.setattr(target_filter, "RISING_SHARE", 1.0)
+    tracker = Tracker.from_preset("default", seed=10)
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+    for _ in range(10):
+        seen = tracker.update(frame(120, 100))
+    for _ in range(15):
+        hidden = tracker.update(frame(120, 100, visible=False))
+        assert hidden.state == "occluded"
+        assert hidden.confidence < 0.1
+    sizes = np.sqrt(np.diag(hidden.covariance)) / 36
+    assert (np.sqrt(np.diag(seen.covariance)) / 36 < 0.3).all()
+    assert (sizes > 0.5).all()
+    for _ in range(2):
+        found = tracker.update(frame(140, 110))
+    assert found.state == "tracking"
+    assert off_center(found.box, 140, 110) < 4.0
+
+
+def lost_tracker(background, **parameters):
+    """A tracker that has lost its target, last seen at (60, 60), and the last estimate."""
+    tracker = Tracker.from_preset("default", parameters=parameters)
     tracker.start(frame(60, 60, background=background), (60, 60, 36, 36))
     for _ in range(10):
         tracker.update(frame(60, 60, background=background))
     for _ in range(60):
-        tracker.update(background)
-    assert tracker.estimate.state == "lost"
-    return tracker
+        estimate = tracker.update(background)
+    assert estimate.state == "lost"
+    return tracker, estimate
 
 
 WIDE_BACKGROUND = texture(2, 360, 480, 80, 160)
@@ -69,7 +103,7 @@ WIDE_WINDOWS = 8 * 6
 
 
 def test_a_lost_target_is_found_anywhere_in_the_image():
-    tracker = lost_tracker(WIDE_BACKGROUND)
+    tracker, estimate = lost_tracker(WIDE_BACKGROUND)
     found = []
     for number in range(WIDE_WINDOWS + 20):
         estimate = tracker.update(frame(390 - number, 270, background=WIDE_BACKGROUND))
@@ -83,10 +117,17 @@ def test_a_lost_target_is_found_anywhere_in_the_image():
     np.testing.assert_allclose(estimate.box[2:], 36.0, rtol=0.1)
 
 
+def test_without_redetection_a_lost_target_is_found_only_where_it_was_lost():
+    tracker, _ = lost_tracker(WIDE_BACKGROUND, **{"redetection.windows": 0})
+    for _ in range(WIDE_WINDOWS):
+        estimate = tracker.update(frame(390, 270, background=WIDE_BACKGROUND))
+    assert estimate.state == "lost"
+
+
 def test_another_object_is_not_redetected(monkeypatch):
     """Another pattern in the same colors, all over the image, even with less to be asked for."""
     monkeypatch.setattr(track_assessor, "_ACCEPT_ABOVE", 0.7)
-    tracker = lost_tracker(WIDE_BACKGROUND)
+    tracker, _ = lost_tracker(WIDE_BACKGROUND)
     other = cv2.rotate(TARGET, cv2.ROTATE_90_CLOCKWISE)
     for number in range(WIDE_WINDOWS + 20):
         x, y = 60 + 100 * (number % 4), 200 + 3 * number % 100
@@ -115,6 +156,19 @@ def test_a_target_that_returns_where_it_was_last_seen_is_found_within_three_fram
     assert off_center(estimate.box, 64, 58) < 3.0
 
 
+def test_the_cues_of_a_search_can_be_replaced_while_tracking():
+    """In the first frame after that, the cue that can search has no template."""
+    parameters = {"cues": ("color_histogram", "color_contrast")}
+    tracker = Tracker.from_preset("default", parameters=parameters)
+    tracker.start(frame(120, 100), (120, 100, 36, 36))
+    tracker.update(frame(122, 100))
+    tracker.set_parameters({"cues": ("color_histogram", "correlation_response")})
+    for step in range(3):
+        estimate = tracker.update(frame(124 + 2 * step, 100))
+    assert off_center(estimate.box, 128, 100) < 4.0
+    assert off_center(tracker.update(frame(165, 100)).box, 165, 100) < 4.0
+
+
 @pytest.mark.parametrize("method", ["transition", "search"])
 def test_boxes_of_very_different_sizes_are_no_error(method):
     """All are measured at the predicted size, which exceeds the small ones."""
@@ -125,6 +179,22 @@ def test_boxes_of_very_different_sizes_are_no_error(method):
     for _ in range(10):
         estimate = tracker.update(frame(120, 100))
     assert np.isfinite(estimate.box).all()
+
+
+def test_the_cue_weights_move_to_the_cue_without_a_distractor():
+    """A patch of the target's colors in another pattern is a distractor of the color cue alone."""
+    cue_weights = []
+    for image in (frame(120, 100), frame(120, 100)):
+        if cue_weights:
+            mixed = TARGET.reshape(-1, 3).copy()
+            np.random.default_rng(0).shuffle(mixed)
+            image[100:136, 190:226] = mixed.reshape(36, 36, 3)
+        tracker = Tracker.from_preset("default", parameters={"proposal.window": 5.0})
+        tracker.start(image, (120, 100, 36, 36))
+        for _ in range(3):
+            estimate = tracker.update(image)
+        cue_weights.append(estimate.cue_weights["correlation_response"])
+    assert cue_weights[1] > cue_weights[0] + 0.02
 
 
 def test_the_search_grid_is_centered_on_the_predicted_box_and_inside_the_image():
