@@ -162,16 +162,6 @@ def test_every_level_holds_an_equal_share_of_a_gray_ramp(levels):
     np.testing.assert_allclose(diagonal, 1 / levels, atol=1 / 256)
 
 
-def test_a_match_of_two_templates_is_the_likelihood_of_the_box(image):
-    cue = ColorHistogram(ColorHistogramParameters())
-    boxes = np.array([[20.0, 30.0, 40.0, 30.0], [35.0, 40.0, 40.0, 30.0]])
-    region = region_of(image, boxes)
-    template = cue.learn(region, boxes[0])
-    expected = cue.log_likelihood(region, boxes, template)
-    matches = [cue.match(cue.learn(region, box), template).log_likelihood for box in boxes]
-    np.testing.assert_allclose(matches, expected, atol=1e-4)
-
-
 def test_blend_by_hand_and_negligible_bins_are_removed():
     cue = ColorHistogram(ColorHistogramParameters(keep=0.9), levels=2)
     image = np.zeros((10, 30, 3), np.uint8)

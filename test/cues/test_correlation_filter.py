@@ -6,7 +6,9 @@ import pytest
 
 from pf_tracker_ros.cues import correlation_filter
 from pf_tracker_ros.cues.correlation_filter import (
+    SquareTransform,
     invert,
+    product,
     response,
     response_at_center,
     shifted,
@@ -92,17 +94,6 @@ def in_space(filter_spectrum):
     return np.fft.irfft2(filter_spectrum, s=(cells, cells))
 
 
-def test_the_first_step_is_ridge_regression_at_each_frequency(monkeypatch):
-    monkeypatch.setattr(correlation_filter, "_STEPS", 1)
-    features = noise(0)
-    samples = np.fft.fft2(features.astype(float))
-    peak_spectrum = np.fft.fft2(peak(CELLS, TARGET))
-    expected = dense_solution(samples, peak_spectrum, np.zeros_like(samples), float(CELLS**2))
-    trained = train(half_spectrum(features), TARGET, None, 7.0)
-    scale = np.abs(expected).max()
-    np.testing.assert_allclose(trained, expected[..., : CELLS // 2 + 1], atol=1e-5 * scale)
-
-
 @pytest.mark.parametrize("memory", [0.0, 5.0, 300.0])
 def test_training_equals_the_dense_alternating_direction_method(memory):
     first, second = noise(0), noise(1)
@@ -130,20 +121,6 @@ def test_the_filter_is_kept_inside_the_target(monkeypatch):
     assert outside_share() > 0.5
 
 
-def test_a_long_memory_keeps_the_filter_and_no_memory_replaces_it():
-    first, second = half_spectrum(noise(0)), half_spectrum(noise(1))
-    before = train(first, TARGET, None, 0.0)
-    scale = np.abs(before).max()
-    np.testing.assert_allclose(train(second, TARGET, before, 1e6), before, atol=1e-4 * scale)
-    forgotten = train(second, TARGET, before, 0.0)
-    np.testing.assert_allclose(forgotten, train(second, TARGET, None, 0.0), atol=1e-6 * scale)
-    changes = [
-        np.abs(train(second, TARGET, before, memory) - before).mean()
-        for memory in (0.0, 1.0, 30.0, 1000.0)
-    ]
-    assert changes == sorted(changes, reverse=True)
-
-
 def test_response_equals_a_loop_over_displacements():
     features = noise(0, channels=2)
     trained = train(half_spectrum(noise(1, 2)), TARGET, None, 0.0)
@@ -169,17 +146,6 @@ def test_a_refined_response_passes_through_the_values_at_whole_cells(refinement)
     np.testing.assert_allclose(
         response(*turned, refinement * CELLS), refined.T, atol=1e-5 * np.abs(values).max()
     )
-
-
-@pytest.mark.parametrize("samples", [CELLS, 2 * CELLS, 4 * CELLS])
-def test_the_middle_of_the_response_is_the_one_without_displacement(samples):
-    spectrum = half_spectrum(noise(0, smooth=0.8))
-    trained = train(spectrum, TARGET, None, 0.0)
-    values = response(trained, spectrum, samples)
-    assert values.shape == (samples, samples)
-    center = response_at_center(trained, spectrum)
-    assert values[samples // 2, samples // 2] == pytest.approx(center, rel=1e-4)
-    assert values.max() == values[samples // 2, samples // 2]
 
 
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (3.0, -2.0), (-8.0, 7.5), (0.5, 2.5), (-1.5, 0.0)])
@@ -242,3 +208,55 @@ def test_a_shifted_spectrum_is_that_of_the_moved_window(shift):
     moved = invert(shifted(transform(16).apply(features), np.array(shift, float)))
     expected = np.roll(features, (-shift[1], -shift[0]), axis=(1, 2))
     np.testing.assert_allclose(moved, expected, atol=1e-5)
+
+
+# Transforms of small squares, and products in blocks
+
+
+def squares(n, *many):
+    return np.random.default_rng(n).normal(size=(*many, n, n)).astype(np.float32)
+
+
+@pytest.mark.parametrize("n", [2, 8, 24, 40, 64])
+@pytest.mark.parametrize("many", [(), (3,), (2, 3)])
+def test_a_transform_equals_the_fft(n, many):
+    values = squares(n, *many)
+    spectra = transform(n).apply(values)
+    assert spectra.dtype == np.complex64
+    np.testing.assert_allclose(spectra, np.fft.rfft2(values), atol=1e-5 * n)
+
+
+@pytest.mark.parametrize("n", [2, 8, 24, 40, 64])
+def test_the_inverse_gives_the_squares_back(n):
+    values = squares(n, 5)
+    back = invert(np.fft.rfft2(values).astype(np.complex64))
+    assert back.dtype == np.float32
+    np.testing.assert_allclose(back, values, atol=1e-5)
+
+
+def test_the_matrix_is_applied_to_rows_and_columns_first():
+    matrix = np.random.default_rng(1).normal(size=(8, 8))
+    values = squares(8, 2)
+    expected = np.fft.rfft2(matrix @ values @ matrix.T)
+    spectra = SquareTransform(matrix).apply(values)
+    np.testing.assert_allclose(spectra, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("rows", "inner", "columns"),
+    [
+        (3, 4, 5),  # one block
+        (17, 1984, 17),  # blocks of 7: the last is a part
+        (64, 512, 24),  # blocks of 8, all whole
+        (300, 1000, 3),  # a column is more than a block
+    ],
+)
+def test_equals_the_product_in_one_piece(rows, inner, columns):
+    generator = np.random.default_rng(0)
+    matrix = generator.normal(size=(rows, inner)).astype(np.float32)
+    other = generator.normal(size=(columns, inner)).astype(np.float32)
+    result = product(matrix, other.T)
+    assert result.shape == (rows, columns)
+    assert result.dtype == np.float32
+    expected = matrix.astype(float) @ other.T.astype(float)
+    np.testing.assert_allclose(result, expected, atol=1e-5 * inner)

@@ -52,24 +52,18 @@ def test_close_to_the_pixelwise_vector(image, box):
     assert np.linalg.norm(vector - expected) < 0.03
 
 
-def test_equals_the_pixelwise_vector_under_a_flat_gaussian(image):
+@pytest.mark.parametrize(
+    ("cells", "directions", "tolerance"),
+    [(4, 8, 1e-3), (1, 8, 2e-3), (2, 4, 2e-3), (8, 12, 2e-3)],
+)
+def test_equals_the_pixelwise_vector_under_a_flat_gaussian(image, cells, directions, tolerance):
     """Except for the rounding of gradients to half gray levels."""
-    box = np.array([20.0, 30.0, 40.0, 40.0])
-    cue = GradientOrientation(PARAMETERS, gaussian_width=100.0)
-    vector = cue.learn(region_of(image, box[None]), box)
-    np.testing.assert_allclose(
-        vector, pixelwise_vector(image, box, gaussian_width=100.0), atol=1e-3
-    )
-
-
-@pytest.mark.parametrize(("cells", "directions"), [(1, 8), (2, 4), (8, 12)])
-def test_cells_and_directions_have_the_given_numbers(image, cells, directions):
     box = np.array([20.0, 30.0, 48.0, 48.0])
     cue = GradientOrientation(PARAMETERS, cells=cells, directions=directions, gaussian_width=100.0)
     vector = cue.learn(region_of(image, box[None]), box)
     expected = pixelwise_vector(image, box, cells, directions, gaussian_width=100.0)
     assert vector.shape == (cells**2 * directions,)
-    np.testing.assert_allclose(vector, expected, atol=2e-3)
+    np.testing.assert_allclose(vector, expected, atol=tolerance)
 
 
 def test_a_brightness_ramp_fills_the_direction_in_which_it_rises():
@@ -131,16 +125,6 @@ def test_the_paper_s_constant_hardly_distinguishes_match_from_mismatch():
     region = region_of(image, boxes)
     mismatch = np.exp(cue.log_likelihood(region, boxes, cue.learn(region, boxes[0])))[1]
     assert mismatch == pytest.approx(np.exp(-0.02))
-
-
-def test_a_flat_box_has_no_direction_and_a_finite_likelihood():
-    image = np.full((60, 60), 77, np.uint8)
-    box = np.array([[10.0, 10.0, 20.0, 20.0]])
-    cue = GradientOrientation(PARAMETERS)
-    region = region_of(image, box)
-    template = cue.learn(region, box[0])
-    np.testing.assert_array_equal(template, 0.0)
-    np.testing.assert_array_equal(cue.log_likelihood(region, box, template), 0.0)
 
 
 def test_a_flat_box_among_textured_ones_has_no_texture():

@@ -54,12 +54,6 @@ def test_two_half_steps_of_affine_motion_are_one(factor):
     np.testing.assert_allclose(matrix[:3, :3] @ states[0] + control[:3], whole.mean(states)[0])
 
 
-def test_the_default_transition_keeps_the_state():
-    states = np.array([[160.0, 63.0, 0.4]])
-    transition = AffineMotion(BOX, AffineMotionParameters()).transition(0.7)
-    np.testing.assert_allclose(transition.mean(states), states)
-
-
 def test_the_kalman_filter_s_velocity_moves_the_particles():
     motion = still()
     belief = Gaussian([120.0, 55.0, 0.0, 30.0, -20.0, 0.0], 1e-6 * np.eye(6))

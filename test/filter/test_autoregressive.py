@@ -16,16 +16,14 @@ BOX = (100.0, 50.0, 40.0, 10.0)
 REFERENCE = np.array([120.0, 55.0, 40.0, 10.0])
 STEP = 0.04
 SHIPPED, PRINTED = (1.5, -0.5), (2.5, -0.5)
+NOISE = {"position_noise": 0.5, "size_noise": 0.2, "aspect_noise": 0.1}
 
 
-def still(first, second):
-    return SecondOrderAutoregressiveParameters(
-        position_noise=0.0,
-        size_noise=0.0,
-        aspect_noise=0.0,
-        first_coefficient=first,
-        second_coefficient=second,
-    )
+def with_noise(first=1.5, second=-0.5, **noise):
+    """Parameters with the given noise and no other."""
+    values = {"position_noise": 0.0, "size_noise": 0.0, "aspect_noise": 0.0} | noise
+    values |= {"first_coefficient": first, "second_coefficient": second}
+    return SecondOrderAutoregressiveParameters(**values)
 
 
 def run(parameters, states, steps, interval=STEP):
@@ -44,7 +42,7 @@ def state(now, earlier):
 def test_one_step_is_equation_7(coefficients):
     first, second = coefficients
     now, earlier = np.array([130.0, 50.0, 44.0, 11.0]), np.array([126.0, 52.0, 42.0, 10.0])
-    predicted = run(still(first, second), state(now, earlier), 1)
+    predicted = run(with_noise(first, second), state(now, earlier), 1)
     expected = REFERENCE + first * (now - REFERENCE) + second * (earlier - REFERENCE)
     np.testing.assert_allclose(predicted, state(expected, now))
 
@@ -54,20 +52,22 @@ def test_the_printed_coefficients_diverge_and_the_shipped_ones_do_not():
     assert max(np.roots([1, -2.5, 0.5])) == pytest.approx(2.28, abs=0.002)
     np.testing.assert_allclose(sorted(np.roots([1, -1.5, 0.5])), [0.5, 1.0])
     now = REFERENCE + (1.0, 0.0, 0.0, 0.0)
-    printed = [run(still(*PRINTED), state(now, REFERENCE), steps)[0, 0] for steps in (10, 11)]
+    printed = [run(with_noise(*PRINTED), state(now, REFERENCE), steps)[0, 0] for steps in (10, 11)]
     assert printed[0] - REFERENCE[0] > 1000.0
     assert (printed[1] - REFERENCE[0]) / (printed[0] - REFERENCE[0]) == pytest.approx(
         2.28, abs=0.01
     )
     # The displacement of 1 px halves with each step: 1 + 1/2 + 1/4 + ... = 2.
-    shipped = [run(still(*SHIPPED), state(now, REFERENCE), steps)[0, 0] for steps in (1, 2, 300)]
+    shipped = [
+        run(with_noise(*SHIPPED), state(now, REFERENCE), steps)[0, 0] for steps in (1, 2, 300)
+    ]
     np.testing.assert_allclose(shipped - REFERENCE[0], [1.5, 1.75, 2.0])
 
 
 def test_the_shipped_coefficients_keep_an_offset_and_smaller_ones_let_it_decay():
     far = REFERENCE + (60.0, 30.0, 5.0, -2.0)
-    np.testing.assert_allclose(run(still(*SHIPPED), state(far, far), 100), state(far, far))
-    drawn = run(still(1.4, -0.5), state(far, far), 300)
+    np.testing.assert_allclose(run(with_noise(*SHIPPED), state(far, far), 100), state(far, far))
+    drawn = run(with_noise(1.4, -0.5), state(far, far), 300)
     np.testing.assert_allclose(drawn, state(REFERENCE, REFERENCE), atol=1e-3)
 
 
@@ -86,8 +86,8 @@ def test_whole_steps_are_powers_of_the_matrix(first, second, steps):
 def test_without_noise_many_short_steps_are_one_long_step(coefficients):
     """Roots of any kind: real, equal, complex."""
     start = state(REFERENCE + (8.0, -3.0, 2.0, 1.0), REFERENCE + (5.0, 0.0, 1.0, 1.0))
-    many = run(still(*coefficients), start, 10, interval=0.1 * STEP)
-    np.testing.assert_allclose(many, run(still(*coefficients), start, 1), rtol=1e-9)
+    many = run(with_noise(*coefficients), start, 10, interval=0.1 * STEP)
+    np.testing.assert_allclose(many, run(with_noise(*coefficients), start, 1), rtol=1e-9)
 
 
 @pytest.mark.parametrize("coefficients", [(0.0, 0.0), (1e-200, 0.0), (-1e-9, 1e-9)])
@@ -99,20 +99,10 @@ def test_with_negligible_coefficients_part_of_a_step_is_interpolated(coefficient
     np.testing.assert_allclose(transition_power(*coefficients, 1.5), np.zeros((2, 2)), atol=0.01)
 
 
-def test_an_interval_of_zero_changes_nothing():
-    start = state(REFERENCE + 8.0, REFERENCE)
-    model = SecondOrderAutoregressive(BOX, SecondOrderAutoregressiveParameters())
-    np.testing.assert_array_equal(model.predict(start, 0.0, np.random.default_rng(0)), start)
-
-
 @pytest.mark.parametrize("interval", [0.04, 0.25])
 def test_noise_has_the_declared_standard_deviation_at_every_interval(interval):
-    parameters = SecondOrderAutoregressiveParameters(
-        position_noise=0.5, size_noise=0.2, aspect_noise=0.0
-    )
     states = np.tile(REFERENCE, (40_000, 2))
-    model = SecondOrderAutoregressive(BOX, parameters)
-    predicted = model.predict(states, interval, np.random.default_rng(1))
+    predicted = run(with_noise(position_noise=0.5, size_noise=0.2), states, 1, interval)
     # In units of the box size, 20 px, and of width and height.
     expected = np.sqrt(interval) * np.array([10.0, 10.0, 8.0, 2.0])
     np.testing.assert_allclose(predicted[:, :4].std(axis=0), expected, rtol=0.02)
@@ -121,39 +111,28 @@ def test_noise_has_the_declared_standard_deviation_at_every_interval(interval):
 
 
 def test_aspect_noise_changes_the_shape():
-    parameters = SecondOrderAutoregressiveParameters(
-        position_noise=0.0, size_noise=0.0, aspect_noise=0.2
-    )
-    states = np.tile(REFERENCE, (40_000, 2))
-    model = SecondOrderAutoregressive(BOX, parameters)
-    predicted = model.predict(states, 0.25, np.random.default_rng(1))
+    predicted = run(with_noise(aspect_noise=0.2), np.tile(REFERENCE, (40_000, 2)), 1, 0.25)
     aspect = np.log(predicted[:, 2] / predicted[:, 3])
     assert aspect.std() == pytest.approx(0.1, rel=0.02)
 
 
 def test_the_random_walk_is_the_same_at_every_frame_rate():
-    parameters = SecondOrderAutoregressiveParameters(
-        position_noise=0.5, size_noise=0.0, aspect_noise=0.0
-    )
-    start = np.tile(REFERENCE, (4_000, 2))
+    parameters, start = with_noise(position_noise=0.5), np.tile(REFERENCE, (4_000, 2))
     slow = run(parameters, start, 50, interval=STEP)[:, 0].std()
     fast = run(parameters, start, 200, interval=STEP / 4)[:, 0].std()
     assert fast == pytest.approx(slow, rel=0.06)
 
 
 def test_the_prior_s_velocity_is_between_its_two_boxes():
-    parameters = SecondOrderAutoregressiveParameters()
-    states = SecondOrderAutoregressive(BOX, parameters).sample_prior(
-        40_000, np.random.default_rng(3)
-    )
+    model = SecondOrderAutoregressive(BOX, with_noise())
+    states = model.sample_prior(40_000, np.random.default_rng(3))
     moved = (states[:, :2] - states[:, 4:6]) / STEP
     np.testing.assert_allclose(moved.std(axis=0), 10.0, rtol=0.02)
     np.testing.assert_allclose(states[:, 6:], np.tile(BOX[2:], (40_000, 1)))
 
 
 def test_both_boxes_stay_limited_with_divergent_coefficients_after_an_hour():
-    parameters = SecondOrderAutoregressiveParameters(first_coefficient=3.0, second_coefficient=3.0)
-    model = SecondOrderAutoregressive(BOX, parameters)
+    model = SecondOrderAutoregressive(BOX, with_noise(3.0, 3.0, **NOISE))
     generator = np.random.default_rng(0)
     states = model.sample_prior(50, generator)
     for _ in range(3):
@@ -166,7 +145,7 @@ def test_both_boxes_stay_limited_with_divergent_coefficients_after_an_hour():
 
 def test_the_kalman_filter_predicts_by_equation_7():
     now, earlier = REFERENCE + (10.0, -4.0, 4.0, 1.0), REFERENCE + (6.0, -2.0, 2.0, 0.0)
-    model = SecondOrderAutoregressive(BOX, still(*SHIPPED))
+    model = SecondOrderAutoregressive(BOX, with_noise(*SHIPPED))
     belief = Gaussian(np.concatenate([now, earlier]), np.diag([4.0] * 4 + [1.0] * 4))
     ahead = KalmanFilter(belief, model).predict(STEP)
     # 1.5 (10, -4, 4, 1) - 0.5 (6, -2, 2, 0), and the box before is the one that was now.
@@ -184,10 +163,7 @@ def test_the_kalman_filter_predicts_by_equation_7():
 
 
 def test_the_transition_prior_is_the_density_that_predict_draws_from():
-    parameters = SecondOrderAutoregressiveParameters(
-        position_noise=0.5, size_noise=0.2, aspect_noise=0.1
-    )
-    model = SecondOrderAutoregressive(BOX, parameters)
+    model = SecondOrderAutoregressive(BOX, with_noise(**NOISE))
     states = np.tile(np.concatenate([REFERENCE + 5.0, REFERENCE]), (40_000, 1))
     transition = model.transition(0.25)
     predicted = model.predict(states, 0.25, np.random.default_rng(0))

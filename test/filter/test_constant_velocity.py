@@ -60,13 +60,6 @@ def test_size_noise_changes_size_and_aspect_noise_only_the_shape():
     np.testing.assert_allclose(bent[:, 4] * bent[:, 5], 400.0)
 
 
-def test_velocities_are_constant():
-    predicted = ConstantVelocity(BOX, STILL).predict(
-        np.array([[0.0, 0.0, 8.0, -3.0]]), 0.5, np.random.default_rng(0)
-    )
-    assert predicted[0].tolist() == [4.0, -1.5, 8.0, -3.0]
-
-
 @pytest.mark.parametrize(
     ("model", "parameters"),
     [

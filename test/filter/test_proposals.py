@@ -90,17 +90,6 @@ def test_a_column_without_noise_follows_the_motion_under_every_proposal():
     assert np.isfinite(proposed.log_ratio).all()
 
 
-def test_the_same_seed_gives_the_same_bits():
-    states = np.arange(50.0)[:, None]
-    prediction = Gaussian([3.0], [[2.0]])
-    one, other = (
-        propose_from_prediction(states, Walk(), prediction, 0.5, np.random.default_rng(4))
-        for _ in range(2)
-    )
-    np.testing.assert_array_equal(one.states, other.states)
-    np.testing.assert_array_equal(one.log_ratio, other.log_ratio)
-
-
 def test_expectations_are_those_of_the_transition_prior():
     # E[x] = 1 and E[x^2] = 1 + 1 after one step from 2, though 60 % are drawn around 3.
     proposed = propose_from_prediction(

@@ -34,7 +34,10 @@ class Drawn:
 
 
 def draw_paths(paths, colors=None, textures=(10, 11, 12)):
-    """Sprites of 24 x 40 px along paths of (frames, 2) centers, a later one in front."""
+    """Sprites of 24 x 40 px with their centers on paths, a later one in front.
+
+    A path is (x, y), each an array or one number; NaN where the sprite is not there.
+    """
     ground = texture(1, HEIGHT, WIDTH, 100, 150)
     sprites = [
         cv2.addWeighted(
@@ -46,7 +49,7 @@ def draw_paths(paths, colors=None, textures=(10, 11, 12)):
         )
         for number, color in enumerate(colors or [(20, 20, 230), (230, 40, 20), (20, 220, 30)])
     ]
-    paths = np.asarray(paths, float)
+    paths = np.array([np.stack(np.broadcast_arrays(x, y), 1) for x, y in paths], float)
     images = []
     boxes = np.full((paths.shape[1], len(paths), 4), np.nan)
     for frame in range(paths.shape[1]):
@@ -74,37 +77,20 @@ def draw():
 def walkers():
     """Three distant targets that walk for 30 frames."""
     steps = np.arange(30)
-    return draw_paths(
-        [
-            np.stack([40 + 3 * steps, 50 + 0 * steps], 1),
-            np.stack([280 - 3 * steps, 100 + 0 * steps], 1),
-            np.stack([60 + 2 * steps, 160 + 0 * steps], 1),
-        ]
-    )
+    return draw_paths([(40 + 3 * steps, 50), (280 - 3 * steps, 100), (60 + 2 * steps, 160)])
 
 
 @pytest.fixture(scope="session")
 def crossing():
     """Two targets that cross; the second occludes the first for some frames."""
     steps = np.arange(40)
-    return draw_paths(
-        [
-            np.stack([60 + 4 * steps, 90 + 0 * steps], 1),
-            np.stack([240 - 4 * steps, 100 + 0 * steps], 1),
-        ]
-    )
+    return draw_paths([(60 + 4 * steps, 90), (240 - 4 * steps, 100)])
 
 
 @pytest.fixture(scope="session")
 def passage():
     """A target that passes behind a standing one."""
-    steps = np.arange(36)
-    return draw_paths(
-        [
-            np.stack([60 + 4 * steps, 90 + 0 * steps], 1),
-            np.stack([140 + 0 * steps, 96 + 0 * steps], 1),
-        ]
-    )
+    return draw_paths([(60 + 4 * np.arange(36), 90), (np.full(36, 140), 96)])
 
 
 @pytest.fixture(scope="session")
@@ -123,11 +109,8 @@ def lookalikes():
     steps = np.arange(40)
 
     def drawn(start, speed, of_other):
-        ways = [
-            np.stack([start + speed * steps, 90 + 0 * steps], 1),
-            np.stack([150 - of_other * (steps - 20), 94 + 0 * steps], 1),
-        ]
-        return draw_paths(ways, colors=[(20, 20, 230)] * 2, textures=(10, 10))
+        paths = [(start + speed * steps, 90), (150 - of_other * (steps - 20), 94)]
+        return draw_paths(paths, colors=[(20, 20, 230)] * 2, textures=(10, 10))
 
     return {"stands": drawn(80, 4, 0), "approaches": drawn(110, 2, 2)}
 
@@ -135,14 +118,8 @@ def lookalikes():
 @pytest.fixture(scope="session")
 def pair():
     """A target that stops behind another one."""
-    steps = np.arange(24)
-    gap = np.maximum(40 - 5 * steps, 6)
-    return draw_paths(
-        [
-            np.stack([160 - gap, 90 + 0 * steps], 1),
-            np.stack([160 + 0 * steps, 94 + 0 * steps], 1),
-        ]
-    )
+    gap = np.maximum(40 - 5 * np.arange(24), 6)
+    return draw_paths([(160 - gap, 90), (np.full(24, 160), 94)])
 
 
 @pytest.fixture(scope="session")
@@ -150,30 +127,23 @@ def leaving_pair():
     """A target that leaves the image, and another one that overtakes it in front."""
     steps = np.arange(50)
     x = 200 + 4 * steps
-    behind = np.minimum(4 * steps, 32) - 40
-    return draw_paths(
-        [np.stack([x, 90 + 0 * steps], 1), np.stack([x + behind, 92 + 0 * steps], 1)],
-        colors=[(20, 20, 230), (220, 60, 20)],
-    )
+    paths = [(x, 90), (x + np.minimum(4 * steps, 32) - 40, 92)]
+    return draw_paths(paths, colors=[(20, 20, 230), (220, 60, 20)])
 
 
 @pytest.fixture(scope="session")
 def vanisher():
     """A standing target that vanishes; another one walks past its place much later."""
     steps = np.arange(70)
-    stands = np.stack([160 + 0.0 * steps, 104 + 0 * steps], 1)
-    stands[steps >= 8] = np.nan
-    return draw_paths([stands, np.stack([300 - 4 * steps, 98 + 0 * steps], 1)])
+    return draw_paths([(np.where(steps < 8, 160, np.nan), 104), (300 - 4 * steps, 98)])
 
 
 @pytest.fixture(scope="session")
 def leaver():
     """A target that leaves on the right and returns there, and one that stays."""
     steps = np.arange(50)
-    x = np.where(steps < 30, 240 + 6 * steps, 240 + 6 * (54 - steps)).astype(float)
-    path = np.stack([x, 90 + 0 * steps], 1)
-    path[x > WIDTH + 4] = np.nan
-    return draw_paths([path, np.stack([60 + 0 * steps, 120 + 0 * steps], 1)])
+    x = np.where(steps < 30, 240 + 6 * steps, 240 + 6 * (54 - steps))
+    return draw_paths([(np.where(x > WIDTH + 4, np.nan, x), 90), (np.full(50, 60), 120)])
 
 
 @pytest.fixture(scope="session")
@@ -196,25 +166,21 @@ def approacher():
 def returner():
     """A target that is absent for 3 s, then stands elsewhere."""
     steps = np.arange(120)
-    path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
-    path[(steps >= 10) & (steps < 40)] = np.nan
-    path[steps >= 40] = (250.0, 120.0)
-    return draw_paths([path])
+    x = np.select([steps < 10, steps < 40], [60, np.nan], 250)
+    return draw_paths([(x, np.where(steps < 40, 90, 120))])
 
 
 @pytest.fixture(scope="session")
 def jumper():
     """A standing target that jumps between two frames."""
-    steps = np.arange(60)
-    return draw_paths([np.stack([np.where(steps < 12, 80.0, 150.0), 90.0 + 0 * steps], 1)])
+    return draw_paths([(np.where(np.arange(60) < 12, 80, 150), 90)])
 
 
 @pytest.fixture(scope="session")
 def twins():
     """Two distant targets that look alike."""
-    steps = np.arange(70)
-    places = [np.stack([x + 0 * steps, 90.0 + 0 * steps], 1) for x in (60.0, 250.0)]
-    return draw_paths(places, colors=[(20, 20, 230)] * 2, textures=(10, 10))
+    paths = [(np.full(70, x), 90) for x in (60, 250)]
+    return draw_paths(paths, colors=[(20, 20, 230)] * 2, textures=(10, 10))
 
 
 @pytest.fixture
@@ -237,18 +203,19 @@ def start_earlier():
     return start
 
 
-def run_through(tracker, drawn, every=10, frames=None, labels=None):
-    """Targets of each frame, with detections in every few frames."""
-    outputs = []
-    for number, image in enumerate(drawn.images[:frames]):
-        detections = drawn.detections(number, labels=labels) if number % every == 0 else None
-        outputs.append(tracker.update(image, INTERVAL, detections))
-    return outputs
-
-
 @pytest.fixture(scope="session")
 def run():
-    return run_through
+    """Targets after each of some frames, every few of them with detections of all or some."""
+
+    def run(tracker, drawn, numbers=None, *, every=0, targets=None, labels=None):
+        outputs = []
+        for number in range(len(drawn.images)) if numbers is None else numbers:
+            is_detected = every and number % every == 0
+            detections = drawn.detections(number, targets, labels=labels) if is_detected else None
+            outputs.append(tracker.update(drawn.images[number], INTERVAL, detections))
+        return outputs
+
+    return run
 
 
 @pytest.fixture(scope="session")
@@ -256,22 +223,15 @@ def iou():
     return overlap
 
 
-def output_values(targets):
-    """All output values of targets, to compare their bits."""
-    return [
-        (
-            target.id,
-            target.label,
-            target.age,
-            target.unconfirmed_for,
-            target.estimate.box,
-            target.estimate.state,
-            target.estimate.weights.tobytes(),
-        )
-        for target in targets
-    ]
-
-
 @pytest.fixture(scope="session")
 def as_told():
-    return output_values
+    """All output values of targets, to compare their bits."""
+
+    def values(targets):
+        return [
+            (one.id, one.label, one.age, one.unconfirmed_for)
+            + (one.estimate.box, one.estimate.state, one.estimate.weights.tobytes())
+            for one in targets
+        ]
+
+    return values

@@ -21,22 +21,20 @@ def last_boxes(tracker, drawn, frames):
 LEAVES, RETURNS = 10, 40
 # A lost target is searched for every fifth frame.
 SOON = RETURNS + 5
-# Frames until the search windows of a single target have covered the image.
+# Frames until the search windows have covered the image.
 WINDOWS = 77
 PLACES = [(250.0, 120.0), (290.0, 40.0), (40.0, 170.0)]
 
 
 @pytest.fixture
 def returning(draw):
-    """A target that is absent for 3 s, then at a place; by the number of standing others."""
+    """A target that is absent for 3 s, then at a place, and one that stands."""
 
-    def drawn(place, others):
-        steps = np.arange(RETURNS + WINDOWS + 1)
-        path = np.stack([60.0 + 0 * steps, 90.0 + 0 * steps], 1)
+    def drawn(place):
+        path = np.full((RETURNS + WINDOWS + 1, 2), (60.0, 90.0))
         path[LEAVES:RETURNS] = np.nan
         path[RETURNS:] = place
-        stands = np.stack([150.0 + 0 * steps, 40.0 + 0 * steps], 1)
-        return draw([path, *[stands] * others])
+        return draw([path.T, (np.full(len(path), 150), 40)])
 
     return drawn
 
@@ -45,7 +43,7 @@ def returning(draw):
 def test_a_lost_target_is_soon_found_anywhere_in_the_image(
     returning, make_tracker, iou, seed, place
 ):
-    drawn = returning(place, others=1)
+    drawn = returning(place)
     boxes = last_boxes(make_tracker(seed), drawn, SOON + 1)
     assert all(iou(drawn.boxes[0][0], box) > 0.5 for box, _ in boxes[: LEAVES - 1])
     assert iou(drawn.boxes[SOON][0], boxes[-1][0]) > 0.5
@@ -53,23 +51,11 @@ def test_a_lost_target_is_soon_found_anywhere_in_the_image(
 
 
 def test_without_redetection_it_stays_lost(returning, make_tracker, iou):
-    drawn = returning(PLACES[0], others=1)
+    drawn = returning(PLACES[0])
     tracker = make_tracker(redetection__windows=0)
     boxes = last_boxes(tracker, drawn, len(drawn.images))
     assert all(iou(drawn.boxes[-1][0], box) == 0.0 for box, _ in boxes[RETURNS - 1 :])
     assert [target.estimate.state for target in tracker.targets] == ["lost", "tracking"]
-
-
-@pytest.mark.parametrize(("seed", "place"), enumerate(PLACES))
-def test_a_single_target_is_found_once_all_windows_are_searched(
-    returning, make_tracker, iou, seed, place
-):
-    drawn = returning(place, others=0)
-    tracker = make_tracker(seed)
-    ((box,),) = last_boxes(tracker, drawn, len(drawn.images))[-1:]
-    assert iou(drawn.boxes[-1][0], box) > 0.5
-    (target,) = tracker.targets
-    assert target.estimate.state == "tracking"
 
 
 def test_a_lost_target_is_not_found_on_its_twin(twins, make_tracker, iou):

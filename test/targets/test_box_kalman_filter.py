@@ -40,16 +40,6 @@ def test_a_walking_target_is_predicted_farther_on():
     assert kalman.center == pytest.approx(true[-1] + 10 * np.array([5.0, -2.0]), abs=12.0)
 
 
-def test_the_variance_grows_without_measurements():
-    kalman = filtered([(100, 200)] * 20)
-    variances = [kalman.center_variance]
-    for _ in range(10):
-        kalman = kalman.predict(INTERVAL, HEIGHT)
-        variances.append(kalman.center_variance)
-    assert (np.diff(variances, axis=0) > 0).all()
-    assert (np.diff(variances, 2, axis=0) > 0).all()
-
-
 def test_targets_move_across_the_image_more_than_up_and_down():
     last, later = (filtered([(100, 200)] * count) for count in (20, 21))
     std = np.sqrt(last.predict(1.0, HEIGHT).center_variance)

@@ -84,15 +84,7 @@ def test_a_static_image_has_no_motion():
     assert len(results[-1]) == 0
 
 
-def test_another_image_size_resets_the_background():
-    detector = MotionDetector()
-    for image, _ in moving(30):
-        known = detector.detect(image, 0.2)
-    assert known is not None
-    assert detector.detect(np.ascontiguousarray(image[:200]), 0.2) is None
-
-
-def test_another_image_size_resets_the_former_detections():
+def test_another_image_size_resets_the_background_and_the_former_detections():
     """An object that appeared during the training of the background is not detected."""
 
     def found_last(detector):

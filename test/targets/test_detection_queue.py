@@ -30,12 +30,6 @@ def test_detections_are_due_with_their_frame_or_a_later_one(queue):
     assert due(queue, 2.5) == [("of 1", 1), ("of 2", 2), ("of 0", 0)]
 
 
-def test_queued_detections_are_unchanged(queue):
-    (first, *_) = queue.due(SECOND)
-    assert first.detections.boxes.tolist() == [[1, 0, 10, 20]]
-    assert first.detections.scores.tolist() == [0.5]
-
-
 def test_detections_wait_until_they_are_discarded(queue):
     assert due(queue, 2) == due(queue, 2)
     queue.discard_due(2 * SECOND)

@@ -52,15 +52,6 @@ def is_reduced(one):
     return isinstance(one.stored_frame, ReducedFrame)
 
 
-def test_the_newest_frames_are_kept_up_to_a_number():
-    buffer = FrameBuffer(frames=3, megabytes=1.0)
-    for stamp in range(1, 6):
-        add(buffer, IMAGE, stamp)
-    assert buffer.stamps == [3, 4, 5]
-    assert [one.stamp for one in buffer.since(4)] == [4, 5]
-    assert buffer.since(6) == []
-
-
 def test_the_newest_frames_are_kept_up_to_a_number_of_bytes():
     buffer = FrameBuffer(frames=100, megabytes=0.0025)
     for stamp in range(1, 6):

@@ -73,9 +73,7 @@ def test_a_detector_of_other_things_does_not_count_against_a_target_drawn_by_han
 def crossing(draw):
     """The first of two walks behind a wall from frame 10 to 26; the other one walks on."""
     steps = np.arange(45.0)
-    first = np.column_stack([60.0 + 2.0 * steps, np.full(45, 60.0)])
-    second = np.column_stack([280.0 - 2.0 * steps, np.full(45, 140.0)])
-    drawn = draw([first, second])
+    drawn = draw([(60.0 + 2.0 * steps, 60.0), (280.0 - 2.0 * steps, 140.0)])
     for number in range(10, 27):
         drawn.images[number][30:90, :200] = 128
         drawn.boxes[number, 0] = np.nan

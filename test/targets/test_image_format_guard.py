@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.targets.requests import ImageFormatGuard, ManualTarget, ended_message
+from pf_tracker_ros.targets.requests import ImageFormatGuard, ManualTarget
 
 SECOND = 1_000_000_000
 COLOR = np.zeros((60, 80, 3), np.uint8)
@@ -23,12 +23,6 @@ def guard():
     for seconds in (2, 3, 4):
         guard.count_mismatch(seconds * SECOND)
     return guard
-
-
-def test_the_error_message_states_both_formats(guard):
-    assert guard.mismatch_message(DEEP) == (
-        "image is (60, 80) uint16, but the targets are tracked in images of (60, 80, 3) uint8"
-    )
 
 
 def test_a_matching_image_resets_the_count(guard):
@@ -77,10 +71,6 @@ def test_targets_on_mismatched_images_of_the_last_second_move_to_the_current_one
     stamps = [SECOND, 2 * SECOND, 3 * SECOND, 4 * SECOND, 5 * SECOND]
     moved = guard.moved_to_current([manual(stamp) for stamp in stamps], 4 * SECOND)
     assert moved == [manual(stamp) for stamp in [SECOND, 2 * SECOND, 0, 0, 5 * SECOND]]
-
-
-def test_the_message_lists_the_ended_targets():
-    assert ended_message([1, 12]).startswith("ended: 1, 12; a new target was drawn on images of")
 
 
 @pytest.mark.parametrize(

@@ -25,12 +25,9 @@ def test_late_detections_have_the_effect_of_those_in_time(walkers, make_tracker,
     assert as_told(targets) == as_told(expected)
 
 
-def test_detections_of_an_earlier_frame_keep_the_ids(walkers, make_tracker):
+def test_detections_of_an_earlier_frame_keep_the_ids(run, walkers, make_tracker):
     tracker = make_tracker()
-    for number in range(8):
-        seen = walkers.detections(number) if number == 6 else None
-        targets = tracker.update(walkers.images[number], INTERVAL, seen)
-    ids = [target.id for target in targets]
+    ids = [target.id for target in run(tracker, walkers, range(1, 8), every=6)[-1]]
     late = walkers.detections(3, age=5 * INTERVAL)
     assert [target.id for target in tracker.update(walkers.images[8], INTERVAL, late)] == ids
 
@@ -48,7 +45,7 @@ def test_duplicate_detections_count_once(walkers, make_tracker, as_told):
 
 def test_detections_beyond_the_buffer_are_rejected_with_a_reason(run, walkers, make_tracker):
     tracker = make_tracker()
-    run(tracker, walkers, frames=5)
+    run(tracker, walkers, range(5), every=10)
     old = walkers.detections(0, age=100.0)
     assert len(tracker.update(walkers.images[5], INTERVAL, old)) == 3
     assert len(tracker.rejected_detections) == 1
@@ -59,12 +56,11 @@ def test_detections_beyond_the_buffer_are_rejected_with_a_reason(run, walkers, m
 
 def test_detections_of_before_the_first_frame_are_ignored_silently(walkers, make_tracker, run):
     tracker = make_tracker()
-    run(tracker, walkers, frames=5)
+    run(tracker, walkers, range(5), every=10)
     before = walkers.detections(0, age=2.0)
     tracker.update(walkers.images[5], INTERVAL, before)
     assert tracker.rejected_detections == ()
-    for number in range(6, 29):
-        tracker.update(walkers.images[number], INTERVAL)
+    run(tracker, walkers, range(6, 29))
     # The first frames have left the buffer, so detections are missed.
     tracker.update(walkers.images[29], INTERVAL, walkers.detections(0, age=2.9))
     assert "2.9 s old" in tracker.rejected_detections[0]
@@ -101,11 +97,11 @@ def test_repeated_reprocessing_gives_no_id_to_two_targets(make_tracker):
 
 
 @pytest.mark.parametrize("pause", [1.5, 4.0, 100.0])
-def test_after_a_pause_a_detection_recovers_its_target_at_once(walkers, make_tracker, iou, pause):
+def test_after_a_pause_a_detection_recovers_its_target_at_once(
+    run, walkers, make_tracker, iou, pause
+):
     tracker = make_tracker()
-    for number in range(12):
-        targets = tracker.update(walkers.images[number], INTERVAL, walkers.detections(number))
-    ids = [target.id for target in targets]
+    ids = [target.id for target in run(tracker, walkers, range(12), every=1)[-1]]
     targets = tracker.update(walkers.images[12], pause, walkers.detections(12))
     assert [target.id for target in targets] == ids
     for target, true in zip(targets, walkers.boxes[12], strict=True):
@@ -114,11 +110,10 @@ def test_after_a_pause_a_detection_recovers_its_target_at_once(walkers, make_tra
         assert iou(target.estimate.box, true) > 0.7
 
 
-def test_late_detections_start_no_target_on_a_manual_one(walkers, make_tracker):
+def test_late_detections_start_no_target_on_a_manual_one(run, walkers, make_tracker):
     tracker = make_tracker()
     id = tracker.start(walkers.images[0], walkers.boxes[0][0])
-    for image in walkers.images[1:6]:
-        tracker.update(image, INTERVAL)
+    run(tracker, walkers, range(1, 6))
     late = walkers.detections(0, targets=[0, 1], age=6 * INTERVAL)
     targets = tracker.update(walkers.images[6], INTERVAL, late)
     assert [target.id for target in targets] == [id, id + 1]

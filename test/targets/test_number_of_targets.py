@@ -1,13 +1,12 @@
 """One target or several, by `max_targets`: from the start, or changed during a session."""
 
-import subprocess
 import sys
 
 import numpy as np
 import pytest
+from common import run_python
 from sessions import SECOND, START, STEP, at, ids, make_session, show
 
-from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.targets.session import Session
 from pf_tracker_ros.tracking.frame_clock import TimePolicy
@@ -154,13 +153,6 @@ def test_the_selected_target_after_a_jump_back_in_time(walkers, policy, selected
 # A single target with a detector
 
 
-def test_a_detection_starts_the_single_target(walkers, iou):
-    session = make_session(1)
-    outcome = show(session, walkers, range(12), 3, [1])
-    assert (outcome.frame, ids(outcome), outcome.selected) == ("tracked", [1], 1)
-    assert iou(outcome.estimate.box, walkers.boxes[11][1]) > 0.6
-
-
 def test_of_many_detections_one_starts_the_single_target(walkers):
     session = make_session(1)
     outcome = show(session, walkers, range(12), every=3)
@@ -183,15 +175,6 @@ def test_detections_confirm_and_correct_a_manual_target(walkers, iou):
     truth = walkers.boxes[19][0]
     assert iou(boxes[2], truth) > 0.8
     assert iou(boxes[2], truth) > iou(boxes[100], truth) + 0.1
-
-
-def test_no_detector_ends_a_manual_target(walkers):
-    session = make_session(1)
-    session.request(tuple(walkers.boxes[0][0]))
-    for number in range(20):
-        session.add_detections(Detections([]), at(number))
-        outcome = show(session, walkers, [number])
-    assert ids(outcome) == [1]
 
 
 def test_a_manual_target_replaces_a_detected_one(walkers, iou):
@@ -220,14 +203,8 @@ def test_late_detections_of_the_frame_of_a_manual_target_start_no_other(walkers,
 
 def test_with_max_targets_1_a_detected_distractor_is_no_second_target(draw):
     steps = np.arange(60)
-    twins = draw(
-        [
-            np.stack([60 + 2 * steps, 100 + 0 * steps], 1),
-            np.stack([200 - 2 * steps, 104 + 0 * steps], 1),
-        ],
-        colors=[(20, 20, 230)] * 2,
-        textures=(10, 10),
-    )
+    paths = [(60 + 2 * steps, 100), (200 - 2 * steps, 104)]
+    twins = draw(paths, colors=[(20, 20, 230)] * 2, textures=(10, 10))
     session, detected = Session(preset_parameters("default"), seed=0), 0
     session.frame_buffer.limit(frames=200, megabytes=128.0)
     session.request(tuple(twins.boxes[0][0]))
@@ -320,8 +297,7 @@ session.process(Frame(image.copy(), 5 * 10**8))
 print(before, "scipy" in sys.modules)
 """
     pytest.importorskip("scipy")
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "True"]
+    assert run_python(code, check=True).stdout.split() == ["False", "True"]
 
 
 # Thinned out and reduced frames

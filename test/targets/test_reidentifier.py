@@ -16,22 +16,17 @@ INTERVAL, EVERY = 0.1, 5
 
 
 @pytest.fixture
-def track_first(make_tracker):
+def track_first(run, make_tracker):
     """Tracks the first target of footage, manually started, beside a detector."""
 
-    def run(drawn, targets=lambda number: None, labels=lambda number: None):
+    def track(drawn, targets=None):
         # Only the detector finds it elsewhere.
         tracker = make_tracker(redetection__windows=0)
         first = tracker.start(drawn.images[0], drawn.boxes[0][0])
-        outputs = []
-        for number, image in enumerate(drawn.images[1:], 1):
-            detections = None
-            if number % EVERY == 0:
-                detections = drawn.detections(number, targets(number), labels=labels(number))
-            outputs.append(tracker.update(image, INTERVAL, detections))
-        return first, outputs
+        numbers = range(1, len(drawn.images))
+        return first, run(tracker, drawn, numbers, every=EVERY, targets=targets)
 
-    return run
+    return track
 
 
 def ids(output):
@@ -55,7 +50,7 @@ def test_a_track_started_before_the_target_was_missed_gets_its_id_later(jumper, 
 
 
 def test_a_target_seen_in_the_image_is_not_reidentified_with_its_twin(twins, track_first, iou):
-    first, outputs = track_first(twins, targets=lambda number: [1])
+    first, outputs = track_first(twins, targets=[1])
     assert len(outputs[-1]) == 2
     boxes = {target.id: target.estimate.box for target in outputs[-1]}
     assert iou(twins.boxes[-1][0], boxes[first]) > 0.7
@@ -69,21 +64,11 @@ def test_another_appearance_is_another_target(returner, track_first):
     assert sorted(ids(outputs[-1])) == [first, first + 1]
 
 
-@pytest.mark.parametrize(("label", "is_same"), [("person", True), ("dog", False)])
-def test_a_label_that_the_target_never_had_is_another_target(returner, track_first, label, is_same):
-    def labels(number):
-        there = np.isfinite(returner.boxes[number]).all(axis=1).sum()
-        return [label if number >= 40 else "person"] * there
-
-    first, outputs = track_first(returner, labels=labels)
-    assert (ids(outputs[-1]) == [first]) == is_same
-
-
 @pytest.mark.parametrize(
     ("started_as", "detected_as", "is_same"),
     [("", "person", True), ("person", "", True), ("person", "dog", False)],
 )
-def test_an_empty_label_matches_every_label(
+def test_another_label_is_another_target_and_an_empty_one_matches_every_label(
     returner, make_tracker, started_as, detected_as, is_same
 ):
     tracker = make_tracker(redetection__windows=0)

@@ -1,7 +1,6 @@
 """The session with several targets: frames and detections, matched by their stamps."""
 
 import cv2
-import numpy as np
 import pytest
 from sessions import SECOND, START, at, ids, make_session, show
 
@@ -15,42 +14,6 @@ from pf_tracker_ros.tracking.presets import preset_parameters
 @pytest.fixture
 def session():
     return make_session(32)
-
-
-def test_late_detections_are_applied_at_their_own_frame(walkers, iou):
-    late = make_session(32)
-    for number in range(14):
-        outcome = late.process(Frame(walkers.images[number], at(number)))
-        if number >= 4 and number % 4 == 0:
-            late.add_detections(walkers.detections(number - 3), at(number - 3))
-    assert ids(outcome) == [1, 2, 3]
-    for target in outcome.targets:
-        assert max(iou(target.estimate.box, box) for box in walkers.boxes[13]) > 0.6
-
-
-def test_early_detections_wait_for_their_frame(session, walkers):
-    show(session, walkers, [0])
-    for number in (3, 4):
-        session.add_detections(walkers.detections(number), at(number))
-    assert ids(show(session, walkers, [1, 2])) == []
-    assert ids(show(session, walkers, [3, 4])) == [1, 2, 3]
-
-
-def test_equal_inputs_give_equal_bits(walkers, as_told):
-    runs = []
-    for _ in range(2):
-        session = make_session(32, seed=5)
-        snapshots = []
-        for number in range(12):
-            if number in (5, 6, 9):
-                session.add_detections(walkers.detections(number - 3), at(number - 3))
-            if number == 4:
-                session.request(tuple(walkers.boxes[2][0]), at(2))
-            snapshots.append(
-                as_told(session.process(Frame(walkers.images[number], at(number))).targets)
-            )
-        runs.append(snapshots)
-    assert runs[0] == runs[1]
 
 
 @pytest.mark.parametrize("ahead", [3600 * SECOND, -3600 * SECOND])
@@ -68,42 +31,6 @@ def test_the_queue_of_detections_without_frames_is_bounded(session, walkers):
     assert len(outcome.rejected_detections) == 1
     assert outcome.rejected_detections[0].startswith("5 detector results left out")
     assert show(session, walkers, [2]).rejected_detections == ()
-
-
-def test_too_many_and_invalid_boxes_give_a_message_each(session, walkers):
-    show(session, walkers, range(6), every=2)
-    rng = np.random.default_rng(3)
-    many = Detections(rng.uniform(10, 60, (10_000, 4)), rng.uniform(0.3, 1.0, 10_000))
-    broken = Detections([[np.nan] * 4, [5, 5, -3, 8]], [0.9, np.inf])
-    session.add_detections(many, at(6))
-    session.add_detections(broken, at(6))
-    outcome = show(session, walkers, [6])
-    assert len(outcome.rejected_detections) == 2
-    assert "best scores count" in outcome.rejected_detections[0]
-    assert "not finite" in outcome.rejected_detections[1]
-    assert {1, 2, 3} <= {*ids(show(session, walkers, [7]))}
-
-
-@pytest.mark.parametrize("is_known", [False, True])
-def test_a_manual_target_on_a_past_frame_is_a_new_or_an_existing_target(
-    session, walkers, iou, is_known
-):
-    for number in range(10):
-        if number % 4 == 0:
-            session.add_detections(
-                walkers.detections(number, None if is_known else [1, 2]), at(number)
-            )
-        outcome = session.process(Frame(walkers.images[number], at(number)))
-    assert ids(outcome) == ([1, 2, 3] if is_known else [1, 2])
-    there = {target.id: target.estimate.box for target in outcome.targets}
-    wanted = next((id for id in there if iou(there[id], walkers.boxes[9][0]) > 0.5), 3)
-    session.request(tuple(walkers.boxes[5][0]), at(5), "mine")
-    outcome = show(session, walkers, [10])
-    assert (outcome.frame, outcome.started) == ("started", (wanted,))
-    assert ids(outcome) == [1, 2, 3]
-    mine = next(target for target in outcome.targets if target.id == wanted)
-    assert mine.label == "mine"
-    assert iou(mine.estimate.box, walkers.boxes[10][0]) > 0.5
 
 
 def test_a_request_beyond_max_targets_is_refused_at_once(walkers):
@@ -148,14 +75,6 @@ def test_detections_of_before_a_stop_are_ignored_after_it(session, walkers):
     outcome = session.process(Frame(walkers.images[6], at(6)))
     assert (outcome.targets, outcome.rejected_detections) == ((), ())
     assert ids(show(session, walkers, range(7, 12), every=2)) == [4, 5, 6]
-
-
-def test_a_stop_discards_queued_detections(session, walkers):
-    show(session, walkers, range(3))
-    for number in (1, 2):
-        session.add_detections(walkers.detections(number), at(number))
-    session.stop()
-    assert ids(show(session, walkers, [3, 4])) == []
 
 
 @pytest.mark.parametrize(
@@ -215,36 +134,6 @@ def test_detections_of_before_a_jump_start_no_targets(session, walkers, policy):
         outcome = session.process(Frame(walkers.images[19], at(number)))
         assert "ghost" not in {target.label for target in outcome.targets}
         assert outcome.rejected_detections == ()
-
-
-@pytest.mark.parametrize("pace", [1, 10])
-def test_after_a_jump_a_detector_may_be_ahead_of_the_images(session, walkers, pace):
-    session.time_policy = TimePolicy("wait")
-    for number in [*range(20), *range(24)]:
-        # Detections of the jump frame are dropped: they may be of the time before.
-        session.add_detections(walkers.detections(number), at(pace * number))
-        outcome = session.process(Frame(walkers.images[number], at(pace * number)))
-        assert outcome.rejected_detections == ()
-    assert {target.unconfirmed_for for target in outcome.targets} == {0.0}
-    session.add_detections(walkers.detections(24), at(pace * 23) + 30 * SECOND)
-
-
-@pytest.mark.parametrize("policy", ["keep", "restart", "wait"])
-def test_a_jump_refuses_earlier_requests_and_starts_those_for_the_next_image(
-    session, walkers, policy
-):
-    session.time_policy = TimePolicy(policy)
-    show(session, walkers, range(20))
-    session.request(tuple(walkers.boxes[0][0]), at(20))
-    session.request(tuple(walkers.boxes[0][1]))
-    outcome = session.process(Frame(walkers.images[0], at(0)))
-    assert outcome.started == (1,)
-    (reason,) = outcome.refused
-    assert reason.startswith("target refused: it was drawn on a frame from before time went back")
-    assert session.requested_stamp is None
-    with pytest.raises(ValueError, match="from before time went back"):
-        session.request(tuple(walkers.boxes[0][0]), at(19))
-    assert show(session, walkers, [1]).refused == ()
 
 
 def test_skipped_frames_advance_the_clock(session, walkers):
@@ -409,14 +298,3 @@ def test_lowering_max_targets_below_the_number_of_targets_refuses_requests(sessi
     known = session.targets[0]
     session.request(known.estimate.box)
     assert show(session, walkers, [6]).started == (known.id,)
-
-
-def test_parameters_change_at_run_time_and_the_ids_stay(session, walkers):
-    show(session, walkers, range(8), every=4)
-    values = preset_parameters("li2007", 32) | {"detector.score_above": 0.2}
-    session.check(values, 3)
-    session.configure(values, 3)
-    assert ids(show(session, walkers, [8])) == [1, 2, 3]
-    with pytest.raises(ValueError, match="particles"):
-        session.check({**values, "particles": 0}, 3)
-    assert ids(show(session, walkers, [9])) == [1, 2, 3]

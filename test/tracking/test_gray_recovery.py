@@ -116,18 +116,3 @@ def test_pixels_that_are_not_finite_are_no_error(moving_square):
         else:
             tracker.start(real, moving_square.boxes[0])
     assert is_tracked(estimate, moving_square.boxes[-1])
-
-
-@pytest.mark.parametrize(
-    "image",
-    [
-        np.zeros((120, 160), np.float64),
-        np.zeros((120, 160), np.float16),
-        np.zeros((120, 160), ">f4"),
-        np.zeros((120, 160, 3), np.float32),
-    ],
-    ids=["64 bit", "16 bit float", "other byte order", "color"],
-)
-def test_other_pixel_types_are_refused(image):
-    with pytest.raises(ValueError, match=r"allowed: .* uint8, uint16 or float32"):
-        Tracker.from_preset("li2007").start(image, (10, 10, 20, 20))

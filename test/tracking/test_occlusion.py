@@ -40,10 +40,6 @@ def measured_assessment(measurement, status):
     return Assessment(measurement.box, 0.1, status, measurement.particles, measurement.boxes)
 
 
-def test_there_are_two_policies():
-    assert dict(OCCLUSION_POLICIES) == {"coast": Coast, "keep_tracking": KeepTracking}
-
-
 @pytest.mark.parametrize("status", STATUSES)
 def test_the_box_of_a_coasting_target_is_that_of_the_motion_model(state, measurement, status):
     seen = measured_assessment(measurement, status)

@@ -156,21 +156,6 @@ def test_a_cue_that_is_added_learns_from_the_next_frame_that_is_trusted(make_tra
     assert not np.allclose(*weights)
 
 
-def test_a_cue_without_a_template_contributes_nothing(make_tracker, couple):
-    never = {"template.update_above": 1.0}
-    alone, joined = (make_tracker("li2007", never) for _ in range(2))
-    # The weights of the other two cues are scaled to a sum of 1 with it.
-    joined.set_parameters(
-        {"cues": ("color_histogram", "gradient_orientation", "hog"), "hog.weight": 1.0}
-    )
-    sharper = {"color_histogram.sharpness": 10.0, "gradient_orientation.sharpness": 15.0}
-    alone.set_parameters(sharper)
-    for tracker in (alone, joined):
-        tracker.update(couple.images[1], INTERVAL)
-    np.testing.assert_allclose(joined.estimate.weights, alone.estimate.weights)
-    assert joined.estimate.confidence == alone.estimate.confidence
-
-
 def test_the_template_of_a_removed_cue_is_deleted_at_once(make_tracker, couple):
     """Else a template of one window would be compared with another window."""
     never = {"template.update_above": 1.0, "template.similarity_above": 0.0}

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pf_tracker_ros.parameters import ParameterError, build, flatten
+from pf_tracker_ros.parameters import build, flatten
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS, ActivePreset, preset_parameters
 
@@ -35,8 +35,3 @@ def test_parts_that_the_preset_does_not_select_are_compared_with_their_defaults(
     before = ("color_contrast", "correlation_response")
     assert preset.changes == {"cues": (cues, before), "hog.weight": (0.3, 0.5)}
     assert preset.summary == "default, 2 values changed"
-
-
-def test_an_unknown_preset_names_the_presets():
-    with pytest.raises(ParameterError, match="no preset 'fast'; there are: default, li2007"):
-        ActivePreset.of({"preset": "fast", "max_targets": 1})

@@ -37,15 +37,6 @@ def test_an_image_of_few_pixels_is_tracked_in_like_any_other(preset, size, kind,
     assert not recwarn.list
 
 
-@pytest.mark.parametrize("kind", sorted(KINDS))
-def test_a_background_of_one_pixel_may_change(kind):
-    generator = np.random.default_rng(4)
-    tracker = Tracker.from_preset("zhang_bo")
-    tracker.start(KINDS[kind](generator, (1, 1)), (0, 0, 1, 1))
-    for _ in range(20):
-        assert is_finite(tracker.update(KINDS[kind](generator, (1, 1))))
-
-
 @pytest.mark.parametrize("kind", ["gray", "color"])
 @pytest.mark.parametrize("reduction", [1, 16])
 def test_every_background_model_takes_one_pixel(kind, reduction):

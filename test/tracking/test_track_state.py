@@ -37,11 +37,6 @@ def test_a_similar_frame_restarts_the_time_before_the_confidence_has_risen():
     assert seen == ["occluded"] * 6 + ["lost"] * 2 + ["occluded"]
 
 
-def test_a_similar_frame_makes_a_lost_target_occluded():
-    similar = TrackStatus("lost", 5.0).advance(0.1, 0.9, 0.25, THRESHOLDS)
-    assert (similar.state, similar.time_since_seen) == ("occluded", 0.25)
-
-
 def test_a_lost_target_that_is_seen_again_is_tracked():
     assert states([0.0] * 4 + [0.9])[-1] == "tracking"
 

@@ -15,9 +15,7 @@ from pf_tracker_ros import Tracker
 from pf_tracker_ros.cues import CUES
 from pf_tracker_ros.filter import MOTION_MODELS
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.frames.exposure import gray_range
 from pf_tracker_ros.parameters import ParameterError, build
-from pf_tracker_ros.targets.track_manager import TrackManager
 from pf_tracker_ros.tracking import target_filter
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import PRESETS
@@ -157,26 +155,6 @@ def test_same_seed_same_bits_another_seed_other_bits(preset):
 
 
 @every_preset
-def test_a_tracker_is_a_track_manager_of_one_target(preset):
-    frames = walk(24)
-    images = [image for image, _ in frames[1:16]] + [BACKGROUND] * 4
-    images += [image for image, _ in frames[20:]]
-    tracker = Tracker.from_preset(preset, seed=5)
-    manager = TrackManager(build(TrackerParameters, PRESETS[preset]), seed=5)
-    started = manager.start_on(Frame(frames[0][0]), tuple(map(float, frames[0][1])))
-    assert (started.id, started.caught_up) == (1, 0)
-    assert tracker.start(*frames[0]) == manager.targets[0].estimate
-    states = []
-    for image in images:
-        manager.update(Frame(image), 0.04)
-        estimate = tracker.update(image)
-        (target,) = manager.targets
-        assert (target.id, target.estimate) == (1, estimate)
-        states.append(estimate.state)
-    assert {*states} == {"tracking", "occluded"}
-
-
-@every_preset
 @pytest.mark.parametrize("seed", [0, 7])
 def test_the_first_target_draws_from_the_seed_itself(preset, seed):
     image, box = frame(100, 100)
@@ -257,15 +235,6 @@ def test_while_hidden_the_target_moves_on_at_its_velocity():
     assert hidden.state == "occluded"
     moved = center(hidden.box) - center(seen.box)
     np.testing.assert_allclose(moved, [18.0, 0.0], atol=6.0)
-
-
-@every_preset
-def test_a_target_hidden_for_too_long_is_lost(preset):
-    parameters = {"track.lost_after": 0.5}
-    tracker = Tracker.from_preset(preset, parameters=parameters)
-    run(tracker, walk(20))
-    states = [tracker.update(BACKGROUND, dt=0.1).state for _ in range(8)]
-    assert states == ["occluded"] * 4 + ["lost"] * 4
 
 
 @every_preset
@@ -385,24 +354,6 @@ def test_starting_on_a_flat_image_is_no_error():
     assert np.isfinite(estimates[-1].box).all()
 
 
-def test_a_box_of_the_whole_image_and_one_of_a_pixel_are_no_error():
-    for box in [(0, 0, WIDTH, HEIGHT), (100, 100, 1, 1)]:
-        estimates = run(Tracker.from_preset("default"), [(BACKGROUND, box)] * 5)
-        assert np.isfinite(estimates[-1].box).all()
-
-
-def test_a_large_target_is_tracked_in_a_reduced_image():
-    large = texture(3, (900, 1200), 90, 160)
-    sprite = cv2.resize(TARGET, (300, 300), interpolation=cv2.INTER_CUBIC)
-    frames = []
-    for t in range(15):
-        image = large.copy()
-        image[200:500, 100 + 10 * t : 400 + 10 * t] = sprite
-        frames.append((image, (100 + 10 * t, 200, 300, 300)))
-    estimates = run(Tracker.from_preset("default"), frames)
-    assert overlap(estimates[-1].box, frames[-1][1]) > 0.7
-
-
 def test_an_update_without_a_target_says_to_start():
     tracker = Tracker.from_preset("default")
     with pytest.raises(RuntimeError, match="call start"):
@@ -420,19 +371,6 @@ def test_an_unknown_preset_or_parameter_names_what_there_is():
         Tracker.from_preset("fast")
     with pytest.raises(ParameterError, match=r"'particle'; did you mean 'particles'\?$"):
         Tracker.from_preset("default", parameters={"particle": 3})
-
-
-def test_parameters_change_without_losing_the_target():
-    frames = walk(20)
-    tracker = Tracker.from_preset("default")
-    run(tracker, frames[:10])
-    tracker.set_parameters({"particles": 500, "color_contrast.weight": 0.2})
-    tracker.update(frames[10][0])
-    estimate = tracker.update(frames[11][0])
-    assert len(estimate.weights) == 500
-    assert overlap(estimate.box, frames[11][1]) > 0.6
-    assert tracker.parameters["color_contrast.weight"] == 0.2
-    assert estimate.cue_weights["color_contrast"] < 0.5
 
 
 FEATURE_CUES = [name for name, cue in CUES.items() if not cue.needs_foreground]
@@ -533,21 +471,6 @@ def test_a_copied_tracker_does_not_contain_images():
     tracker.update(image)
     for copied in (copy.copy(tracker), copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))):
         assert len(pickle.dumps(copied)) < image.nbytes / 3
-
-
-# Sensors with drift
-
-
-def test_a_target_is_tracked_while_the_sensor_drifts_beyond_the_first_range(moving_square):
-    gray = 7000 + 4 * moving_square.images[0].mean(axis=2)
-    first_range = gray_range(gray.astype(np.uint16))
-    tracker = Tracker.from_preset("zhang2015")
-    tracker.start(gray.astype(np.uint16), moving_square.boxes[0])
-    for drift in range(0, 1200, 2):
-        estimate = tracker.update((gray + drift).astype(np.uint16), 0.5)
-    assert gray.min() + drift > first_range[1]
-    assert estimate.state == "tracking"
-    assert estimate.box == pytest.approx(moving_square.boxes[0], abs=10)
 
 
 def sixteen_bit(image):

@@ -6,7 +6,6 @@ import json
 import multiprocessing
 import pickle
 
-import cv2
 import numpy as np
 import pytest
 
@@ -116,23 +115,6 @@ def test_a_copied_tracker_gives_the_same_bits_independently(preset, copied, movi
         images[0], moving_square.boxes[0]
     )
     assert tracker != again
-
-
-@every_way
-def test_a_copied_tracker_of_gray_images_and_autoregressive_motion_gives_the_same_bits(
-    copied, moving_square
-):
-    images = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in moving_square.images]
-    images = [image.astype(np.uint16) * 30 for image in images]
-    parameters = {
-        "motion.model": "second_order_autoregressive",
-        "cues": ("foreground_color_histogram", "gradient_orientation", "foreground", "hog"),
-    }
-    tracker = Tracker.from_preset("zhang_bo", seed=3, parameters=parameters)
-    tracker.start(images[0], moving_square.boxes[0])
-    followed(tracker, images[1:8])
-    twin = copied(tracker)
-    assert followed(twin, images[8:16]) == followed(tracker, images[8:16])
 
 
 @every_way

@@ -119,23 +119,6 @@ def test_brightness_and_contrast_hardly_change_the_gradient_channels():
     assert np.abs(stronger - features).mean() < 0.1 * other
 
 
-def test_opposite_edges_have_the_same_channels():
-    """At direction 0, all cosines are equal and the sines are 0."""
-    rising = np.tile((4 * np.arange(32)).astype(np.uint8), (32, 1))
-    of_one = [
-        gradients(np.ascontiguousarray(image))[:9, 2:-2, 2:-2]
-        for image in (rising, rising[:, ::-1])
-    ]
-    np.testing.assert_allclose(of_one[0], of_one[1], atol=1e-6)
-    mean, waves = of_one[0][0], of_one[0][1:]
-    assert mean.min() > 0.01
-    np.testing.assert_allclose(waves[0::2], np.broadcast_to(mean / 0.75**0.5, (4, 4, 4)), rtol=1e-5)
-    np.testing.assert_allclose(waves[1::2], 0.0, atol=1e-6)
-    # At 90 of 180 degrees, the wave of one cycle is shifted by a half.
-    down = gradients(np.ascontiguousarray(rising.T))[:9, 2:-2, 2:-2]
-    assert down[1].max() < -0.9 * mean.min()
-
-
 def color_channels(color):
     """The color channels of a uniform patch of a (red, green, blue) color."""
     window = np.empty((4, 4, 3), np.uint8)
