@@ -1,6 +1,7 @@
 """The topics `~/likelihood` and `~/target_probability`, published only with a subscriber."""
 
 import numpy as np
+from nodes import corners
 from sensor_msgs.msg import Image
 
 
@@ -22,8 +23,7 @@ def test_it_is_around_the_box_and_published_only_with_a_subscriber(graph, client
     values = np.frombuffer(message.data, np.float32).reshape(32, 32)
     row, column = np.unravel_index(np.argmax(values), values.shape)
     x, y, side = (float(status.values[f"likelihood_{name}"]) for name in ("x", "y", "side"))
-    corners = [(point.x, point.y) for point in client.box_at(client.at(3)).polygon.points]
-    center = np.mean(corners, axis=0)
+    center = np.mean(corners(client.box_at(client.at(3))), axis=0)
     peak = np.array([x + (column + 0.5) * side / 32, y + (row + 0.5) * side / 32])
     assert np.abs(peak - center).max() < 6.0
     for cue in ("color_contrast", "correlation_response"):
@@ -38,8 +38,7 @@ def test_it_is_around_the_box_and_published_only_with_a_subscriber(graph, client
 
 
 def test_the_colors_of_the_target_are_told_from_its_surroundings(graph, client, images, box):
-    received = []
-    client.create_subscription(Image, "pf_tracker/target_probability", received.append, 10)
+    received = client.collect(Image, "pf_tracker/target_probability")
     node = graph.tracker(client, target_box=box, preset="li2007", particles=50)
     (publisher,) = [one for one in node.publishers if one.topic.endswith("/target_probability")]
     client.wait_for(publisher.get_subscription_count, "connection")

@@ -41,8 +41,7 @@ def test_only_subscribed_topics_are_built(graph, client, images, box, monkeypatc
     show()
     assert built == []
     (publisher,) = (one for one in node.publishers if one.topic.endswith("boxes"))
-    received = []
-    client.create_subscription(MarkerArray, publisher.topic_name, received.append, 10)
+    received = client.collect(MarkerArray, publisher.topic_name)
     graph.introduce(client, node)
     show()
     client.wait_for(lambda: received, "boxes")

@@ -9,11 +9,6 @@ from std_srvs.srv import SetBool, Trigger
 
 
 @pytest.fixture
-def boxes(moving_square):
-    return [tuple(float(value) for value in box) for box in moving_square.boxes]
-
-
-@pytest.fixture
 def click(client, send):
     """A function that clicks at a point; the tracker receives it before the next image."""
     return lambda node, x, y: send(
@@ -48,11 +43,11 @@ def test_an_invalid_click_is_refused(graph, client, images, click):
         assert reason in status.message
 
 
-def test_services_work_before_the_first_image(graph, client, images, boxes):
+def test_services_work_before_the_first_image(graph, client, images, box):
     graph.tracker(client, **QUICK)
     assert client.ask(SetBool, "enable", data=True).success
     assert client.ask(SetBool, "enable", data=False).success
     assert client.ask(Trigger, "stop").success
-    client.point_at(boxes[0])
+    client.point_at(box)
     assert client.ask(SetBool, "enable", data=True).success
     assert client.show(images[0], client.at(0)).values["frame"] == "started"

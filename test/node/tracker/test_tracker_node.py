@@ -5,28 +5,13 @@ import math
 from array import array
 
 import numpy as np
-import pytest
 from nodes import NEVER_OCCLUDED as QUICK
+from nodes import corners, corners_of
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.targets.track_manager import TrackManager
 
 COVARIANCE = (("xx", "xy"), ("xy", "yy"))
-
-
-@pytest.fixture
-def box(moving_square):
-    return tuple(float(value) for value in moving_square.boxes[0])
-
-
-def corners(message):
-    return [(point.x, point.y) for point in message.polygon.points]
-
-
-def corners_of(box):
-    x, y, width, height = box
-    points = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
-    return [tuple(float(np.float32(value)) for value in point) for point in points]
 
 
 def test_boxes_are_those_of_the_library_fed_with_the_same_frames(graph, client, images, box):
@@ -47,7 +32,7 @@ def test_boxes_are_those_of_the_library_fed_with_the_same_frames(graph, client, 
 
 
 def test_a_status_has_state_and_values_of_every_frame(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     for status in client.show_all(images[:4]):
         assert status.name == "/pf_tracker"
         assert (status.level, status.message) == ("OK", "tracking")
@@ -81,7 +66,7 @@ REFUSED_TARGETS = (
 
 
 def test_a_refused_target_has_a_reason_and_keeps_the_last_one(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     for index, (points, reason) in enumerate(REFUSED_TARGETS, start=1):
         client.send_target(points)
@@ -111,7 +96,7 @@ def malformed(client, image, stamp):
 
 
 def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     for message, reason in malformed(client, images[1], client.at(0) + 1_000_000):
         status = client.send(message)
@@ -125,25 +110,10 @@ def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, c
     assert (good.level, good.values["frame"]) == ("OK", "tracked")
 
 
-def test_a_best_effort_camera_is_tracked_by_default(graph, images, box):
-    client = graph.client(reliability="BEST_EFFORT")
-    graph.tracker(client, target_box=list(box))
-    numbers = itertools.count()
-
-    def tracked():
-        # A camera does not wait, and best effort may lose any frame.
-        number = next(numbers)
-        client.images.publish(client.message(images[number % len(images)], client.at(number)))
-        frames = [status.values["frame"] for status in client.statuses]
-        return "started" in frames and frames.count("tracked") >= 3
-
-    client.wait_for(tracked, "tracked frames")
-
-
 def test_after_an_unexpected_error_the_next_frame_is_tracked(
     graph, client, images, box, monkeypatch
 ):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     monkeypatch.setattr(TrackManager, "update", _failing_once(TrackManager.update))
     status = client.show(images[1], client.at(1))
