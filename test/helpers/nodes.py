@@ -1,7 +1,9 @@
 """What several tests of the tracker's node need: quick parameters, parts of its messages."""
 
 import csv
+import importlib.util
 import time
+from pathlib import Path
 
 import numpy as np
 from rclpy.executors import SingleThreadedExecutor
@@ -32,9 +34,26 @@ def ids(status):
     return [int(one.values["id"]) for one in status.targets]
 
 
+def corners(message):
+    """The corners of a published box, clockwise from the upper left."""
+    return [(point.x, point.y) for point in message.polygon.points]
+
+
 def corner(message):
     """The upper left corner of a published box."""
-    return message.polygon.points[0].x, message.polygon.points[0].y
+    return corners(message)[0]
+
+
+def corners_of(box):
+    """The corners of a box as they are published."""
+    x, y, width, height = box
+    points = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+    return [tuple(float(np.float32(value)) for value in point) for point in points]
+
+
+def box_in(row):
+    """The box in a row of `boxes.csv`."""
+    return tuple(float(row[name]) for name in ("x", "y", "width", "height"))
 
 
 def moving_block(number):
@@ -44,6 +63,15 @@ def moving_block(number):
     left = 10 + number % 140
     image[60:101, left : left + 26] = (20, 20, 60)
     return image
+
+
+def load_example(name):
+    """The module of an example."""
+    path = Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def stamp_of(header):

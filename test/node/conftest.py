@@ -145,6 +145,34 @@ class Client(SpunNode):
         """Publish images one interval apart and return their statuses."""
         return [self.show(image, self.at(i), encoding) for i, image in enumerate(images)]
 
+    def show_until(self, condition, images, first=0):
+        """Publish images in turn, one interval apart, until `condition(status)`; return its value.
+
+        Args:
+            first: Index of the first frame.
+        """
+        indices = itertools.count(first)
+
+        def shown():
+            index = next(indices)
+            return condition(self.show(images[index % len(images)], self.at(index)))
+
+        return self.wait_for(shown, "such a frame")
+
+    def collect(self, message_type, topic):
+        """The list of all messages that arrive on a topic."""
+        messages = []
+        self.create_subscription(message_type, topic, messages.append, _DEPTH)
+        return messages
+
+    def report(self, condition):
+        """Wait for a report on /diagnostics that fulfills a condition, the first one if several."""
+
+        def found():
+            return [report for report in self.health if condition(report)]
+
+        return self.wait_for(found, "such diagnostics")[0]
+
     def point_at(self, box, stamp=0):
         """Send a target given by two opposite corners."""
         x, y, width, height = (float(value) for value in box)

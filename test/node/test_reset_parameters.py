@@ -116,14 +116,6 @@ def test_a_choice_keeps_the_other_values(bind):
     assert bound.reports == ["no cars without an engine"]
 
 
-def test_one_request_chooses_a_part_and_sets_its_parameters(bind):
-    bound = bind()
-    request = {"bell.tone": 7, "engine.cells": 4, "signals": ["bell"], "engine.kind": "electric"}
-    assert bound.set(request).successful
-    assert bound.is_as(DEFAULTS | request | {"signals": ("bell",)})
-    assert bound.applied == [request | {"signals": ("bell",)}]
-
-
 def test_a_reset_keeps_only_the_requested_values(bind):
     bound = bind({"cars": 1, "engine.pressure": 9.0})
     assert bound.set({"bell.tone": 441, "timetable": "festive"}).successful
@@ -232,7 +224,7 @@ def test_a_list_of_strings_is_a_string_array(bind):
 def test_other_parameters_of_the_node_stay(bind):
     bound = bind()
     bound.node.declare_parameter("other", 1)
-    request = {"other": 2, "engine.kind": "electric", "engine.cells": 2}
+    request = {"other": 2, "engine.cells": 2, "engine.kind": "electric"}
     assert bound.set(request).successful
     assert bound.node.get_parameter("other").value == 2
     assert bound.on_node == {**bound.binding.values, "other": 2}

@@ -22,21 +22,17 @@ def texts(*statuses):
 BOX = {"box_x": "20.0", "box_y": "30.04", "box_width": "24", "box_height": "25.5"}
 
 
-def test_a_line_has_state_confidence_and_box_or_position():
+def test_a_line_has_state_confidence_and_box_with_its_reason_or_position():
     target = status("tracking", id="3", label="person", state="tracking", confidence="0.938", **BOX)
-    assert texts(status(), target) == [
-        "target 3 person  tracking 0.94  box 24.0 x 25.5 px, top left at 20.0, 30.0"
+    hidden = status("the box is uncertain", id="4", state="occluded", confidence="0.91", **BOX)
+    box = "box 24.0 x 25.5 px, top left at 20.0, 30.0"
+    assert texts(status(), target, hidden) == [
+        f"target 3 person  tracking 0.94  {box}",
+        f"target 4  occluded 0.91  {box}; the box is uncertain",
     ]
     place = {"x": "2.312", "y": "-0.4", "velocity_x": "0.8", "velocity_y": "0"}
     located = status("located", id="3", label="", state="occluded", confidence="0.5", **place)
     assert texts(status(), located) == ["target 3  occluded 0.50  at 2.31, -0.40 m, 0.80, 0.00 m/s"]
-
-
-def test_a_state_has_its_reason():
-    hidden = status("the box is uncertain", id="3", state="occluded", confidence="0.91", **BOX)
-    assert texts(status(), hidden) == [
-        "target 3  occluded 0.91  box 24.0 x 25.5 px, top left at 20.0, 30.0; the box is uncertain"
-    ]
 
 
 def test_without_a_target_or_a_position_the_line_has_the_reason():

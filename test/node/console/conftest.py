@@ -115,6 +115,10 @@ class Page:
         """Whether the frame of a stamp is displayed with its results."""
         return self.stamp == stamp and self.has_results
 
+    def at_frame(self, index):
+        """Wait for a frame of a recording."""
+        self.wait_until(lambda: self.shows(stamp_at(index)), f"frame {index}")
+
     @property
     def box(self):
         """The displayed box [x, y, width, height], None without one."""
@@ -127,6 +131,10 @@ class Page:
             assert time.monotonic() < end, f"no {what}; the page says: {self.text('note')}"
             self.page.wait_for_timeout(POLL)
         return result
+
+    def wait_for_text(self, name, text):
+        """Wait until the text of an element contains another one."""
+        self.wait_until(lambda: text in self.text(name), text)
 
     def show_more(self):
         """Unfold what is used less often: the drawn box in figures, and the target file."""
@@ -157,6 +165,18 @@ class Page:
         mouse.move(*self.to_screen(x + width, y + height))
         if release:
             mouse.up()
+
+    def draw(self, wanted):
+        """Drag a box, and return the box that the page has sent, as the tracker shows it."""
+        self.drag(wanted)
+        self.wait_for_text("note", "accepted")
+
+        def shown():
+            # Not the box of an earlier target.
+            box = self.box
+            return box if box == pytest.approx(wanted, abs=1.0) else None
+
+        return tuple(self.wait_until(shown, "box"))
 
 
 @pytest.fixture
@@ -212,6 +232,17 @@ def bag(write_images, moving_square):
     return write_images(moving_square.images, stamp_at)
 
 
+@pytest.fixture
+def player(tracker, start_console, open_page, bag):
+    """A page with the recording at its first frame."""
+    page = open_page(start_console(source=str(bag)).url)
+    page.at_frame(0)
+    page.wait_until(lambda: page.text("frame") == "0 / 19", "position")
+    # The services may be discovered later than the images.
+    page.locator("#groups details").first.wait_for(state="attached")
+    return page
+
+
 class Camera:
     """Publishes frames of the moving square, and waits for the status of each.
 
@@ -250,6 +281,12 @@ class Camera:
             assert time.monotonic() < end, f"no {what}"
             self.show()
         return result
+
+    def start_target(self, page):
+        """Draw the square on a page, and publish frames until it shows its box."""
+        self.show_on(page)
+        page.drag(self.box_at(page.stamp))
+        self.show_until(lambda: page.box, "box")
 
     def show_on(self, *pages):
         """Publish frames until all pages display one with its results, and return its status.

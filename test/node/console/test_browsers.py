@@ -1,6 +1,7 @@
 """The frames that a browser gets, and their quality."""
 
 import asyncio
+import contextlib
 import json
 import struct
 
@@ -76,6 +77,28 @@ class Page:
             await asyncio.wait_for(self._changed.wait(), 60.0)
 
 
+@contextlib.asynccontextmanager
+async def streaming(image, *are_local):
+    """Pages, local ones or not, and a function that shows them a frame of the image."""
+    shown = None
+    browsers = Browsers(lambda: shown)
+    pages = [Page(browsers, is_local) for is_local in are_local]
+    tasks = []
+    for page in pages:
+        browsers.add(page)
+        tasks.append(asyncio.ensure_future(browsers.stream(page, [])))
+
+    async def show(number, stamp):
+        nonlocal shown
+        shown = DisplayFrame(number, stamp, image, {})
+        await browsers.notify_new_frame()
+
+    yield pages, show
+    for task in tasks:
+        task.cancel()
+    browsers.close()
+
+
 def drawn(image, counts, stamps=None):
     """A page that has drawn frames.
 
@@ -86,18 +109,10 @@ def drawn(image, counts, stamps=None):
     """
 
     async def play():
-        shown = None
-        browsers = Browsers(lambda: shown)
-        page = Page(browsers)
-        browsers.add(page)
-        task = asyncio.ensure_future(browsers.stream(page, []))
-        for number, count in enumerate(counts, 1):
-            stamp = stamps[number - 1] if stamps else number
-            shown = DisplayFrame(number, stamp, image, {})
-            await browsers.notify_new_frame()
-            await page.wait_for(count)
-        task.cancel()
-        browsers.close()
+        async with streaming(image, True) as ((page,), show):
+            for number, count in enumerate(counts, 1):
+                await show(number, stamps[number - 1] if stamps else number)
+                await page.wait_for(count)
         return page
 
     return run_apart(play())
@@ -112,24 +127,14 @@ def drawn_before_the_third(image, stamps):
     """
 
     async def play():
-        shown = None
-        browsers = Browsers(lambda: shown)
-        local, remote = (Page(browsers, is_local) for is_local in (True, False))
-        tasks = []
-        for page in (local, remote):
-            browsers.add(page)
-            tasks.append(asyncio.ensure_future(browsers.stream(page, [])))
         counts = []
-        for number, stamp in enumerate(stamps, 1):
-            shown = DisplayFrame(number, stamp, image, {})
-            await browsers.notify_new_frame()
-            await remote.wait_for(number)
-            await local.wait_to_receive(min(number, 2))
-            counts.append((len(local.qualities), len(remote.qualities)))
-        await local.wait_for(2)
-        for task in tasks:
-            task.cancel()
-        browsers.close()
+        async with streaming(image, True, False) as ((local, remote), show):
+            for number, stamp in enumerate(stamps, 1):
+                await show(number, stamp)
+                await remote.wait_for(number)
+                await local.wait_to_receive(min(number, 2))
+                counts.append((len(local.qualities), len(remote.qualities)))
+            await local.wait_for(2)
         return counts[:2]
 
     return run_apart(play())

@@ -81,18 +81,6 @@ def patient(start_watcher, monkeypatch):
     return start_watcher()
 
 
-def test_after_a_status_images_wait_for_the_next_one(patient):
-    patient.publish(1)
-    patient.node.wait_for(lambda: patient.seen == [1])
-    patient.images.on_status()
-    patient.publish(2, 3)
-    for _ in range(3):
-        patient.pass_by()
-    assert patient.seen == [1]
-    patient.images.on_status()
-    assert patient.seen == [1, 2, 3]
-
-
 def test_images_that_wait_do_not_keep_the_executor_busy(patient, monkeypatch):
     checked, can_execute = [], deferred_image_input._Gate.can_execute
 

@@ -11,20 +11,31 @@ IDLE = {"values": {"state": "idle"}, "targets": [], "selected": ""}
 BOXES = {"1": {"box": [1, 2, 3, 4], "color": "#ff8000"}}
 
 
+class Synchronizer(FrameSynchronizer):
+    """With a shorter way to add."""
+
+    def add(self, stamp, image=None, now=0.0, **parts):
+        """Add an image, if one is given, and then the parts of its result."""
+        if image is not None:
+            self.add_image(stamp, image, now)
+        for part, content in parts.items():
+            self.add_result(stamp, part, content, now)
+
+
 @pytest.fixture
 def synchronizer():
     """With a tracker that has just sent a status."""
-    synchronizer = FrameSynchronizer()
-    synchronizer.add_result(1, "status", IDLE, now=0.0)
+    synchronizer = Synchronizer()
+    synchronizer.add(1, status=IDLE)
     return synchronizer
 
 
 def test_a_picture_waits_for_its_box(synchronizer):
-    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add(2, "picture")
     assert not synchronizer.choose(now=0.01)
-    synchronizer.add_result(2, "status", TRACKING, now=0.02)
+    synchronizer.add(2, status=TRACKING, now=0.02)
     assert not synchronizer.choose(now=0.02)
-    synchronizer.add_result(2, "boxes", BOXES, now=0.03)
+    synchronizer.add(2, boxes=BOXES, now=0.03)
     assert synchronizer.choose(now=0.03)
     assert synchronizer.latest.stamp == 2
     assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
@@ -35,31 +46,31 @@ def test_a_picture_of_targets_waits_for_particles_and_of_a_selected_one_for_its_
     synchronizer,
 ):
     synchronizer.required_parts = {"particles", "likelihood"}
-    synchronizer.add_image(1, "without a target", now=0.0)
+    synchronizer.add(1, "without a target")
     assert synchronizer.choose(now=0.0)
     for stamp, status in ((2, TRACKING | {"selected": ""}), (3, TRACKING)):
-        synchronizer.add_image(stamp, "picture", now=0.0)
+        synchronizer.add(stamp, "picture")
         for part, content in (("status", status), ("particles", []), ("boxes", BOXES)):
             assert not synchronizer.choose(now=0.0)
-            synchronizer.add_result(stamp, part, content, now=0.0)
+            synchronizer.add(stamp, **{part: content})
         assert synchronizer.choose(now=0.0) == (stamp == 2)
-    synchronizer.add_result(3, "likelihood", {}, now=0.0)
+    synchronizer.add(3, likelihood={})
     assert synchronizer.choose(now=0.0)
     assert synchronizer.latest.results.keys() == {"status", "particles", "boxes", "likelihood"}
 
 
 def test_the_newest_picture_with_results_is_shown_and_older_ones_are_dropped(synchronizer):
     for stamp in (2, 3, 4):
-        synchronizer.add_image(stamp, f"picture {stamp}", now=0.0)
+        synchronizer.add(stamp, f"picture {stamp}")
     for stamp in (3, 2):
-        synchronizer.add_result(stamp, "status", IDLE, now=0.0)
+        synchronizer.add(stamp, status=IDLE)
     assert synchronizer.choose(now=0.0)
     assert synchronizer.latest.image == "picture 3"
     assert not synchronizer.choose(now=0.0)
 
 
 def test_a_picture_without_results_is_shown_after_a_timeout(synchronizer):
-    synchronizer.add_image(2, "picture", now=0.0)
+    synchronizer.add(2, "picture")
     assert not synchronizer.choose(now=0.2)
     assert synchronizer.choose(now=0.3)
     assert synchronizer.latest.results == {}
@@ -68,54 +79,45 @@ def test_a_picture_without_results_is_shown_after_a_timeout(synchronizer):
 def test_the_timeout_grows_with_the_latency_of_the_tracker(synchronizer):
     for stamp in range(2, 10):
         now = 0.3 * stamp
-        synchronizer.add_image(stamp, "picture", now)
-        synchronizer.add_result(stamp, "status", IDLE, now + 0.24)
+        synchronizer.add(stamp, "picture", now)
+        synchronizer.add(stamp, status=IDLE, now=now + 0.24)
         assert synchronizer.choose(now + 0.24)
-    synchronizer.add_image(10, "picture", now=3.0)
+    synchronizer.add(10, "picture", now=3.0)
     assert not synchronizer.choose(now=3.4)
     assert synchronizer.choose(now=3.5)
 
 
 def test_without_a_tracker_pictures_are_shown_at_once():
-    synchronizer = FrameSynchronizer()
-    synchronizer.add_image(1, "first", now=0.0)
+    synchronizer = Synchronizer()
+    synchronizer.add(1, "first")
     assert synchronizer.choose(now=0.0)
-    synchronizer.add_result(2, "status", IDLE, now=0.0)
-    synchronizer.add_image(3, "second", now=5.0)
+    synchronizer.add(2, status=IDLE)
+    synchronizer.add(3, "second", now=5.0)
     assert synchronizer.choose(now=5.0)
 
 
 def test_a_picture_of_a_recording_in_lockstep_waits_for_a_late_status():
-    synchronizer = FrameSynchronizer(status_timeout=5.0)
-    synchronizer.add_image(1, "before the tracker", now=0.0)
+    synchronizer = Synchronizer(status_timeout=5.0)
+    synchronizer.add(1, "before the tracker")
     assert synchronizer.choose(now=0.0)
-    synchronizer.add_result(1, "status", IDLE, now=0.0)
+    synchronizer.add(1, status=IDLE)
     assert synchronizer.choose(now=0.0)
     # After a pause, on a busy machine.
-    synchronizer.add_image(2, "picture", now=60.0)
+    synchronizer.add(2, "picture", now=60.0)
     assert not synchronizer.choose(now=64.9)
-    synchronizer.add_result(2, "status", TRACKING, now=64.9)
+    synchronizer.add(2, status=TRACKING, now=64.9)
     assert not synchronizer.choose(now=65.1)
-    synchronizer.add_result(2, "boxes", BOXES, now=65.1)
+    synchronizer.add(2, boxes=BOXES, now=65.1)
     assert synchronizer.choose(now=65.1)
     assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
     for now in (66.0, 71.0):
         # The tracker has ended, so the recording sends the image again.
-        synchronizer.add_image(3, "picture", now)
+        synchronizer.add(3, "picture", now)
         assert not synchronizer.choose(now)
     assert synchronizer.choose(now=71.1)
     synchronizer.clear()
-    synchronizer.add_image(1, "of another recording", now=72.0)
+    synchronizer.add(1, "of another recording", now=72.0)
     assert synchronizer.choose(now=72.0)
-
-
-def test_boxes_that_come_after_a_late_status_are_waited_for(synchronizer):
-    synchronizer.add_image(2, "picture", now=0.0)
-    synchronizer.add_result(2, "status", TRACKING, now=0.3)
-    assert not synchronizer.choose(now=0.3)
-    synchronizer.add_result(2, "boxes", BOXES, now=0.4)
-    assert synchronizer.choose(now=0.4)
-    assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
 
 
 def test_large_pictures_of_a_fast_camera_are_shown_though_a_part_never_comes(synchronizer):
@@ -124,11 +126,10 @@ def test_large_pictures_of_a_fast_camera_are_shown_though_a_part_never_comes(syn
     picture, interval, shown = SimpleNamespace(data=bytes(10**7)), 1 / 30, 0
     for number in range(1, 61):
         now = number * interval
-        synchronizer.add_image(number, picture, now)
+        synchronizer.add(number, picture, now)
         shown += synchronizer.choose(now)
         if number > 4:
-            synchronizer.add_result(number - 4, "status", TRACKING, now)
-            synchronizer.add_result(number - 4, "boxes", BOXES, now)
+            synchronizer.add(number - 4, status=TRACKING, boxes=BOXES, now=now)
             shown += synchronizer.choose(now)
             assert number < 12 or synchronizer.latest.stamp >= number - 8
     assert shown > 50
@@ -137,9 +138,9 @@ def test_large_pictures_of_a_fast_camera_are_shown_though_a_part_never_comes(syn
 def test_results_of_before_a_time_jump_back_are_not_reused(synchronizer):
     for now in (0.0, 0.1):
         for stamp in (2, 3):
-            synchronizer.add_image(stamp, f"picture {stamp} at {now}", now)
+            synchronizer.add(stamp, f"picture {stamp} at {now}", now)
             assert not synchronizer.choose(now)
-            synchronizer.add_result(stamp, "status", IDLE | {"at": now}, now)
+            synchronizer.add(stamp, status=IDLE | {"at": now}, now=now)
             assert synchronizer.choose(now)
             assert synchronizer.latest.image == f"picture {stamp} at {now}"
             assert synchronizer.latest.results["status"]["at"] == now
@@ -148,25 +149,23 @@ def test_results_of_before_a_time_jump_back_are_not_reused(synchronizer):
 
 def test_a_second_result_of_the_same_frame_is_shown(synchronizer):
     """A frame that is played twice has two results; the second may precede its image."""
-    synchronizer.add_image(2, "picture", now=0.0)
-    synchronizer.add_result(2, "status", IDLE, now=0.0)
+    synchronizer.add(2, "picture", status=IDLE)
     assert synchronizer.choose(now=0.0)
     for part, content in (("boxes", BOXES), ("status", TRACKING)):
-        synchronizer.add_result(2, part, content, now=0.1)
+        synchronizer.add(2, **{part: content}, now=0.1)
         synchronizer.choose(now=0.1)
     assert synchronizer.latest.image == "picture"
     assert synchronizer.latest.results == {"status": TRACKING, "boxes": BOXES}
-    synchronizer.add_result(2, "status", IDLE, now=0.2)
+    synchronizer.add(2, status=IDLE, now=0.2)
     assert synchronizer.choose(now=0.2)
     assert synchronizer.latest.results == {"status": IDLE}
 
 
 def test_an_image_that_comes_after_its_results_keeps_them(synchronizer):
     for now in (0.0, 1.0):
-        synchronizer.add_result(2, "status", TRACKING, now=now)
-        synchronizer.add_result(2, "boxes", [1, 2, 3, now], now=now)
+        synchronizer.add(2, status=TRACKING, boxes=[1, 2, 3, now], now=now)
         synchronizer.choose(now)
-        synchronizer.add_image(2, f"picture at {now}", now=now)
+        synchronizer.add(2, f"picture at {now}", now)
         synchronizer.choose(now)
         # In the second round the results come before the image.
         synchronizer.choose(now + 0.5)
@@ -175,40 +174,34 @@ def test_an_image_that_comes_after_its_results_keeps_them(synchronizer):
 
 
 def test_a_replayed_frame_has_no_box_of_its_first_result(synchronizer):
-    synchronizer.add_image(2, "picture", now=0.0)
-    synchronizer.add_result(2, "status", TRACKING, now=0.0)
-    synchronizer.add_result(2, "boxes", BOXES, now=0.0)
+    synchronizer.add(2, "picture", status=TRACKING, boxes=BOXES)
     assert synchronizer.choose(now=0.0)
-    synchronizer.add_result(2, "status", TRACKING, now=1.0)
+    synchronizer.add(2, status=TRACKING, now=1.0)
     assert not synchronizer.choose(now=1.0)
-    synchronizer.add_result(2, "boxes", [5, 6, 7, 8], now=1.0)
+    synchronizer.add(2, boxes=[5, 6, 7, 8], now=1.0)
     assert synchronizer.choose(now=1.0)
     assert synchronizer.latest.results["boxes"] == [5, 6, 7, 8]
 
 
 def test_a_late_part_is_shown_at_once(synchronizer):
     synchronizer.required_parts = {"particles"}
-    synchronizer.add_image(2, "picture", now=0.0)
-    synchronizer.add_result(2, "status", TRACKING, now=0.0)
+    synchronizer.add(2, "picture", status=TRACKING)
     assert synchronizer.choose(now=0.5)
-    for part in ("boxes", "particles"):
-        synchronizer.add_result(2, part, [], now=0.6)
+    synchronizer.add(2, boxes=[], particles=[], now=0.6)
     assert synchronizer.choose(now=0.6)
     assert synchronizer.latest.results.keys() == {"status", "boxes", "particles"}
 
 
 def test_a_late_part_hides_no_newer_picture(synchronizer):
     synchronizer.required_parts = {"particles"}
-    synchronizer.add_image(2, "picture 2", now=0.0)
-    for part, content in (("status", TRACKING), ("boxes", BOXES), ("particles", [])):
-        synchronizer.add_result(2, part, content, now=0.0)
+    synchronizer.add(2, "picture 2", status=TRACKING, boxes=BOXES, particles=[])
     assert synchronizer.choose(now=0.0)
-    synchronizer.add_image(3, "picture 3", now=0.1)
-    synchronizer.add_result(2, "boxes", {}, now=0.1)
+    synchronizer.add(3, "picture 3", now=0.1)
+    synchronizer.add(2, boxes={}, now=0.1)
     assert synchronizer.choose(now=0.1)
     assert synchronizer.latest.image == "picture 2"
-    synchronizer.add_result(2, "boxes", {}, now=0.2)
-    synchronizer.add_result(3, "status", IDLE, now=0.2)
+    synchronizer.add(2, boxes={}, now=0.2)
+    synchronizer.add(3, status=IDLE, now=0.2)
     assert synchronizer.choose(now=0.2)
     assert synchronizer.latest.image == "picture 3"
     assert not synchronizer.choose(now=0.3)
@@ -219,42 +212,35 @@ def test_the_results_of_a_fast_camera_may_come_many_frames_later(synchronizer):
     shown = []
     for number in range(120):
         now = number / 120
-        synchronizer.add_image(2 + number, f"picture {number}", now)
+        synchronizer.add(2 + number, f"picture {number}", now)
         if number >= 10:
-            synchronizer.add_result(2 + number - 10, "status", IDLE, now)
+            synchronizer.add(2 + number - 10, status=IDLE, now=now)
         if synchronizer.choose(now):
             shown.append((synchronizer.latest.stamp, "status" in synchronizer.latest.results))
     assert shown == [(2 + number, True) for number in range(110)]
 
 
-def test_fewer_large_images_wait():
-    synchronizer = FrameSynchronizer()
-    synchronizer.add_result(0, "status", IDLE, now=0.0)
-    for stamp in range(1, 41):
-        synchronizer.add_image(stamp, SimpleNamespace(data=bytes(10_000_000)), now=0.0)
-    assert list(synchronizer._images) == list(range(33, 41))
-
-
-def test_waiting_images_and_results_are_limited():
-    synchronizer = FrameSynchronizer()
-    synchronizer.add_result(0, "status", IDLE, now=0.0)
+def test_waiting_images_and_results_are_limited(synchronizer):
     for stamp in range(1, 10_000):
-        synchronizer.add_image(stamp, stamp, now=0.0)
-        synchronizer.add_result(-stamp, "boxes", None, now=0.0)
+        synchronizer.add(stamp, stamp)
+        synchronizer.add(-stamp, boxes=None)
     assert len(synchronizer._images) <= 32
     assert len(synchronizer._results) <= 32
+    # Of large ones, fewer.
+    for stamp in range(1, 41):
+        synchronizer.add(10_000 + stamp, SimpleNamespace(data=bytes(10_000_000)))
+    assert list(synchronizer._images) == list(range(10_033, 10_041))
 
 
 def test_another_recording_reuses_nothing_of_the_last_one(synchronizer):
-    synchronizer.add_image(1, "picture", now=0.0)
+    synchronizer.add(1, "picture")
     assert synchronizer.choose(now=0.0)
     before = synchronizer.latest.number
-    synchronizer.add_image(2, "waiting", now=0.0)
+    synchronizer.add(2, "waiting")
     synchronizer.clear()
     assert synchronizer.latest is None
     assert not synchronizer.choose(now=9.0)
     # Its frames may have the same stamps; browsers see later numbers.
-    synchronizer.add_image(1, "other", now=9.0)
-    synchronizer.add_result(1, "status", IDLE, now=9.0)
+    synchronizer.add(1, "other", 9.0, status=IDLE)
     assert synchronizer.choose(now=9.0)
     assert (synchronizer.latest.image, synchronizer.latest.number) == ("other", before + 1)

@@ -60,9 +60,7 @@ def test_the_picture_tells_what_to_do_until_the_first_target(camera, page):
 
 
 def test_the_legend_says_what_is_drawn_and_hides_it(camera, page):
-    camera.show_on(page)
-    page.drag(camera.box_at(page.stamp))
-    camera.show_until(lambda: page.box, "box")
+    camera.start_target(page)
     camera.show_on(page)
     for name, shape in LAYERS.items():
         button = page.locator(f"[data-layer={name}]")
@@ -70,16 +68,10 @@ def test_the_legend_says_what_is_drawn_and_hides_it(camera, page):
         button.focus()
         assert page.text("about") == about
         assert button.get_attribute("aria-description") == about
-        button.press("Enter")
-        assert (button.get_attribute("aria-pressed"), page.locator(shape).is_visible()) == (
-            "false",
-            False,
-        )
-        button.click()
-        assert (button.get_attribute("aria-pressed"), page.locator(shape).is_visible()) == (
-            "true",
-            True,
-        )
+        for toggle, pressed in ((lambda: button.press("Enter"), "false"), (button.click, "true")):  # noqa: B023
+            toggle()
+            assert button.get_attribute("aria-pressed") == pressed
+            assert page.locator(shape).is_visible() == (pressed == "true")
     page.locator("#heatmap-button").hover()
     assert "look-alike" in page.text("about")
     # There are no detections.
@@ -118,21 +110,16 @@ def tour(tmp_path, moving_square):
     return str(path), box
 
 
-def draw(page, box):
-    page.drag(box)
-    page.wait_until(lambda: page.box, "box")
-
-
 @pytest.mark.usefixtures("tracker")
 def test_another_recording_is_opened_from_the_page(client, start_console, open_page, bags, tour):
     path, box = tour
     missing = str(bags[0].parent / "missing.mcap")
     page = open_page(start_console(tour=path, recordings=[missing, str(bags[0])]).url)
     choices = page.locator("#choices button")
-    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    page.at_frame(0)
     assert choices.all_inner_texts() == ["Square", "tall", "missing.mcap"]
     assert (page.size, page.locator("#steps").is_hidden()) == ((160, 120), True)
-    draw(page, box)
+    page.draw(box)
 
     choices.nth(1).click()
     page.wait_until(lambda: page.size == (90, 120) and page.shows(stamp_at(0)), "other recording")
@@ -146,17 +133,15 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
     client.wait_for(lambda: client.get_parameters("particles") == [150], "its value")
     # It is of the first frame.
     page.keyboard.press("n")
-    page.wait_until(lambda: page.shows(stamp_at(1)), "next frame")
+    page.at_frame(1)
     assert ghost.count() == 0
     page.keyboard.press("Home")
-    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    page.at_frame(0)
     page.wait_until(ghost.count, "suggestion")
-    page.drag(box)
-    page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
-    page.wait_until(lambda: page.box, "box")
+    page.draw(box)
     page.keyboard.press("s")
     page.wait_until(ghost.count, "suggestion again")
-    draw(page, box)
+    page.draw(box)
     assert page.locator("#step-back").is_disabled()
     page.locator("#step-next").click()
     assert page.text("step-count") == "2 of 2"
@@ -172,8 +157,8 @@ def test_another_recording_is_opened_from_the_page(client, start_console, open_p
 
     # One that cannot be played leaves the present one.
     page.get_by_role("button", name="Next: missing.mcap").click()
-    page.wait_until(lambda: "cannot be played: there is no" in page.text("note"), "reason")
-    page.wait_until(lambda: page.shows(stamp_at(0)), "the recording again")
+    page.wait_for_text("note", "cannot be played: there is no")
+    page.at_frame(0)
     assert choices.nth(1).get_attribute("aria-pressed") == "true"
     # A recording of a tour is looped.
     assert page.locator("#loop").get_attribute("aria-pressed") == "true"
@@ -188,7 +173,7 @@ def test_nothing_is_drawn_on_a_recording_that_is_being_opened(
     client, start_console, open_page, bags, monkeypatch
 ):
     page = open_page(start_console(recordings=[str(bag) for bag in bags]).url)
-    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    page.at_frame(0)
     # Missing images are expected meanwhile.
     client.set_parameters(image_timeout=0.5)
     may_open, open_recording = Event(), PlayedRecording.open
@@ -215,7 +200,7 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
 ):
     console = start_console(source=str(bags[0]))
     page = open_page(console.url, has_touch=True, viewport={"width": 390, "height": 844})
-    page.wait_until(lambda: page.shows(stamp_at(0)), "first frame")
+    page.at_frame(0)
     page.wait_until(lambda: page.text("topic"), "name of the topic")
     page.locator("#groups details").first.wait_for(state="attached")
     tops = page.evaluate(TOPS)
@@ -234,7 +219,7 @@ def test_on_a_phone_the_transport_and_the_state_follow_the_picture(
     page.wait_until(lambda: page.box, "box")
     for index in range(1, 6):
         page.keyboard.press("ArrowRight")
-        page.wait_until(lambda: page.shows(stamp_at(index)), "next frame")  # noqa: B023
+        page.at_frame(index)
     page.keyboard.press("ArrowLeft")
     page.wait_until(lambda: page.text("frame") == "4 / 19", "frame before")
     assert page.locator("#time").inner_text() == "" or page.locator("#time").is_hidden()

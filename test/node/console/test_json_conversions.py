@@ -17,11 +17,11 @@ from pf_tracker_ros.node.console.json_conversions import (
 )
 
 
-def cloud(rows):
-    """Particles as the node publishes them: x, y, z, width, height, weight."""
-    table = np.array(rows, np.float32).reshape(-1, 6)
+def cloud(rows, columns=6):
+    """Particles as the node publishes them: x, y, z, width, height, weight, and possibly an id."""
+    table = np.array(rows, np.float32).reshape(-1, columns)
     data = array("B", table.tobytes())
-    return PointCloud2(point_step=24, width=len(table), height=1, data=data)
+    return PointCloud2(point_step=4 * columns, width=len(table), height=1, data=data)
 
 
 def test_numeric_values_of_a_status_become_numbers():
@@ -53,9 +53,11 @@ def test_weights_of_any_size_are_relative_to_the_largest():
     assert [share for _, _, share in particles_to_json(message)] == [1.0, 0.0]
 
 
-def test_particles_are_sorted_by_weight():
-    rows = [(1, 2, 0, 5, 5, 0.25), (3, 4, 0, 5, 5, 0.5)]
-    assert particles_to_json(cloud(rows)) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
+@pytest.mark.parametrize("ids", [(), (1, 2)])
+def test_particles_are_sorted_by_weight(ids):
+    rows = [(1, 2, 0, 5, 5, 0.25, *ids[:1]), (3, 4, 0, 5, 5, 0.5, *ids[1:])]
+    found = particles_to_json(cloud(rows, columns=len(rows[0])))
+    assert found == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
 
 
 def test_of_many_particles_the_heaviest_are_kept():

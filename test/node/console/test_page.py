@@ -73,12 +73,7 @@ def test_the_overlay_follows_a_replayed_bag_with_the_box_of_the_same_stamp(
     page.evaluate(SEE_FRAMES)
     box = [float(value) for value in moving_square.boxes[0]]
     graph.process(
-        "-p",
-        f"source:={bag}",
-        "-p",
-        "rate:=0.5",
-        "-p",
-        f"target_box:={box}",
+        *("-p", f"source:={bag}", "-p", "rate:=0.5", "-p", f"target_box:={box}"),
         module="pf_tracker_ros.node.replay.replay_node",
     )
     client.wait_for(
@@ -96,9 +91,7 @@ def test_the_overlay_follows_a_replayed_bag_with_the_box_of_the_same_stamp(
 
 
 def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
-    camera.show_on(page)
-    page.drag(camera.box_at(page.stamp))
-    camera.show_until(lambda: page.box, "box")
+    camera.start_target(page)
     status = camera.show_on(page)
     assert page.text("state") == status.values["state"]
     # Figures change a few times a second.
@@ -112,9 +105,7 @@ def test_the_state_and_its_figures_are_those_of_the_status(camera, page):
 
 
 def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
-    camera.show_on(page)
-    page.drag(camera.box_at(page.stamp))
-    camera.show_until(lambda: page.box, "box")
+    camera.start_target(page)
     confidence, cue_weights = (
         page.locator(f"#plot-{name} path") for name in ("confidence", "weights")
     )
@@ -140,9 +131,7 @@ def test_the_last_minute_of_the_figures_is_drawn(camera, page, client):
 
 def test_the_heat_map_is_shown_on_demand(tracker, camera, page):
     (publisher,) = [one for one in tracker.publishers if one.topic.endswith("/likelihood")]
-    camera.show_on(page)
-    page.drag(camera.box_at(page.stamp))
-    camera.show_until(lambda: page.box, "box")
+    camera.start_target(page)
     assert publisher.get_subscription_count() == 0
     page.keyboard.press("h")
     camera.show_until(page.locator("#heatmap").is_visible, "the heat map")
@@ -169,13 +158,11 @@ def test_two_browsers_see_the_same(camera, console, open_page):
     assert one.box == other.box
     other.keyboard.press("s")
     for page in (one, other):
-        page.wait_until(
-            lambda page=page: "stopped" in page.text("note"), "news of the other's stop"
-        )
+        page.wait_for_text("note", "stopped")
 
 
 def test_a_missing_tracker_is_reported_and_found_later(page, graph):
-    page.wait_until(lambda: "no tracker /pf_tracker" in page.text("health"), "what is missing")
+    page.wait_for_text("health", "no tracker /pf_tracker")
     assert page.text("state") == "no tracker"
     assert page.locator("#missing").is_visible()
     graph.tracker()
@@ -247,16 +234,12 @@ def show_until_accepted(page, camera):
     page.wait_until(lambda: camera.show() and "accepted" in page.text("note"), "acceptance")
 
 
-def is_disconnected(page):
-    return page.text("connection") == "no console"
-
-
 def test_a_box_drawn_without_a_console_can_be_sent_to_the_next(camera, killable):
     page, console, restart = killable
     console.kill()
-    page.wait_until(lambda: is_disconnected(page), "that it is reported")
+    page.wait_for_text("connection", "no console")
     page.drag(camera.box_at(page.stamp))
-    page.wait_until(lambda: "nothing was sent" in page.text("note"), "that it was not sent")
+    page.wait_for_text("note", "nothing was sent")
     restart()
     page.keyboard.press("Enter")
     show_until_accepted(page, camera)
@@ -272,30 +255,18 @@ def test_a_box_without_a_response_can_be_sent_to_the_next_console(camera, killab
     console.kill()
     console.wait()
     restart()
-    page.wait_until(lambda: "send the box again" in page.text("note"), "what to do")
+    page.wait_for_text("note", "send the box again")
     page.keyboard.press("Enter")
     show_until_accepted(page, camera)
     camera.show_on(page)
     page.wait_until(lambda: page.box, "box")
 
 
-def test_a_reloaded_page_shows_the_last_picture(camera, page):
-    status = camera.show_on(page)
-    page.reload()
-    page.wait_until(lambda: page.stamp == status.stamp, "the last picture")
-
-
 def test_the_page_adapts_to_a_new_image_size(camera, client, page, images):
     camera.show_on(page)
     assert page.size == (160, 120)
     tall = np.ascontiguousarray(images[0][:, :90])
-    stamps = (client.at(1000 + index) for index in itertools.count())
-
-    def is_tall():
-        client.show(tall, next(stamps))
-        return page.size == (90, 120)
-
-    client.wait_for(is_tall, "the other size")
+    client.show_until(lambda status: page.size == (90, 120), [tall], first=1000)
     area = page.locator("#stage").bounding_box()
     assert area["width"] / area["height"] == pytest.approx(0.75, abs=0.02)
 

@@ -35,9 +35,7 @@ def test_stop_removes_the_target(shown, camera):
     shown.drag(camera.box_at(shown.stamp))
     camera.show_until(lambda: shown.box, "box")
     shown.keyboard.press("s")
-    shown.wait_until(
-        lambda: shown.text("note") == "stopped 1 target; waiting for a target", "response"
-    )
+    shown.wait_for_text("note", "stopped 1 target; waiting for a target")
     camera.show_on(shown)
     assert shown.text("state") == "idle"
     assert shown.box is None
@@ -48,7 +46,7 @@ def test_stop_removes_the_target(shown, camera):
 def test_a_box_without_area_is_refused_with_the_nodes_reason(shown):
     shown.drag((20, 50, 60, 0))
     # Without another image, the diagnostics have it.
-    shown.wait_until(lambda: "target refused" in shown.text("note"), "refusal")
+    shown.wait_for_text("note", "target refused")
     assert "span" in shown.text("note")
     assert "allowed: points that differ in both x and y" in shown.text("note")
     # The box stays, for correction.
@@ -146,21 +144,16 @@ def test_a_box_is_drawn_by_keyboard(shown, camera, client, sent):
 @pytest.mark.usefixtures("fast_reports")
 def test_space_pauses_and_resumes(shown, camera, client):
     shown.keyboard.press("Space")
-    shown.wait_until(
-        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "true", "pause"
-    )
+    shown.locator("#pause[aria-pressed=true]").wait_for()
     assert shown.text("pause-word") == "Resume"
     assert camera.show().values["frame"] == "paused"
-    shown.wait_until(lambda: "paused" in shown.text("health"), "the node's words")
+    shown.wait_for_text("health", "paused")
     shown.keyboard.press("Space")
-    shown.wait_until(
-        lambda: shown.locator("#pause").get_attribute("aria-pressed") == "false",
-        "the end of the pause",
-    )
+    shown.locator("#pause[aria-pressed=false]").wait_for()
     assert camera.show().values["frame"] == "waiting"
 
 
-def test_keys_in_a_field_are_no_shortcuts(shown, client, camera):
+def test_keys_in_a_field_are_no_shortcuts(shown, camera):
     shown.keyboard.press("r")
     shown.show_more()
     shown.locator("#box-x").press("s")
@@ -181,7 +174,7 @@ def test_a_target_without_a_subscriber_is_reported_and_the_picture_resumes(page,
 
     client.wait_for(lambda: has_shown(next(stamps)), "picture")
     page.drag((20, 20, 30, 30))
-    page.wait_until(lambda: "no subscriber on /pf_tracker/target" in page.text("note"), "reason")
+    page.wait_for_text("note", "no subscriber on /pf_tracker/target")
     page.keyboard.press("Escape")
     before = page.stamp
     client.wait_for(lambda: has_shown(next(stamps)) > before, "next picture")

@@ -28,52 +28,20 @@ def boxes_in_lockstep(images, box, first):
 
 
 @pytest.fixture
-def player(tracker, start_console, open_page, bag):
-    """A page with the recording at its first frame."""
-    page = open_page(start_console(source=str(bag)).url)
-    page.wait_until(lambda: page.stamp == stamp_at(0), "first frame")
-    page.wait_until(lambda: page.text("frame") == "0 / 19", "position")
-    # The services may be discovered later than the images.
-    page.locator("#groups details").first.wait_for(state="attached")
-    page.show_more()
-    return page
-
-
-def at_frame(page, index):
-    page.wait_until(lambda: page.shows(stamp_at(index)), f"frame {index}")
+def player(player):
+    """It with what is used less often unfolded."""
+    player.show_more()
+    return player
 
 
 def go_to(page, index):
     page.locator("#seek").fill(str(index))
-    at_frame(page, index)
-
-
-def draw(page, wanted):
-    """Draw a box, and return the box that the page has sent."""
-    page.drag(wanted)
-    page.wait_until(lambda: "accepted" in page.text("note"), "acceptance")
-
-    def shown():
-        # Not the box of an earlier target.
-        box = page.box
-        return box if box == pytest.approx(wanted, abs=1.0) else None
-
-    return tuple(page.wait_until(shown, "box"))
-
-
-def test_stepping_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
-    box = draw(player, moving_square.boxes[0])
-    expected = boxes_in_lockstep(moving_square.images, box, 0)
-    for index in range(1, 12):
-        player.keyboard.press("n")
-        at_frame(player, index)
-        assert player.box == pytest.approx(expected[stamp_at(index)], abs=2e-3), index
-    player.wait_until(lambda: player.text("frame") == "11 / 19", "position")
+    page.at_frame(index)
 
 
 def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
     go_to(player, 4)
-    box = draw(player, moving_square.boxes[4])
+    box = player.draw(moving_square.boxes[4])
     expected = boxes_in_lockstep(moving_square.images, box, 4)
     for index in (15, 7, 19, 5, 4):
         go_to(player, index)
@@ -86,7 +54,7 @@ def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
     player.wait_until(lambda: player.text("note") == begins, "where it begins")
     for index in (3, 4, 5, 6):
         player.locator("#forward").click()
-        at_frame(player, index)
+        player.at_frame(index)
     assert player.box == pytest.approx(expected[stamp_at(6)], abs=2e-3)
     # The number follows the slider while it moves.
     slider = player.locator("#seek")
@@ -94,13 +62,13 @@ def test_seeking_gives_the_boxes_of_a_run_in_lockstep(player, moving_square):
     assert player.text("frame") == "7 / 19"
     assert player.stamp == stamp_at(6)
     slider.evaluate("(it) => it.dispatchEvent(new Event('change'))")
-    at_frame(player, 7)
+    player.at_frame(7)
 
 
 def test_the_last_request_during_a_seek_counts(graph, start_console, open_page, bag):
     tracker = graph.process("-p", "seed:=0")
     page = open_page(start_console(source=str(bag)).url)
-    at_frame(page, 0)
+    page.at_frame(0)
     tracker.send_signal(signal.SIGSTOP)
     page.locator("#seek").fill("5")
     page.locator("#seek").blur()
@@ -110,9 +78,9 @@ def test_the_last_request_during_a_seek_counts(graph, start_console, open_page, 
     page.wait_until(lambda: page.text("play-word") == "Play", "that it will not")
     page.keyboard.press("n")
     tracker.send_signal(signal.SIGCONT)
-    at_frame(page, 7)
+    page.at_frame(7)
     page.keyboard.press("n")
-    at_frame(page, 8)
+    page.at_frame(8)
 
 
 def test_the_box_returns_with_a_tracker_that_was_silent(
@@ -120,10 +88,10 @@ def test_the_box_returns_with_a_tracker_that_was_silent(
 ):
     tracker = graph.process("-p", "seed:=0")
     page = open_page(start_console(source=str(bag)).url)
-    at_frame(page, 0)
-    box = draw(page, moving_square.boxes[0])
+    page.at_frame(0)
+    box = page.draw(moving_square.boxes[0])
     tracker.send_signal(signal.SIGSTOP)
-    page.wait_until(lambda: "is silent" in page.text("health"), "that it is reported")
+    page.wait_for_text("health", "is silent")
     assert page.box is None
     tracker.send_signal(signal.SIGCONT)
     page.wait_until(lambda: page.box, "box of the still picture")
@@ -131,43 +99,43 @@ def test_the_box_returns_with_a_tracker_that_was_silent(
 
 
 def test_it_pauses_at_its_end_and_can_go_back(player, moving_square):
-    box = draw(player, moving_square.boxes[0])
+    box = player.draw(moving_square.boxes[0])
     expected = boxes_in_lockstep(moving_square.images, box, 0)
     player.locator("#speed").select_option("4")
     player.keyboard.press("Space")
     for _ in range(2):
-        at_frame(player, 19)
+        player.at_frame(19)
         player.wait_until(lambda: player.text("play-word") == "Play", "pause at the end")
         assert player.box == pytest.approx(expected[stamp_at(19)], abs=2e-3)
         # Played again, it begins anew.
         player.locator("#speed").select_option("1")
         player.keyboard.press("Space")
         player.wait_until(lambda: player.stamp < stamp_at(19), "beginning")
-    at_frame(player, 19)
+    player.at_frame(19)
     player.wait_until(lambda: player.text("play-word") == "Play", "pause at the end")
     player.locator("#back").click()
-    at_frame(player, 18)
+    player.at_frame(18)
     assert player.box == pytest.approx(expected[stamp_at(18)], abs=2e-3)
 
 
 def test_stop_removes_a_target_that_waits_for_its_frame(player, moving_square):
     go_to(player, 4)
-    draw(player, moving_square.boxes[4])
+    player.draw(moving_square.boxes[4])
     go_to(player, 2)
     player.keyboard.press("s")
     removed = "the target of frame 4 is removed; waiting for a target"
     player.wait_until(lambda: player.text("note") == removed, "response")
     for index in (3, 4, 5):
         player.keyboard.press("n")
-        at_frame(player, index)
+        player.at_frame(index)
         assert player.box is None, index
 
 
 def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     go_to(player, 3)
-    box = draw(player, moving_square.boxes[3])
+    box = player.draw(moving_square.boxes[3])
     player.locator("#save").click()
-    player.wait_until(lambda: "drive.target.yaml" in player.text("note"), "response")
+    player.wait_for_text("note", "drive.target.yaml")
     saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
     assert saved == {
         "target_box": pytest.approx(box, abs=1e-2),
@@ -179,11 +147,11 @@ def test_the_target_is_saved_beside_the_recording(player, moving_square, bag):
     assert [path.name for path in bag.parent.iterdir() if path.name.startswith(".")] == []
     # The clicked button keeps no focus, unlike one that was focused by key.
     player.keyboard.press(" ")
-    at_frame(player, 19)
+    player.at_frame(19)
     player.locator("#back").focus()
     for index in (18, 17):
         player.keyboard.press(" ")
-        at_frame(player, index)
+        player.at_frame(index)
 
 
 @pytest.fixture
@@ -191,12 +159,14 @@ def player_of_several(graph, client, start_console, open_page, bag):
     """A page with the recording at its first frame, and a tracker of up to two targets."""
     graph.tracker(client, max_targets=2)
     page = open_page(start_console(source=str(bag)).url)
-    at_frame(page, 0)
+    page.at_frame(0)
     page.show_more()
     return page
 
 
-def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_several):
+@pytest.fixture
+def player_of_two(player_of_several):
+    """The same with two targets."""
     page = player_of_several
     page.locator("#targets-card").wait_for()
     for count in (1, 2):
@@ -205,6 +175,11 @@ def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_s
         # The boxes are drawn with the next picture.
         page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
         assert page.text("frame") == "0 / 19"
+    return page
+
+
+def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_two):
+    page = player_of_two
     texts = page.locator("#targets text")
 
     def shows_both(frame):
@@ -231,11 +206,8 @@ def test_several_targets_keep_their_ids_after_a_seek_and_a_step_back(player_of_s
     page.wait_until(lambda: page.text("health").startswith("waiting for a target"), "the newest")
 
 
-def test_boxes_do_not_blink_while_a_recording_plays(player_of_several, monkeypatch):
-    page = player_of_several
-    for count in (1, 2):
-        page.drag((40.0 * count, 30.0, 24.0, 24.0))
-        page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
+def test_boxes_do_not_blink_while_a_recording_plays(player_of_two, monkeypatch):
+    page = player_of_two
     # Each status counts as late, as on a busy machine.
     monkeypatch.setattr(frame_synchronizer, "_SILENCE", 0.0)
     page.evaluate(
@@ -253,34 +225,27 @@ def test_boxes_do_not_blink_while_a_recording_plays(player_of_several, monkeypat
     assert page.evaluate("window.fewest") == 2
 
 
-def test_in_a_paused_recording_a_click_selects_at_once(player_of_several):
-    page = player_of_several
-    page.locator("#targets-card").wait_for()
-    for count in (1, 2):
-        page.drag((40.0 * count, 30.0, 24.0, 24.0))
-        page.wait_until(lambda: page.locator("#targets rect").count() == count, "box")  # noqa: B023
+def test_in_a_paused_recording_a_click_selects_at_once(player_of_two):
+    page = player_of_two
     overlay, halo = page.locator("#overlay"), page.locator("#halo")
     for id, x in (("1", 50.0), ("2", 90.0), ("", 90.0), ("2", 90.0)):
         page.mouse.click(*page.to_screen(x, 42.0))
         page.wait_until(lambda: overlay.get_attribute("data-selected") == id, "selection")  # noqa: B023
         assert halo.is_visible() == bool(id)
     page.keyboard.press("n")
-    at_frame(page, 1)
+    page.at_frame(1)
     assert overlay.get_attribute("data-selected") == "2"
 
 
-def test_the_heat_map_needs_a_target(player):
+def test_the_heat_map_needs_a_target_and_comes_with_the_next_frame(player, moving_square):
     player.keyboard.press("h")
-    player.wait_until(lambda: player.text("note") == "the heat map needs a target", "hint")
-
-
-def test_the_heat_map_of_a_paused_recording_comes_with_the_next_frame(player, moving_square):
-    draw(player, moving_square.boxes[0])
+    player.wait_for_text("note", "the heat map needs a target")
     player.keyboard.press("h")
-    hint = "the heat map comes with the next frame"
-    player.wait_until(lambda: hint in player.text("note"), "hint")
+    player.draw(moving_square.boxes[0])
+    player.keyboard.press("h")
+    player.wait_for_text("note", "the heat map comes with the next frame")
     player.keyboard.press("n")
-    at_frame(player, 1)
+    player.at_frame(1)
     player.locator("#heatmap").wait_for()
 
 
@@ -300,7 +265,7 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
         count = f"{1 + (frame > 0)} of 2"
         page.wait_until(lambda: page.text("target-count") == count, "target")  # noqa: B023
     page.locator("#save").click()
-    page.wait_until(lambda: "saved as drive.target.yaml" in page.text("note"), "response")
+    page.wait_for_text("note", "saved as drive.target.yaml")
     saved = yaml.safe_load((bag.parent / "drive.target.yaml").read_text())
     assert [(one["frame"], one["stamp"]) for one in saved["targets"]] == [
         (0, stamp_at(0)),
@@ -309,13 +274,13 @@ def test_several_targets_are_saved_and_loaded(player_of_several, bag):
     assert [one["target_box"][0] for one in saved["targets"]] == pytest.approx([40, 90], abs=0.5)
     # A third one is refused, on the same frame once more, whose result stays.
     page.drag((5.0, 80.0, 24.0, 24.0))
-    page.wait_until(lambda: "target refused" in page.text("note"), "refusal")
+    page.wait_for_text("note", "target refused")
     page.wait_until(lambda: page.text("health") == "tracking 2 targets", "message")
     assert (page.text("target-count"), page.text("state")) == ("2 of 2", "tracking")
     assert page.locator("#targets rect").count() == 2
     page.keyboard.press("Escape")
     page.keyboard.press("s")
-    page.wait_until(lambda: "stopped 2 targets" in page.text("note"), "response")
+    page.wait_for_text("note", "stopped 2 targets")
     page.locator("#load").click()
     page.wait_until(lambda: page.text("target-count") == "1 of 2", "the first of them")
     assert page.stamp == stamp_at(0)
@@ -370,12 +335,12 @@ def test_a_target_minutes_ahead_waits_for_its_frame(
 )
 def test_an_invalid_or_foreign_target_file_is_refused(player, saved, values, reason):
     # The file replaces one that was saved.
-    draw(player, (20, 30, 24, 24))
+    player.draw((20, 30, 24, 24))
     player.locator("#save").click()
     player.locator("#load:enabled").wait_for()
     saved(**values)
     player.locator("#load").click()
-    player.wait_until(lambda: reason in player.text("note"), "reason")
+    player.wait_for_text("note", reason)
     player.wait_until(lambda: player.box, "target that was there")
 
 
@@ -390,16 +355,12 @@ def test_a_click_in_a_recording_becomes_a_target_to_save(player, client):
     player.wait_until(player.locator("#save").is_enabled, "target to save")
 
 
-def test_without_a_tracker_the_recording_waits(start_console, open_page, bag, graph):
+def test_the_recording_waits_for_a_tracker_and_advises_on_one_of_another_topic(
+    start_console, open_page, bag, graph
+):
     page = open_page(start_console(source=str(bag)).url)
     page.wait_until(lambda: page.text("frame") == "0 / 19", "recording")
     assert page.stamp == 0
-    graph.tracker()
-    at_frame(page, 0)
-
-
-def test_a_tracker_on_another_topic_is_reported_with_advice(start_console, open_page, bag, graph):
-    page = open_page(start_console(source=str(bag)).url)
     remapped = ["--ros-args", "-r", "image:=/camera/image_raw"]
     other = graph.tracker(cli_args=remapped, image_timeout=0.5)
     advice = (
@@ -414,6 +375,7 @@ def test_a_tracker_on_another_topic_is_reported_with_advice(start_console, open_
     graph.tracker()
     page.wait_until(lambda: page.text("problem") == "", "end of it")
     assert page.locator("#problem").is_hidden()
+    page.at_frame(0)
 
 
 def test_an_unplayable_source_is_reported(start_console, capfd):
@@ -425,7 +387,7 @@ def test_an_unplayable_source_is_reported(start_console, capfd):
 
 
 def test_an_unwritable_folder_is_reported(player, moving_square, bag):
-    draw(player, moving_square.boxes[0])
+    player.draw(moving_square.boxes[0])
     shutil.rmtree(bag.parent)
     player.locator("#save").click()
     player.wait_until(
@@ -435,21 +397,21 @@ def test_an_unwritable_folder_is_reported(player, moving_square, bag):
 
 def test_a_refused_box_keeps_the_present_target(player, moving_square):
     player.drag((20, 50, 60, 0))
-    player.wait_until(lambda: "refused" in player.text("note"), "refusal")
+    player.wait_for_text("note", "refused")
     player.keyboard.press("Escape")
     # It is removed.
     assert player.locator("#save").is_disabled()
-    box = draw(player, moving_square.boxes[0])
+    box = player.draw(moving_square.boxes[0])
     player.keyboard.press("n")
-    at_frame(player, 1)
+    player.at_frame(1)
     before = player.box
     player.keyboard.press("r")
     player.locator("#box-x").fill("5000")
     player.locator("#box-x").press("Enter")
-    player.wait_until(lambda: "outside the image" in player.text("note"), "refusal")
+    player.wait_for_text("note", "outside the image")
     player.keyboard.press("Escape")
     player.keyboard.press("n")
-    at_frame(player, 2)
+    player.at_frame(2)
     expected = boxes_in_lockstep(moving_square.images, box, 0)
     assert before == pytest.approx(expected[stamp_at(1)], abs=2e-3)
     assert player.box == pytest.approx(expected[stamp_at(2)], abs=2e-3)
@@ -464,7 +426,7 @@ def test_a_broken_recording_is_reported_and_the_page_stays_usable(
     page = open_page(start_console(source=str(tmp_path)).url)
     page.wait_until(lambda: page.text("frame") == "0 / 3", "first frame")
     page.keyboard.press(" ")
-    page.wait_until(lambda: "3.png" in page.text("problem"), "why it ends")
+    page.wait_for_text("problem", "3.png")
     assert "restart the console" in page.text("problem")
     page.locator("#seek").fill("0")
     page.wait_until(lambda: page.text("connection") == "connected", "the tracker")

@@ -137,28 +137,30 @@ def test_the_token_is_on_the_terminal_once_with_a_warning(ros_domain):
 
 
 class Bridge:
-    """Sends more than a browser that reads nothing takes."""
+    """Welcomes browsers by a function."""
 
-    def __init__(self):
-        self.welcomed = threading.Semaphore(0)
+    def __init__(self, welcome):
+        self.welcome = welcome
         self.is_closed = False
 
     async def run(self):
         await asyncio.Event().wait()
-
-    async def welcome(self, browser):
-        sending = asyncio.ensure_future(browser.send_bytes(bytes(2 * 10**7)))
-        while browser._transport.get_write_buffer_size() < 10**6:
-            await asyncio.sleep(0.01)
-        self.welcomed.release()
-        await sending
 
     def close(self):
         self.is_closed = True
 
 
 def test_the_end_does_not_wait_for_slow_browsers_and_leaves_no_task(caplog):
-    bridge = Bridge()
+    welcomed = threading.Semaphore(0)
+
+    async def send_more_than_a_browser_takes(browser):
+        sending = asyncio.ensure_future(browser.send_bytes(bytes(2 * 10**7)))
+        while browser._transport.get_write_buffer_size() < 10**6:
+            await asyncio.sleep(0.01)
+        welcomed.release()
+        await sending
+
+    bridge = Bridge(send_more_than_a_browser_takes)
     server = web_server.WebServer("127.0.0.1", 0, lambda: bridge)
     server.start()
     netloc = urlsplit(server.url).netloc
@@ -169,15 +171,11 @@ def test_the_end_does_not_wait_for_slow_browsers_and_leaves_no_task(caplog):
         for _ in range(8):
             browser = stack.enter_context(socket.create_connection(("127.0.0.1", server._port)))
             browser.sendall(request)
-            assert bridge.welcomed.acquire(timeout=DEADLINE)
+            assert welcomed.acquire(timeout=DEADLINE)
         server.close()
     gc.collect()
     assert bridge.is_closed
     assert caplog.text == ""
-
-
-def test_the_loopback_link_has_no_token(console):
-    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/", console.url)
 
 
 def test_a_port_in_use_is_reported(start_console, console, graph, capfd):
@@ -238,30 +236,21 @@ def test_a_browser_without_a_transport_is_not_local():
 
 
 def test_a_stream_ends_even_if_its_first_cancellation_is_swallowed():
-    ends = []
+    ends, canceled = [], threading.Event()
 
-    class ConsoleBridge:
-        """Swallows a cancellation, as `wait_for` may before Python 3.12."""
-
-        async def run(self):
+    async def swallow(browser):
+        """As `wait_for` may before Python 3.12."""
+        await browser.send_json({})
+        with contextlib.suppress(asyncio.CancelledError):
             await asyncio.Event().wait()
+        ends.append("swallowed")
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ends.append("canceled")
+            canceled.set()
 
-        async def welcome(self, browser):
-            await browser.send_json({})
-            with contextlib.suppress(asyncio.CancelledError):
-                await asyncio.Event().wait()
-            ends.append("swallowed")
-            try:
-                await asyncio.Event().wait()
-            finally:
-                ends.append("canceled")
-                canceled.set()
-
-        def close(self):
-            pass
-
-    canceled = threading.Event()
-    server = web_server.WebServer("127.0.0.1", 0, ConsoleBridge)
+    server = web_server.WebServer("127.0.0.1", 0, lambda: Bridge(swallow))
     server.start()
 
     async def visit():

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image
 from std_msgs.msg import ColorRGBA, UInt32
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -18,7 +18,6 @@ from pf_tracker_ros.node.console.json_conversions import (
     boxes_to_json,
     detections_to_json,
     id_message,
-    particles_to_json,
     status_to_json,
 )
 
@@ -109,12 +108,6 @@ def test_detections_are_upright_boxes_with_the_best_label():
 def test_an_invalid_id_is_refused(id):
     with pytest.raises(ValueError, match="there is no target"):
         id_message(id)
-
-
-def test_particles_of_several_targets_have_their_ids_beside_the_weights():
-    rows = np.array([(1, 2, 0, 5, 5, 0.25, 1), (3, 4, 0, 5, 5, 0.5, 2)], np.float32)
-    cloud = PointCloud2(point_step=28, width=2, height=1, data=rows.tobytes())
-    assert particles_to_json(cloud) == [[3.0, 4.0, 1.0], [1.0, 2.0, 0.5]]
 
 
 class MultiTargetStandIn(Node):
@@ -210,10 +203,7 @@ def rectangle(rect):
 def test_every_target_is_drawn_with_its_id_and_listed_with_its_state(shown, multi_tracker):
     page, show_until = shown
     rects, texts = page.locator("#targets rect"), page.locator("#targets text")
-    assert [rectangle(rects.nth(i)) for i in range(2)] == [
-        multi_tracker.box(1),
-        multi_tracker.box(2),
-    ]
+    assert [rectangle(rects.nth(i)) for i in range(2)] == [multi_tracker.box(i) for i in (1, 2)]
     assert texts.all_text_contents() == ["1 car", f"2 {HOSTILE}"]
     assert {rects.nth(i).get_attribute("stroke") for i in range(2)} == {"#ff8000"}
     rows = page.locator("#target-list .choose").all_text_contents()
@@ -372,9 +362,7 @@ def test_each_target_is_stopped_by_its_button_or_by_key(shown, multi_tracker):
 
 
 def test_max_targets_can_be_raised_while_the_tracker_runs(tracker, camera, page, client):
-    camera.show_on(page)
-    page.drag(camera.box_at(page.stamp))
-    camera.show_until(lambda: page.box, "box")
+    camera.start_target(page)
     assert page.locator("#targets rect").count() == 0
     assert page.locator("#targets-card").is_hidden()
     assert client.set_parameters(max_targets=4).successful

@@ -18,6 +18,11 @@ def field(page, name):
     return page.locator(f"[id='parameter-{name}']")
 
 
+def enter(page, name, value):
+    field(page, name).fill(value)
+    field(page, name).press("Enter")
+
+
 def group_of(page, name):
     return page.locator("#groups details", has=field(page, name)).get_attribute("data-group")
 
@@ -37,22 +42,12 @@ def test_every_parameter_of_the_node_has_a_field_with_its_description(tuned, cli
     assert field(tuned, "autostart").is_disabled()
 
 
-def test_a_value_is_set_at_run_time(tuned, client):
-    field(tuned, "particles").fill("321")
-    field(tuned, "particles").press("Enter")
-    tuned.wait_until(lambda: client.get_parameters("particles") == [321], "new value")
-    changed = tuned.locator(".parameter.changed")
-    tuned.wait_until(lambda: changed.count() == 1, "mark of what has changed")
-    assert "particles" in changed.inner_text()
-
-
 def test_a_value_out_of_range_is_refused_at_its_field_until_it_is_corrected(tuned, client):
     (before,) = client.get_parameters("track.lost_after")
     lost_after, shown = field(tuned, "track.lost_after"), refusal(tuned, "track.lost_after")
 
     def refuse():
-        lost_after.fill("99999")
-        lost_after.press("Enter")
+        enter(tuned, "track.lost_after", "99999")
         tuned.wait_until(shown.inner_text, "refusal")
 
     def is_withdrawn():
@@ -67,13 +62,11 @@ def test_a_value_out_of_range_is_refused_at_its_field_until_it_is_corrected(tune
     tuned.get_by_label("Reset track.lost_after").click()
     tuned.wait_until(is_withdrawn, "the value before, by its reset")
     refuse()
-    field(tuned, "particles").fill("321")
-    field(tuned, "particles").press("Enter")
+    enter(tuned, "particles", "321")
     tuned.wait_until(is_withdrawn, "the value before, by a change of another parameter")
     assert lost_after.get_attribute("aria-invalid") is None
     refuse()
-    lost_after.fill("3")
-    lost_after.press("Enter")
+    enter(tuned, "track.lost_after", "3")
     tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [3.0], "new value")
     assert shown.inner_text() == ""
 
@@ -98,8 +91,7 @@ def test_a_preset_changes_the_active_parameters_and_reset_restores_it(tuned, cli
         lambda: group_of(tuned, "color_histogram.sharpness") == "Color histogram", "its group"
     )
     assert group_of(tuned, "proposal.share") == INACTIVE
-    field(tuned, "particles").fill("77")
-    field(tuned, "particles").press("Enter")
+    enter(tuned, "particles", "77")
     tuned.wait_until(lambda: client.get_parameters("particles") == [77], "new value")
     tuned.locator("#reset").click()
     tuned.wait_until(lambda: client.get_parameters("particles") == [60], "the preset's value")
@@ -123,8 +115,7 @@ def test_each_parameter_is_reset_by_itself(tuned, client):
     resets = tuned.locator("#groups .reset:visible")
     assert resets.count() == 0
     for name, value in {"particles": "321", "track.lost_after": "7.5"}.items():
-        field(tuned, name).fill(value)
-        field(tuned, name).press("Enter")
+        enter(tuned, name, value)
     tuned.wait_until(lambda: resets.count() == 2, "buttons beside what has changed")
     tuned.get_by_label("Reset track.lost_after").click()
     tuned.wait_until(lambda: client.get_parameters("track.lost_after") == [default], "its value")

@@ -30,6 +30,14 @@ def wheel_at(page, place, steps):
     return x, y
 
 
+def move_view(page, start, end, button="middle"):
+    """Drag the view from one position of the page to another."""
+    page.mouse.move(*start)
+    page.mouse.down(button=button)
+    page.mouse.move(*end, steps=3)
+    page.mouse.up(button=button)
+
+
 def test_the_wheel_zooms_around_the_pointer(shown):
     x, y = wheel_at(shown, (40, 90), 3)
     assert zoom_of(shown) == pytest.approx(2.718281828**1.2, rel=0.01)
@@ -38,9 +46,7 @@ def test_the_wheel_zooms_around_the_pointer(shown):
     assert shown.evaluate("() => scrollY") == 0
     assert shown.text("zoom-fit") == "3.3 x"
     # Moved beyond a corner, it still fills the stage.
-    shown.mouse.down(button="middle")
-    shown.mouse.move(x + 3000, y + 3000, steps=3)
-    shown.mouse.up(button="middle")
+    move_view(shown, (x, y), (x + 3000, y + 3000))
     view, stage = (shown.locator(f"#{name}").bounding_box() for name in ("view", "stage"))
     assert (view["x"], view["y"]) == pytest.approx((stage["x"], stage["y"]), abs=0.5)
     shown.keyboard.press("0")
@@ -52,16 +58,11 @@ def test_a_box_drawn_on_the_zoomed_and_panned_picture_is_right(shown, client, se
     assert zoom_of(shown) > 4
     # Pan, so that the corner of the view is anywhere.
     x, y = shown.to_screen(50, 40)
-    shown.mouse.move(x, y)
-    shown.mouse.down(button="middle")
-    shown.mouse.move(x + 37, y - 21, steps=2)
-    shown.mouse.up(button="middle")
+    move_view(shown, (x, y), (x + 37, y - 21))
     assert pixel_at(shown, x + 37, y - 21) == pytest.approx((50, 40), abs=0.2)
     # Back with the left button and space, which does not pause then.
     shown.keyboard.down("Space")
-    shown.mouse.down()
-    shown.mouse.move(x, y, steps=3)
-    shown.mouse.up()
+    move_view(shown, (x + 37, y - 21), (x, y), button="left")
     shown.keyboard.up("Space")
     assert pixel_at(shown, x, y) == pytest.approx((50, 40), abs=0.2)
     assert camera.show().values["frame"] == "waiting"

@@ -115,6 +115,7 @@ class Status:
     """A status of the localizer: sentence, level and values, and those of each target by id."""
 
     stamp: int
+    name: str
     message: str
     level: bytes
     values: dict
@@ -125,7 +126,7 @@ def parsed(message):
     own = message.status[0]
     values = [{item.key: item.value for item in one.values} for one in message.status]
     by_id = {int(one["id"]): one for one in values[1:]}
-    return Status(stamp_of(message.header), own.message, own.level, values[0], by_id)
+    return Status(stamp_of(message.header), own.name, own.message, own.level, values[0], by_id)
 
 
 class Scene(SpunNode):
@@ -143,6 +144,10 @@ class Scene(SpunNode):
 
     def listen(self, message_type, topic, receive):
         self.create_subscription(message_type, topic, receive, 100)
+
+    def listen_to_health(self):
+        """Store the reports on /diagnostics."""
+        self.listen(DiagnosticArray, "/diagnostics", lambda m: self.health.append(parsed(m)))
 
     def add_sensor(self, message_type, topic):
         self._senders[topic] = self.create_publisher(message_type, topic, 10)

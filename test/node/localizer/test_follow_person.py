@@ -1,19 +1,15 @@
 """The example follow_person.py drives a simulated robot after a target, and stops when in doubt."""
 
-import importlib.util
 import math
 import sys
-from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist, TwistStamped, Vector3Stamped
 from nav_msgs.msg import Odometry
-from nodes import overrides
+from nodes import load_example, overrides
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "follow_person.py"
 
 
 def odometry(x, y, yaw, frame="odom"):
@@ -59,14 +55,16 @@ class Robot:
 
         self._client.wait_for(moves, what)
 
+    def drive(self):
+        """Drive after a target ahead."""
+        target = odometry(self.x + 5.0, self.y, 0.0)
+        self.wait_for(lambda: self.commands[-1:] > [(0.3, 0.0)], "drive", (self.poses, target))
+
 
 @pytest.fixture
 def module():
     """The module of the example."""
-    spec = importlib.util.spec_from_file_location("follow_person", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_example("follow_person")
 
 
 @pytest.fixture
@@ -114,13 +112,8 @@ def test_it_keeps_the_distance_and_looks_for_who_is_gone(client, module, follow)
         (bearings, right),
     )
     # Without either, where it was going, and then on to that side.
-    robot.wait_for(
-        lambda: (
-            robot.commands[-1] == (0.0, -module.SEARCH_TURN)
-            or robot.commands[-1] == (0.0, module.SEARCH_TURN)
-        ),
-        "the search",
-    )
+    turns = (-module.SEARCH_TURN, module.SEARCH_TURN)
+    robot.wait_for(lambda: robot.commands[-1] in {(0.0, turn) for turn in turns}, "the search")
     count = len(robot.commands)
     client.wait_for(
         lambda: len(robot.commands) > count and robot.commands[-1] == (0.0, 0.0),
@@ -143,9 +136,7 @@ def test_it_stands_still_once_tracker_or_localizer_are_gone(module, follow):
 
 def test_it_stands_still_and_tells_once_when_the_frames_differ(follow, capfd):
     robot = follow()
-    robot.wait_for(
-        lambda: robot.commands[-1:] > [(0.3, 0.0)], "drive", (robot.poses, odometry(5.0, 0.0, 0.0))
-    )
+    robot.drive()
     other = odometry(5.0, 0.0, 0.0, frame="map")
     robot.wait_for(lambda: is_still(robot), "a standstill", (robot.poses, other))
     place = robot.x
@@ -154,9 +145,7 @@ def test_it_stands_still_and_tells_once_when_the_frames_differ(follow, capfd):
     assert robot.x == place
     error = capfd.readouterr().err
     assert error.count("set the localizer's fixed_frame to 'odom'; it is 'map'") == 1
-    robot.wait_for(
-        lambda: robot.commands[-1] > (0.3, 0.0), "drive", (robot.poses, odometry(5.0, 0.0, 0.0))
-    )
+    robot.drive()
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf])
@@ -171,8 +160,7 @@ def test_it_takes_no_numbers_that_are_none(client, follow, number):
     robot.wait_for(lambda: len(robot.commands) > count + 20, "commands", *wrong)
     # As with neither: it searches.
     assert set(robot.commands[count:]) <= {(0.0, 0.0), (0.0, 0.7)}
-    right = robot.poses, odometry(5.0, 0.0, 0.0)
-    robot.wait_for(lambda: robot.commands[-1] > (0.3, 0.0), "drive", right)
+    robot.drive()
 
 
 def test_it_drives_backward_only_where_that_is_wanted_and_takes_changes(client, follow):
@@ -207,10 +195,7 @@ def test_it_drives_backward_only_where_that_is_wanted_and_takes_changes(client, 
 
 
 def test_it_sends_stamped_velocities_to_drivers_that_want_them(follow):
-    robot = follow(TwistStamped, stamped=True)
-    robot.wait_for(
-        lambda: robot.commands[-1:] > [(0.3, 0.0)], "drive", (robot.poses, odometry(5.0, 0.0, 0.0))
-    )
+    follow(TwistStamped, stamped=True).drive()
 
 
 @pytest.mark.parametrize(
@@ -221,8 +206,8 @@ def test_it_sends_stamped_velocities_to_drivers_that_want_them(follow):
         ("stamped:=1", "BOOL"),
     ],
 )
-def test_a_wrong_parameter_ends_it_with_a_sentence(graph, given, reason):
-    process = graph.command(sys.executable, str(EXAMPLE), "--ros-args", "-p", given)
+def test_a_wrong_parameter_ends_it_with_a_sentence(graph, module, given, reason):
+    process = graph.command(sys.executable, module.__file__, "--ros-args", "-p", given)
     output, _ = process.communicate(timeout=60)
     assert process.returncode == 1
     assert "follow_person: " in output

@@ -129,15 +129,6 @@ def test_only_the_last_stamps_of_a_loop_are_indexed(pictures, tracker, replay, m
     assert known() == tracker.stamps()[-8:]
 
 
-def test_stamps_increase_over_the_passes_of_a_loop(pictures, tracker, replay):
-    node = replay(source=pictures.folder, loop=True)
-    tracker.spin_until(lambda: len(tracker.seen("image")) >= 13)
-    tracker.set_replay_parameter("loop", False)
-    tracker.spin_until_ended(node)
-    stamps = tracker.stamps()
-    assert stamps == sorted(set(stamps))
-
-
 def test_steps_publish_single_frames_during_a_pause(pictures, tracker, replay):
     replay(source=pictures.folder, start_paused=True, lockstep=True, loop=True)
 

@@ -25,13 +25,19 @@ def walkers():
     return two_walkers(200, 320, (40, 120), 250)
 
 
-def _send(client, node, topic, message):
-    """Publish a message; the tracker receives it before the next image."""
-    publisher = client.create_publisher(type(message), topic, 1)
+def _connected_publisher(client, node, message_type, topic):
+    """A client's publisher that is connected with a node, as both sides see it."""
+    publisher = client.create_publisher(message_type, topic, 1)
     (subscription,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
     client.wait_for(
         lambda: publisher.get_subscription_count() and subscription.get_publisher_count(), topic
     )
+    return publisher
+
+
+def _send(client, node, topic, message):
+    """Publish a message; the tracker receives it before the next image."""
+    publisher = _connected_publisher(client, node, type(message), topic)
     publisher.publish(message)
     assert publisher.wait_for_all_acked(Duration(seconds=60))
     client.destroy_publisher(publisher)
@@ -57,12 +63,7 @@ class Detector:
     """Publishes detections; the tracker receives them before the next image."""
 
     def __init__(self, client, node, topic="detections"):
-        self._publisher = client.create_publisher(Detector.kind(), topic, 1)
-        (subscription,) = [s for s in node.subscriptions if s.topic_name == f"/{topic}"]
-        client.wait_for(
-            lambda: self._publisher.get_subscription_count() and subscription.get_publisher_count(),
-            topic,
-        )
+        self._publisher = _connected_publisher(client, node, Detector.kind(), topic)
 
     @staticmethod
     def kind():

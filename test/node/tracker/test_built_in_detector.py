@@ -31,7 +31,7 @@ def show_until(client, condition, first=0):
         number += 1
         return status if condition(status) else None
 
-    return client.wait_for(met, "such a status", deadline=60.0), number
+    return client.wait_for(met, "such a status"), number
 
 
 def test_a_moving_object_starts_a_target(graph, client):
@@ -147,12 +147,7 @@ def test_a_start_over_that_was_asked_for_is_no_warning(graph, client, monkeypatc
 
 
 @pytest.mark.skipif(DETECTIONS_CLASS is not None, reason="vision_msgs is installed")
-def test_without_vision_msgs_the_log_names_the_alternatives(graph):
-    process = graph.process("-p", "max_targets:=3")
-    lines = []
-    for line in process.stdout:
-        lines.append(line)
-        if "targets on" in line:
-            break
-    (warning,) = [line for line in lines if "needs vision_msgs" in line]
+def test_without_vision_msgs_the_log_names_the_alternatives(graph, capfd):
+    graph.tracker(max_targets=3)
+    (warning,) = [one for one in capfd.readouterr().err.splitlines() if "needs vision_msgs" in one]
     assert "draw targets or set 'built_in_detector'" in warning

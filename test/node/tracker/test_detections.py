@@ -42,16 +42,12 @@ def test_a_rotated_box_becomes_its_bounding_box():
     assert np.isfinite(converted(detection(theta=math.nan)).boxes).all()
 
 
-def test_detections_are_published_with_each_frame(graph, moving_square):
-    if DETECTIONS_CLASS is None:
-        pytest.skip("vision_msgs is not installed")
-    client = graph.client()
-    received = []
-    client.create_subscription(DETECTIONS_CLASS, "pf_tracker/detections", received.append, 10)
-    box = [float(value) for value in moving_square.boxes[0]]
+@pytest.mark.skipif(DETECTIONS_CLASS is None, reason="vision_msgs is not installed")
+def test_detections_are_published_with_each_frame(graph, client, images, box):
+    received = client.collect(DETECTIONS_CLASS, "pf_tracker/detections")
     graph.tracker(client, preset="li2007", image_reliability="reliable")
-    client.show(moving_square.images[0], client.at(0))
+    client.show(images[0], client.at(0))
     client.set_parameters(target_box=box)
-    client.show(moving_square.images[0], client.at(1))
+    client.show(images[0], client.at(1))
     client.wait_for(lambda: len(received) == 2, "detections")
     assert [[one.id for one in message.detections] for message in received] == [[], ["1"]]

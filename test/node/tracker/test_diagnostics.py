@@ -15,7 +15,7 @@ from pf_tracker_ros.node.tracker.diagnostics import loss_warning
 def health(client, condition):
     """The first report from now on that fulfills a condition."""
     client.health.clear()
-    return client.wait_for(lambda: [h for h in client.health if condition(h)], "diagnostics")[0]
+    return client.report(condition)
 
 
 def test_a_report_has_rate_age_times_state_and_confidence(graph, client, images, box):
@@ -23,9 +23,7 @@ def test_a_report_has_rate_age_times_state_and_confidence(graph, client, images,
     began, now = time.monotonic(), client.get_clock().now().nanoseconds
     for index in range(4):
         client.show(images[index], now + index * 1_000_000)
-    report = client.wait_for(
-        lambda: [h for h in client.health if h.values["frames"] == "4"], "report of all"
-    )[0]
+    report = client.report(lambda report: report.values["frames"] == "4")
     assert report.name == "pf_tracker: tracker"
     assert (report.level, report.message) == ("OK", "tracking")
     values = report.values
@@ -82,7 +80,7 @@ def test_a_lost_target_is_an_error_and_an_occluded_one_a_warning(graph, client, 
 def test_an_error_is_a_warning_once_and_stays_the_last_error(graph, client, images):
     graph.tracker(client, image_timeout=60.0, **QUICK)
     client.show(images[0], client.at(0), "no_encoding")
-    warned = client.wait_for(lambda: [h for h in client.health if h.level == "WARN"], "warning")[0]
+    warned = client.report(lambda report: report.level == "WARN")
     assert "its encoding is 'no_encoding'" in warned.message
     calm = health(client, lambda h: h.level == "OK")
     assert calm.values["last_error"] == warned.message

@@ -3,25 +3,20 @@
 Tracker, localizer and example run together.
 """
 
-import importlib.util
-from pathlib import Path
+from itertools import count
 
 import pytest
 from geometry_msgs.msg import Twist, TwistStamped
-from nodes import QUICK, overrides
+from nodes import QUICK, load_example, overrides
 from sensor_msgs.msg import CameraInfo
 
 from pf_tracker_ros.node.localizer.localizer_node import LocalizerNode
-
-EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "gimbal.py"
 
 
 @pytest.fixture
 def start(graph):
     """A function that starts the example's node with parameters."""
-    spec = importlib.util.spec_from_file_location("gimbal", EXAMPLE)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = load_example("gimbal")
 
     def start(**parameters):
         node = module.Gimbal(context=graph.context(), parameter_overrides=overrides(parameters))
@@ -32,14 +27,9 @@ def start(graph):
 
 
 @pytest.fixture
-def gimbal(start):
-    """The example's node."""
-    return start()
-
-
-@pytest.fixture
-def turns(client, gimbal, graph, images, box):
+def turns(client, start, graph, images, box):
     """Its commands while a target on the left is tracked."""
+    gimbal = start()
     turns = []
     client.create_subscription(Twist, "cmd_vel", lambda turn: turns.append(turn.angular.z), 100)
     cameras = client.create_publisher(CameraInfo, "camera_info", 10)
@@ -56,17 +46,13 @@ def turns(client, gimbal, graph, images, box):
     height, width = images.shape[1:3]
     k = [150.0, 0.0, width / 2, 0.0, 150.0, height / 2, 0.0, 0.0, 1.0]
     calibration = CameraInfo(width=width, height=height, k=k)
-    index = 0
 
-    def is_turning():
-        nonlocal index
+    def is_turning(status):
         # Best effort: the first may be lost.
         cameras.publish(calibration)
-        client.show(images[index % 20], client.at(index))
-        index += 1
         return turns[-1] > 0.0
 
-    client.wait_for(is_turning, "a turn to the left")
+    client.show_until(is_turning, images)
     return turns
 
 
@@ -79,13 +65,11 @@ def test_it_turns_toward_the_target_and_stands_still_without_images(client, turn
 def test_it_stands_still_while_frames_are_skipped_or_without_the_target(
     client, turns, images, cause
 ):
-    index = 1000
+    image = {"refused": images[0][:50], "hidden": images[0] * 0}.get(cause, images[0])
+    stamps = (client.at(1000 + (0 if cause == "duplicate" else number)) for number in count())
 
     def is_still():
-        nonlocal index
-        index += cause != "duplicate"
-        image = {"refused": images[0][:50], "hidden": images[0] * 0}.get(cause, images[0])
-        client.show(image, client.at(index))
+        client.show(image, next(stamps))
         return turns[-3:] == [0.0] * 3
 
     client.wait_for(is_still, "a standstill")
@@ -93,8 +77,7 @@ def test_it_stands_still_while_frames_are_skipped_or_without_the_target(
 
 def test_its_commands_have_a_stamp_where_the_driver_wants_one(client, start):
     start(stamped=True)
-    commands = []
-    client.create_subscription(TwistStamped, "cmd_vel", commands.append, 100)
+    commands = client.collect(TwistStamped, "cmd_vel")
     client.wait_for(lambda: commands, "a stamped command")
     assert commands[0].header.stamp.sec > 0
     assert commands[0].twist == Twist()

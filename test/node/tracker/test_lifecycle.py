@@ -93,8 +93,8 @@ def test_an_invalid_parameter_fails_the_configuration_until_corrected(graph, cli
     graph.tracker(autostart=False, **QUICK | {"particles": 0})
     assert not manager.change("CONFIGURE")
     assert manager.state == "unconfigured"
-    health = client.wait_for(lambda: [h for h in client.health if h.level == "ERROR"], "error")
-    assert "parameter 'particles' is 0" in health[0].message
+    health = client.report(lambda report: report.level == "ERROR")
+    assert "parameter 'particles' is 0" in health.message
     assert client.set_parameters(particles=10).successful
     assert manager.change("CONFIGURE")
     assert manager.state == "inactive"

@@ -2,7 +2,7 @@
 
 import pytest
 from common import overlap
-from nodes import ids, read_boxes
+from nodes import box_in, ids, read_boxes
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import MarkerArray
 
@@ -17,8 +17,7 @@ def start_detector(graph, client, detector):
     """A tracker of several targets: returns a detector and the received boxes."""
 
     def start(**parameters):
-        received = []
-        client.create_subscription(MarkerArray, "pf_tracker/boxes", received.append, 100)
+        received = client.collect(MarkerArray, "pf_tracker/boxes")
         node = graph.tracker(client, **{**MULTI_TARGET, **parameters})
         return detector(client, node), received
 
@@ -62,8 +61,7 @@ def test_detections_start_targets_that_are_tracked_in_every_frame(client, start_
 def test_the_command_track_gives_the_boxes_of_the_node(client, start_detector, walkers, tmp_path):
     images, boxes = walkers
     detector, _ = start_detector(seed=5, max_targets=32)
-    received = []
-    client.create_subscription(DETECTIONS_CLASS, "pf_tracker/detections", received.append, 100)
+    received = client.collect(DETECTIONS_CLASS, "pf_tracker/detections")
     recorded = []
     for number, image in enumerate(images):
         stamp = client.at(number)
@@ -86,7 +84,7 @@ def test_the_command_track_gives_the_boxes_of_the_node(client, start_detector, w
         own = [row for row in found if row["frame"] == str(number) and row["x"]]
         assert [row["id"] for row in own] == [one.id for one in published]
         for row, one in zip(own, published, strict=True):
-            x, y, width, height = (float(row[name]) for name in ("x", "y", "width", "height"))
+            x, y, width, height = box_in(row)
             center = one.bbox.center.position
             assert (center.x, center.y) == (x + width / 2, y + height / 2)
             assert (one.bbox.size_x, one.bbox.size_y) == (width, height)

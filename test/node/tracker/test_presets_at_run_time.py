@@ -1,6 +1,5 @@
 """Changes of presets and parameters while a target is tracked."""
 
-import pytest
 from nodes import ids
 from rclpy.parameter import Parameter
 
@@ -10,11 +9,6 @@ RELIABLE = {"image_reliability": "reliable"}
 RCLPY_PARAMETERS = {"use_sim_time", "start_type_description_service"}
 
 
-@pytest.fixture
-def boxes(moving_square):
-    return [[float(value) for value in box] for box in moving_square.boxes]
-
-
 def set_one_request(client, values):
     """The results of one request to the service `set_parameters`."""
     parameters = [Parameter(name, value=value) for name, value in values.items()]
@@ -22,9 +16,9 @@ def set_one_request(client, values):
 
 
 def test_a_preset_replaces_all_values_and_differences_are_reported(
-    graph, client, images, boxes, capfd
+    graph, client, images, box, capfd
 ):
-    graph.tracker(client, target_box=boxes[0], particles=33, **RELIABLE)
+    graph.tracker(client, target_box=box, particles=33, **RELIABLE)
     client.set_parameters(motion__position_noise=0.9)
     assert client.show(images[2], client.at(2)).values["preset"] == "default, 2 values changed"
     assert client.set_parameters(preset="li2007", particles=44).successful
@@ -84,8 +78,8 @@ REFUSED = [
 ]
 
 
-def test_a_refused_request_changes_nothing_and_has_its_reason(graph, client, images, boxes):
-    node = graph.tracker(client, target_box=boxes[0], **RELIABLE)
+def test_a_refused_request_changes_nothing_and_has_its_reason(graph, client, images, box):
+    node = graph.tracker(client, target_box=box, **RELIABLE)
     client.show(images[0], client.at(0))
     before = on_node(node)
     for index, (request, reason) in enumerate(REFUSED, start=1):

@@ -1,8 +1,9 @@
 """Quality of service of a live node: defaults, overrides, reports of incompatible endpoints."""
 
+import itertools
+
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PolygonStamped
 from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CompressedImage, Image
@@ -12,6 +13,7 @@ from pf_tracker_ros.node.graph_monitor import GraphMonitor
 QUICK = {"particles": 20, "image_reliability": "reliable"}
 LOSSY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MANUAL = QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC)
 
 
 def last_error(client):
@@ -36,17 +38,6 @@ def lossy_camera(graph):
     return camera
 
 
-@pytest.mark.parametrize(
-    ("given", "requested"),
-    [("auto", "RELIABLE"), ("reliable", "RELIABLE"), ("best_effort", "BEST_EFFORT")],
-)
-def test_images_are_requested_as_given_and_by_default_reliably(graph, given, requested):
-    node = graph.tracker(graph.client() if given != "auto" else None, image_reliability=given)
-    profile = endpoint(node, "/image")
-    assert profile.reliability == ReliabilityPolicy[requested]
-    assert profile.durability == DurabilityPolicy.VOLATILE
-
-
 def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
     reliable = graph.client()
     node = graph.tracker(reliable)
@@ -62,10 +53,15 @@ def test_auto_requests_the_reliability_that_all_cameras_offer(graph, images):
     reliable.wait_for(lambda: not node.count_publishers("/image"), "no camera")
     again = graph.client(reliability="BEST_EFFORT")
     again.wait_for(lambda: reliability(node) == ["BEST_EFFORT"], "best effort again")
-    again.wait_for(
-        lambda: [h for h in again.health if h.values["image_reliability"] == "best_effort"],
-        "diagnostics",
-    )
+    stamps = map(again.at, itertools.count(1))
+
+    def arrives():
+        # Best effort may lose any frame.
+        again.images.publish(again.message(images[0], next(stamps)))
+        return [status for status in again.statuses if status.stamp > again.at(0)]
+
+    again.wait_for(arrives, "frame")
+    again.report(lambda report: report.values["image_reliability"] == "best_effort")
     assert last_error(again) == ""
 
 
@@ -83,10 +79,7 @@ def test_a_qos_override_of_the_reliability_wins_over_auto(graph):
     node = graph.tracker(**{name: "best_effort"})
     client = graph.client()
     client.wait_for(client.images.get_subscription_count, "match")
-    client.wait_for(
-        lambda: [h for h in client.health if h.values["image_reliability"] == "best_effort"],
-        "diagnostics",
-    )
+    client.report(lambda report: report.values["image_reliability"] == "best_effort")
     assert reliability(node) == ["BEST_EFFORT"]
 
 
@@ -98,10 +91,15 @@ MISMATCHES = {
         "nothing arrives on /pf_tracker/target from /other (RELIABILITY BEST_EFFORT), but "
         f"/pf_tracker requests RELIABILITY RELIABLE; {OVERRIDE}target.subscription.reliability",
     ),
-    "a subscriber": (
+    "a subscriber of another durability": (
         (PolygonStamped, "pf_tracker/box", LATCHED),
         "/pf_tracker/box does not reach /other (DURABILITY TRANSIENT_LOCAL), but /pf_tracker "
         f"offers DURABILITY VOLATILE; {OVERRIDE}box.publisher.durability",
+    ),
+    "another policy": (
+        (PolygonStamped, "pf_tracker/box", MANUAL),
+        "/pf_tracker/box does not reach /other (LIVELINESS MANUAL_BY_TOPIC), but /pf_tracker "
+        f"offers LIVELINESS AUTOMATIC; {OVERRIDE}box.publisher.liveliness",
     ),
     "another type": (
         (PointStamped, "pf_tracker/target", 1),
@@ -123,11 +121,15 @@ def test_what_does_not_connect_is_reported_with_the_remedy(graph, images, kind):
     client = graph.client()
     graph.tracker(client, cli_args=remapped if "eye" in topic else None, **QUICK)
     other = rclpy.create_node("other", context=graph.context())
-    if kind == "a subscriber":
+    if "box" in topic:
         other.create_subscription(message_type, topic, lambda message: None, profile)
     else:
         other.create_publisher(message_type, topic, profile)
     assert client.wait_for(lambda: last_error(client), "report").endswith(report)
+    # It stays in the diagnostics.
+    before = len(client.health)
+    client.wait_for(lambda: len(client.health) >= before + 3, "diagnostics")
+    assert all(report in one.message and one.level == "WARN" for one in client.health[before + 1 :])
     if "eye" not in topic:
         assert client.show(images[0], client.at(0)).message == report
     other.destroy_node()
@@ -148,23 +150,6 @@ def test_an_incompatible_publisher_is_reported_once_each_time_it_appears(graph):
         client.wait_for(lambda: not monitor.lasting, "end")
 
 
-def test_an_incompatible_policy_stays_in_the_diagnostics(graph):
-    client = graph.client()
-    graph.tracker(client, **QUICK)
-    manual = QoSProfile(depth=1, liveliness=LivelinessPolicy.MANUAL_BY_TOPIC)
-    client.create_subscription(PolygonStamped, "pf_tracker/box", lambda message: None, manual)
-    client.wait_for(lambda: last_error(client), "report")
-    fault = (
-        "/pf_tracker/box does not reach /client (LIVELINESS MANUAL_BY_TOPIC), but /pf_tracker "
-        "offers LIVELINESS AUTOMATIC; change it there, or here with the parameter "
-        "qos_overrides./pf_tracker/box.publisher.liveliness"
-    )
-    assert last_error(client) == fault
-    before = len(client.health)
-    client.wait_for(lambda: len(client.health) >= before + 3, "diagnostics")
-    assert all(fault in one.message and one.level == "WARN" for one in client.health[before + 1 :])
-
-
 def test_no_endpoint_has_event_callbacks_but_for_images(graph):
     tracker = graph.tracker()
     endpoints = [*tracker.publishers, *tracker.subscriptions]
@@ -178,10 +163,8 @@ def test_a_late_subscriber_receives_the_last_status(graph, images):
     graph.tracker(client, **QUICK)
     client.show(images[0], client.at(0))
     late = graph.client()
-    received = []
-    late.create_subscription(DiagnosticArray, "pf_tracker/status", received.append, LATCHED)
-    late.wait_for(lambda: received, "latched status")
-    assert {v.key: v.value for v in received[0].status[0].values}["state"] == "idle"
+    late.wait_for(lambda: late.statuses, "latched status")
+    assert late.statuses[0].values["state"] == "idle"
 
 
 @pytest.mark.parametrize("transport", ["raw", "compressed"])

@@ -4,17 +4,6 @@ from nodes import NEVER_OCCLUDED as QUICK
 from rosgraph_msgs.msg import Clock
 
 
-def test_a_restarted_bag_follows_the_policy(graph, client, images, box):
-    graph.tracker(client, target_box=box, time_jump="restart", **QUICK)
-    client.show(images[0], client.at(0))
-    client.show(images[1], client.at(30))
-    status = client.show(images[0], client.at(0))
-    assert (status.values["frame"], status.values["state"]) == ("started", "tracking")
-    client.wait_for(
-        lambda: [h for h in client.health if h.values["time_jumps"] == "1"], "diagnostics"
-    )
-
-
 def test_a_time_jump_is_a_warning_only_with_a_target(graph, client, images, box, capfd):
     graph.tracker(client, **QUICK)
     client.show(images[0], client.at(30))
@@ -27,6 +16,7 @@ def test_a_time_jump_is_a_warning_only_with_a_target(graph, client, images, box,
     assert (
         "time went back by 1.200 s; 'time_jump' is 'keep'; use 'restart'" in capfd.readouterr().err
     )
+    client.report(lambda report: report.values["time_jumps"] == "2")
 
 
 def test_the_threshold_of_a_jump_can_change_at_run_time(graph, client, images, box):
@@ -45,15 +35,8 @@ def test_dropped_frames_are_counted_by_cause(graph, client, images, box):
     client.show(images[0], client.at(3))
     client.show(images[0], client.at(6), "no_encoding")
 
-    def counted():
-        counts = [
-            [h.values[f"dropped_{cause}"] for cause in ("duplicate", "late", "refused")]
-            + [h.values.get("refused_encoding")]
-            for h in client.health
-        ]
-        return ["1", "2", "1", "1"] in counts
-
-    client.wait_for(counted, "counts")
+    names = ("dropped_duplicate", "dropped_late", "dropped_refused", "refused_encoding")
+    client.report(lambda report: [report.values.get(name) for name in names] == [*"1211"])
 
 
 def test_simulated_time_stamps_the_diagnostics_and_may_jump_back(graph, client, images, box):

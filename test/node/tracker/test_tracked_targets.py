@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from nodes import read_boxes
+from nodes import box_in, read_boxes
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
@@ -19,9 +19,7 @@ TIMES = {"processing_time_ms"}
 def lockstep(graph, client):
     """A function that shows a recording's images to a tracker, with the stamps of boxes.csv."""
     kinds = {"boxes": MarkerArray, "particles": PointCloud2, "overlay": Image}
-    received = {name: [] for name in kinds}
-    for name, kind in kinds.items():
-        client.create_subscription(kind, f"pf_tracker/{name}", received[name].append, 100)
+    received = {name: client.collect(kind, f"pf_tracker/{name}") for name, kind in kinds.items()}
 
     def run(folder, images, given=(), **parameters):
         graph.tracker(client, **MULTI_TARGET, **parameters)
@@ -45,7 +43,7 @@ def source(walkers, write_sequence):
 
 
 def outline(row):
-    x, y, width, height = (float(row[name]) for name in ("x", "y", "width", "height"))
+    x, y, width, height = box_in(row)
     return [(x, y), (x + width, y), (x + width, y + height), (x, y + height), (x, y)]
 
 

@@ -1,4 +1,4 @@
-"""The node's topics: real messages over DDS in, real messages out."""
+"""The node's topics and services: real messages over DDS in, real messages out."""
 
 import itertools
 import math
@@ -6,27 +6,16 @@ from array import array
 
 import numpy as np
 import pytest
+from common import box_of
+from geometry_msgs.msg import Point, PointStamped
 from nodes import NEVER_OCCLUDED as QUICK
+from nodes import corners, corners_of
+from std_srvs.srv import SetBool, Trigger
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.targets.track_manager import TrackManager
 
 COVARIANCE = (("xx", "xy"), ("xy", "yy"))
-
-
-@pytest.fixture
-def box(moving_square):
-    return tuple(float(value) for value in moving_square.boxes[0])
-
-
-def corners(message):
-    return [(point.x, point.y) for point in message.polygon.points]
-
-
-def corners_of(box):
-    x, y, width, height = box
-    points = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
-    return [tuple(float(np.float32(value)) for value in point) for point in points]
 
 
 def test_boxes_are_those_of_the_library_fed_with_the_same_frames(graph, client, images, box):
@@ -47,7 +36,7 @@ def test_boxes_are_those_of_the_library_fed_with_the_same_frames(graph, client, 
 
 
 def test_a_status_has_state_and_values_of_every_frame(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     for status in client.show_all(images[:4]):
         assert status.name == "/pf_tracker"
         assert (status.level, status.message) == ("OK", "tracking")
@@ -81,7 +70,7 @@ REFUSED_TARGETS = (
 
 
 def test_a_refused_target_has_a_reason_and_keeps_the_last_one(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     for index, (points, reason) in enumerate(REFUSED_TARGETS, start=1):
         client.send_target(points)
@@ -93,6 +82,46 @@ def test_a_refused_target_has_a_reason_and_keeps_the_last_one(graph, client, ima
         assert status.values["frame"] == "tracked"
     quiet = client.show(images[3], client.at(3))
     assert (quiet.level, quiet.message) == ("OK", "tracking")
+
+
+@pytest.fixture
+def click(client, send):
+    """A function that clicks at a point; the tracker receives it before the next image."""
+    return lambda node, x, y: send(
+        client, node, "pf_tracker/click", PointStamped(point=Point(x=float(x), y=float(y)))
+    )
+
+
+def test_a_click_starts_on_the_square_around_it(graph, client, images, click):
+    node = graph.tracker(client, click_size=20.0, **QUICK)
+    click(node, 50, 60)
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"
+    assert box_of(client.box_at(client.at(0))) == (40, 50, 20, 20)
+    client.set_parameters(click_size=30.0)
+    click(node, 50, 60)
+    client.show(images[0], client.at(1))
+    assert box_of(client.box_at(client.at(1))) == (35, 45, 30, 30)
+
+
+def test_an_invalid_click_is_refused(graph, client, images, click):
+    node = graph.tracker(client, **QUICK)
+    clicks = [(math.nan, 5, "not finite"), (1, math.inf, "not finite"), (900, 5, "outside")]
+    for index, (x, y, reason) in enumerate(clicks):
+        click(node, x, y)
+        status = client.show(images[0], client.at(index))
+        assert (status.level, status.values["state"]) == ("WARN", "idle")
+        assert status.message.startswith("target refused: ")
+        assert reason in status.message
+
+
+def test_services_work_before_the_first_image(graph, client, images, box):
+    graph.tracker(client, **QUICK)
+    assert client.ask(SetBool, "enable", data=True).success
+    assert client.ask(SetBool, "enable", data=False).success
+    assert client.ask(Trigger, "stop").success
+    client.point_at(box)
+    assert client.ask(SetBool, "enable", data=True).success
+    assert client.show(images[0], client.at(0)).values["frame"] == "started"
 
 
 def malformed(client, image, stamp):
@@ -111,7 +140,7 @@ def malformed(client, image, stamp):
 
 
 def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, client, images, box):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     for message, reason in malformed(client, images[1], client.at(0) + 1_000_000):
         status = client.send(message)
@@ -125,25 +154,10 @@ def test_malformed_images_are_refused_without_an_effect_on_the_next_one(graph, c
     assert (good.level, good.values["frame"]) == ("OK", "tracked")
 
 
-def test_a_best_effort_camera_is_tracked_by_default(graph, images, box):
-    client = graph.client(reliability="BEST_EFFORT")
-    graph.tracker(client, target_box=list(box))
-    numbers = itertools.count()
-
-    def tracked():
-        # A camera does not wait, and best effort may lose any frame.
-        number = next(numbers)
-        client.images.publish(client.message(images[number % len(images)], client.at(number)))
-        frames = [status.values["frame"] for status in client.statuses]
-        return "started" in frames and frames.count("tracked") >= 3
-
-    client.wait_for(tracked, "tracked frames")
-
-
 def test_after_an_unexpected_error_the_next_frame_is_tracked(
     graph, client, images, box, monkeypatch
 ):
-    graph.tracker(client, target_box=list(box), **QUICK)
+    graph.tracker(client, target_box=box, **QUICK)
     client.show(images[0], client.at(0))
     monkeypatch.setattr(TrackManager, "update", _failing_once(TrackManager.update))
     status = client.show(images[1], client.at(1))

@@ -51,7 +51,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_an_invalid_parameter_keeps_the_node_idle_until_corrected(graph, client, images, box, kind):
+def test_an_invalid_parameter_keeps_the_node_idle_until_corrected(  # noqa: PLR0917
+    graph, client, images, box, kind, capfd
+):
     given, corrected, reason = REFUSED[kind]
     graph.tracker(client, **{"target_box": box, **QUICK, **given})
     for index in range(2):
@@ -59,6 +61,7 @@ def test_an_invalid_parameter_keeps_the_node_idle_until_corrected(graph, client,
         assert (status.level, status.values["state"]) == ("ERROR", "idle")
         assert reason in status.message
         assert reason in status.values["last_error"]
+    assert capfd.readouterr().err.count(reason) == 1
     client.point_at(box)
     status = client.show(images[0], client.at(2))
     assert "target refused: not tracking" in status.message

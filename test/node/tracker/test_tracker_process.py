@@ -49,14 +49,3 @@ def test_a_signal_ends_the_process_cleanly_at_any_moment(graph, client, images, 
     assert process.returncode == 0, output
     assert "Traceback" not in output
     assert "xception" not in output
-
-
-def test_an_invalid_parameter_is_logged_and_the_process_runs(graph, client, images):
-    process = graph.process("-p", "particles:=0", "-p", "image_reliability:=reliable")
-    client.meet()
-    assert client.show(images[0], client.at(0)).level == "ERROR"
-    process.send_signal(signal.SIGINT)
-    output, _ = process.communicate(timeout=DEADLINE)
-    assert process.returncode == 0
-    assert output.count("parameter 'particles' is 0; allowed: int, 1 to 100000") == 1
-    assert output.count("its encoding is 'ping'") == 1
