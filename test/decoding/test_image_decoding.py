@@ -17,14 +17,8 @@ from pf_tracker_ros.decoding.image_decoding import (
 
 
 def message(data, width, height, step, encoding, *, is_bigendian=0):
-    return Image(
-        width=width,
-        height=height,
-        step=step,
-        encoding=encoding,
-        is_bigendian=is_bigendian,
-        data=array("B", data),
-    )
+    layout = {"width": width, "height": height, "step": step, "is_bigendian": is_bigendian}
+    return Image(encoding=encoding, data=array("B", data), **layout)
 
 
 def test_mono8_keeps_its_gray_values_and_data_after_the_last_row_is_ignored():
@@ -54,8 +48,7 @@ def test_padding_of_rows_is_removed(encoding, pixel_size, padding):
     assert image.flags.aligned
 
 
-# Rows of bytes, and bytes in a row, of an image of 50 x 40 px.
-ROWS = {"nv21": 60, "nv24": 120}
+# Parts of names to bytes in a pixel.
 BYTES = {
     "16": 2,
     "32": 4,
@@ -70,7 +63,8 @@ BYTES = {
 
 
 def layout(encoding):
-    rows = ROWS.get(encoding, 40)
+    """Rows of bytes, and bytes in a row, of an image of 50 x 40 px."""
+    rows = {"nv21": 60, "nv24": 120}.get(encoding, 40)
     return rows, 50 * next((count for key, count in BYTES.items() if key in encoding), 1)
 
 

@@ -447,7 +447,7 @@ def test_only_valid_targets_of_the_same_origin_are_tracked(start_draw, images, t
     assert command.end()[0] == 0
 
 
-def test_other_errors_are_reported_before_the_page(track, images, monkeypatch, tmp_path):
+def test_other_errors_are_reported_before_the_page(track, images, tmp_path):
     taken, free = tmp_path / "taken", ("--output", tmp_path / "out", "--draw")
     taken.mkdir()
     (taken / "boxes.csv").write_text("mine")
@@ -456,11 +456,7 @@ def test_other_errors_are_reported_before_the_page(track, images, monkeypatch, t
         ((images, "--output", taken, "--draw"), 4, "boxes.csv exists already"),
         ((images, *free, "--box", "1,2,3,4"), 2, ""),
         ((images, *free, *none), 8, "none.csv"),
-        (("--archive", images.parent, *free), 2, "--draw applies to a single recording; leave it"),
-        ((images, *free), 2, "aiohttp is not installed: pip install aiohttp, or '.[console]'"),
     ):
-        if "aiohttp" in said:
-            monkeypatch.setitem(sys.modules, "aiohttp", None)
         code, printed, errors = track(*arguments)
         assert (code, printed, said in errors) == (expected, "", True), errors
 
@@ -470,8 +466,7 @@ def test_a_bag_without_a_decodable_image_is_an_error(track, make_stamped, write_
     message = make_stamped(kind, 1, format="jpeg", data=np.zeros(9, np.uint8))
     bag = write_bag(tmp_path / "bag", [("/eye", kind, 1, message)])
     code, _, errors = track(bag, "--output", tmp_path / "out", "--draw")
-    assert code == 2
-    assert "bag cannot be drawn on: there is no image in frame 0 or after it" in errors
+    assert (code, "cannot be drawn on: there is no image in frame 0" in errors) == (2, True)
 
 
 def test_the_page_gets_max_targets(track, images, monkeypatch, tmp_path):

@@ -190,18 +190,11 @@ def test_what_fails_while_results_are_replaced_leaves_the_former(run, drive, mon
     assert content(drive) == {**before, "corrected.zip": b"an hour of work"}
 
 
-def nested(depth):
-    return "[" * depth + "]" * depth
-
-
 @pytest.mark.parametrize(
     "text",
     [
-        nested(100_000),
-        '{"a":' * 100_000 + "1" + "}" * 100_000,
-        "[]",
+        "[" * 100_000 + "]" * 100_000,
         "null",
-        "{}",
         '{"name": 1, "source": 2, "key": 3, "files": 4}',
         '{"name": "drive", "source": "", "key": "", "files": {"boxes.csv": [[1], {}]}}',
     ],

@@ -66,13 +66,10 @@ def test_a_file_for_another_node_causes_a_warning(
     )
 
 
-def test_two_presets_are_refused(track, moving_square_sequence, own, tmp_path):
-    arguments = (moving_square_sequence, "--output", tmp_path / "out", "--params-file", own)
-    code, _, errors = track(*arguments, "--preset", "default")
-    assert code == 2
-    assert "--preset default and" in errors
-    assert "(preset li2007) both set the preset; remove one of them" in errors
-    assert not (tmp_path / "out").exists()
+def test_two_presets_are_refused(refusal, moving_square_sequence, own):
+    error = refusal(moving_square_sequence, "--params-file", own, "--preset", "default")
+    assert "--preset default and" in error
+    assert "(preset li2007) both set the preset; remove one of them" in error
 
 
 def test_a_file_with_max_targets_tracks_a_single_target_as_one_of_several(tracked, own):
@@ -97,14 +94,11 @@ def test_a_file_with_max_targets_tracks_a_single_target_as_one_of_several(tracke
     ],
 )
 def test_an_invalid_value_is_reported_with_its_file_or_without_if_it_was_typed(
-    track, moving_square_sequence, own, line, said
+    refusal, moving_square_sequence, own, line, said
 ):
     typed = () if line else ("--parameter", "particles=none")
     if line:
         own.write_text(f"/**:\n  ros__parameters:\n    {line}\n")
-    arguments = (moving_square_sequence, "--output", own.parent / "out", "--params-file", own)
-    code, _, errors = track(*arguments, *typed)
-    assert code == 2
-    assert said in errors
-    assert (f"{own}: " in errors) == bool(line)
-    assert len(errors.splitlines()) == 1
+    error = refusal(moving_square_sequence, "--params-file", own, *typed)
+    assert said in error
+    assert (f"{own}: " in error) == bool(line)

@@ -49,9 +49,6 @@ def test_an_archive_of_several_targets_counts_frames(
     assert entries["pair"]["frames"] == sum(entries["pair"]["states"].values()) == COUNT
     assert {row["id"] for row in rows(output / "pair")} == {"1", "2"}
     assert {row["id"] for row in rows(output / "one")} == {"1"}
-    code, _, errors = track(*given, "--detections", "d.csv")
-    assert code == 2
-    assert "--detections FILE applies to a single recording; allowed with --archive: --" in errors
 
 
 def test_detections_require_more_memory(write_sequence, walkers, tmp_path):
@@ -196,23 +193,23 @@ def test_recordings_without_a_target_are_reported(track, detected_archive, tmp_p
     assert (code, said.splitlines()[-1]) == (0, excluded)
 
 
-def test_an_archive_without_recordings_for_a_detector_says_what_it_takes(track, tmp_path):
-    (tmp_path / "archive").mkdir()
-    (tmp_path / "archive" / "notes.txt").write_text("no recording")
-    for option, said in (
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
         (["--detections"], "folders of images, from the file beside each, such as drive.det"),
         (["--detections-topic", "/found"], "; detections are applied to bags"),
         (["--detector", "people"], "; detections are applied to bags, videos and folders"),
-    ):
-        given = ("--archive", tmp_path / "archive", "--output", tmp_path / "out", *option)
-        code, _, errors = track(*given)
-        assert code == 2
-        assert said in one_sentence(errors)
+    ],
+)
+def test_an_archive_without_recordings_for_a_detector_says_what_it_takes(
+    refusal, tmp_path, option, said
+):
+    (tmp_path / "notes.txt").write_text("no recording")
+    assert said in refusal("--archive", tmp_path, *option)
 
 
 def test_results_do_not_replace_the_detections_of_a_recording(track, detected_archive, tmp_path):
     (tmp_path / "list.txt").write_text("archive/day_0/pair\n/nowhere/pair.detections.csv\n")
     given = ("--archive", tmp_path / "list.txt", "--output", detected_archive / "day_0")
     code, _, errors = track(*given, "--detections")
-    assert code == 2
-    assert " overlaps the input " in one_sentence(errors)
+    assert (code, " overlaps the input " in one_sentence(errors)) == (2, True)

@@ -11,6 +11,7 @@ import tempfile
 import time
 
 import pytest
+from archives import boxes_in
 from common import QUICK
 
 from pf_tracker_ros.footage import FootageError
@@ -60,10 +61,10 @@ def stored(store, url="/boxes"):
     }
 
 
-def test_the_results_in_a_store_equal_those_in_folders(serial, archive, run, scratch, watch):
+def test_the_results_in_a_store_equal_those_in_folders(serial, archive, run, scratch):
     fleet = fsspec.filesystem("memory")
     entries, _ = run()
-    assert stored(fleet) == watch.boxes(serial[0])
+    assert stored(fleet) == boxes_in(serial[0])
     local = (serial[0] / "archive.json").read_text().replace(str(archive), "memory://fleet")
     assert list(entries) == [entry["name"] for entry in json.loads(local)]
     for entry in json.loads(local):
@@ -72,7 +73,7 @@ def test_the_results_in_a_store_equal_those_in_folders(serial, archive, run, scr
     assert list(scratch.iterdir()) == []
 
 
-def test_detections_in_a_store_are_found_beside_recordings(fleet, own_archive, run, track, watch):
+def test_detections_in_a_store_are_found_beside_recordings(fleet, own_archive, run, track):
     pytest.importorskip("scipy")
     for name in ("drive_0.detections.csv", "drive_2.detections.csv"):
         text = "4,-1,33,37,24,24,0.9,square\n"
@@ -83,7 +84,7 @@ def test_detections_in_a_store_are_found_beside_recordings(fleet, own_archive, r
     assert track(*given, *QUICK, "--detections")[0] == 1
     entries, _ = run("memory://fleet/day_0", "--detections")
     found = stored(fleet)
-    assert found == watch.boxes(output)
+    assert found == boxes_in(output)
     assert set(found) == {"drive_0", "drive_2"}
     assert entries["drive_4"]["error"] == (
         "no detections for memory://fleet/day_0/drive_4; write drive_4.detections.csv beside it"
@@ -158,13 +159,6 @@ def test_a_single_recording_may_have_a_url(track, fleet, rows, scratch, tmp_path
     code, _, errors = track("nostore://fleet/drive.mp4", "--output", tmp_path / "more")
     assert code == 2
     assert "nostore://fleet/drive.mp4 cannot be opened (Protocol not known: nostore)" in errors
-
-
-def test_without_fsspec_it_says_what_to_install(track, monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "fsspec", None)
-    code, _, errors = track("--archive", "s3://bucket/fleet", "--output", tmp_path)
-    assert code == 2
-    assert "fsspec is not installed: pip install fsspec, or '.[archives]'" in errors
 
 
 def test_a_dry_run_downloads_only_some_recordings(track, fleet, scratch, tmp_path):
@@ -253,8 +247,8 @@ def bucket(monkeypatch, archive):
         server.wait()
 
 
-def test_killed_processes_leave_only_complete_objects(serial, bucket, start_track, watch):
-    expected = watch.boxes(serial[0])
+def test_killed_processes_leave_only_complete_objects(serial, bucket, start_track):
+    expected = boxes_in(serial[0])
     arguments = ("--archive", "s3://bucket/fleet", "--output", "s3://bucket/boxes", "--jobs", 2)
     for count in (2, 5):
         driver = start_track(*arguments, *QUICK)

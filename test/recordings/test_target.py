@@ -121,28 +121,25 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
         ("label: !!bool perhaps", "cannot be read as YAML"),
     ],
 )
-def test_a_target_file_that_is_invalid_or_of_another_recording(
-    track, write_target, tmp_path, text, said
-):
+def test_a_target_file_that_is_invalid_or_of_another_recording(refusal, write_target, text, said):
     path = write_target(text)
-    code, _, errors = track(path.with_name("moving_square"), "--output", tmp_path / "out", *QUICK)
-    (line,) = errors.splitlines()
-    assert code == WRONG_TARGET
-    assert str(path) in line
-    assert said in line
+    error = refusal(path.with_name("moving_square"), *QUICK, expected=WRONG_TARGET)
+    assert str(path) in error
+    assert said in error
     assert path.read_text() == text
-    assert not (tmp_path / "out").exists()
 
 
-def test_a_target_file_that_is_a_broken_link_is_told(track, moving_square_sequence, tmp_path):
+@pytest.mark.parametrize(
+    ("leads_to", "reason"),
+    [("moving_square.target.yaml", "Too many levels"), ("nowhere", "No such file")],
+)
+def test_a_target_file_that_is_a_broken_link_is_told(
+    refusal, moving_square_sequence, leads_to, reason
+):
     path = target_file(moving_square_sequence)
-    for leads_to, reason in ((path.name, "Too many levels"), ("nowhere", "No such file")):
-        path.symlink_to(leads_to)
-        code, _, errors = track(moving_square_sequence, "--output", tmp_path / "out", *QUICK)
-        (line,) = errors.splitlines()
-        assert code == WRONG_TARGET
-        assert f"target file {path} cannot be read ({reason}" in line
-        path.unlink()
+    path.symlink_to(leads_to)
+    error = refusal(moving_square_sequence, *QUICK, expected=WRONG_TARGET)
+    assert f"target file {path} cannot be read ({reason}" in error
 
 
 def test_boxes_have_the_precision_of_a_message_and_may_overflow(moving_square_sequence):
