@@ -41,9 +41,8 @@ def test_a_vector_has_the_mean_colors_of_each_part(write_embedding, crowd):
     vectors = EmbeddingNetwork(str(write_embedding()), "opencv").embed(*crowd)
     # Red, green and blue of the upper half, then of the lower one; 4 values of 1.
     blue_over_white = np.array([0, 0, 1, 1, 1, 1]) / 2
-    assert vectors == pytest.approx(
-        np.array([blue_over_white, np.roll(blue_over_white, 3), blue_over_white]), abs=1e-6
-    )
+    expected = np.array([blue_over_white, np.roll(blue_over_white, 3), blue_over_white])
+    assert vectors == pytest.approx(expected, abs=1e-6)
 
 
 def test_distances_are_scaled_cosines(write_embedding, crowd):

@@ -54,25 +54,16 @@ def edited(old, new):
 
 
 WRONG = [
-    (
-        lambda folder: (folder / FILE).unlink(),
-        "cannot be used: network .*colors.onnx cannot be read .*comes from the tests",
-    ),
+    (lambda folder: (folder / FILE).unlink(), "colors.onnx cannot be read .*comes from the tests"),
     (cut_short, "colors.onnx cannot be read as a network in the ONNX format by opencv"),
     (lambda folder: (folder / "model.yaml").unlink(), "description of a network .*identities"),
-    (
-        lambda folder: (folder / "model.yaml").write_text(""),
-        "model.yaml: the file has to hold names",
-    ),
+    (lambda folder: (folder / "model.yaml").write_text(""), "model.yaml: the file has to hold "),
     (edited("name: mean", "name: [mean"), "model.yaml cannot be read as YAML"),
     (edited("name: mean", "naming: mean"), "model.yaml: no parameter 'naming'"),
     (edited("width: 16", "width: 0"), "'embedding.width' is 0; allowed: int, 8 to 4096"),
     (edited("  file: colors.onnx\n", ""), "'embedding.file' is empty"),
     (edited("embedding:", "embeddings:"), "no parameter 'embeddings.file'; did you mean 'embe"),
-    (
-        edited("  file:", "  sha256: abc\n  file:"),
-        "is not the file .* SHA-256 is [0-9a-f]{64}, not",
-    ),
+    (edited("  file:", "  sha256: abc\n  file:"), "SHA-256 is [0-9a-f]{64}, not"),
     (edited("  file:", "  output: odds\n  file:"), "cannot run colors.onnx as its description"),
 ]
 

@@ -21,9 +21,8 @@ from pf_tracker_ros.recordings.output_files import OutputFolder
 def test_recordings_are_tracked_and_broken_ones_are_reported(serial, archive, track, tmp_path):
     output, (code, said, errors) = serial
     assert code == 1
-    assert said.splitlines()[-1] == (
-        f"13 recordings: 10 tracked, 0 up to date, 3 failed; results in {output}"
-    )
+    counts = "13 recordings: 10 tracked, 0 up to date, 3 failed"
+    assert said.splitlines()[-1] == f"{counts}; results in {output}"
     lines = errors.splitlines()
     assert len(lines) == 3
     for part in ("0013.png cannot be decoded", "noise.mp4", "shots.target.yaml: target refused"):
@@ -35,11 +34,8 @@ def test_recordings_are_tracked_and_broken_ones_are_reported(serial, archive, tr
     assert track(archive / "day_1" / "drive_3", "--output", tmp_path / "alone", *QUICK)[0] == 0
     assert found["day_1/drive_3"] == (tmp_path / "alone" / "boxes.csv").read_bytes()
     manifest = json.loads((output / "archive.json").read_text())
-    assert {entry["name"]: entry["exit_code"] for entry in manifest if entry["error"]} == {
-        "broken": 3,
-        "noise.mp4": 3,
-        "shots": 7,
-    }
+    failed = {entry["name"]: entry["exit_code"] for entry in manifest if entry["error"]}
+    assert failed == {"broken": 3, "noise.mp4": 3, "shots": 7}
     states = {entry["name"]: entry["states"] for entry in manifest if entry["states"]}
     assert states.pop("broken") == {"tracking": 12}
     assert list(states.values()) == [{"tracking": 20}] * 10

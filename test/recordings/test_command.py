@@ -263,14 +263,11 @@ def test_a_full_disk_keeps_the_rows_before(track, rows, moving_square_sequence, 
     assert hidden(tmp_path / "out") == []
 
 
-@pytest.mark.parametrize(
-    "option_size_and_file",
-    [("--video", 5000, "overlay.mp4"), ("--bag", 300_000, "topics.mcap")],
-)
+@pytest.mark.parametrize("option", ["--video", "--bag"])
 def test_a_full_disk_discards_video_or_bag_and_keeps_the_boxes(
-    track, rows, moving_square_sequence, option_size_and_file
+    track, rows, moving_square_sequence, option
 ):
-    option, size, file = option_size_and_file
+    size, file = {"--video": (5000, "overlay.mp4"), "--bag": (300_000, "topics.mcap")}[option]
     output = moving_square_sequence.parent / "out"
     with full_disk(size):
         code, said, errors = track(moving_square_sequence, "--output", output, *QUICK, option)
@@ -305,10 +302,8 @@ def test_frames_skipped_for_their_stamps_are_reported(track, write_images_bag, t
     assert code == 0
     assert "75% skipped" in said
     reason = "is earlier than" if step else "equals"
-    assert errors == (
-        f"track: frames were skipped, the first because its stamp {reason} that of the previous "
-        "frame\n"
-    )
+    assert errors.startswith(f"track: frames were skipped, the first because its stamp {reason} ")
+    assert errors.count("\n") == 1
 
 
 def test_a_bag_in_another_order_is_sorted_and_told(
@@ -321,10 +316,9 @@ def test_a_bag_in_another_order_is_sorted_and_told(
     outputs = [tmp_path / name for name in ("a", "b", "c")]
     assert track(sorted_bag, "--output", outputs[0], *BOX, *QUICK)[::2] == (0, "")
     code, _, errors = track(swapped, "--output", outputs[1], *BOX, *QUICK, "--bag")
-    assert code == 0
-    assert errors == (
-        "track: 10 frames of swapped were recorded out of order and sorted by their stamps; with "
-        "--as-recorded they are skipped, as in the node\n"
+    assert (code, errors.count("\n")) == (0, 1)
+    assert errors.startswith(
+        "track: 10 frames of swapped were recorded out of order and sorted by "
     )
     assert rows(outputs[1]) == rows(outputs[0])
     # Its results have the log times of the images.
@@ -350,11 +344,8 @@ def test_an_image_of_another_size_is_skipped(
     bag, outputs = write_images_bag("cropped_bag", images), tmp_path / "outputs"
     for source in (folder, bag):
         code, _, errors = track(source, "--output", outputs / source.stem, *BOX, *QUICK)
-        assert code == 0
-        assert errors == (
-            "track: frames were skipped, the first because image is (112, 152, 3) uint8, but the "
-            "targets are tracked in images of (120, 160, 3) uint8\n"
-        )
+        assert (code, errors.count("\n")) == (0, 1)
+        assert "the first because image is (112, 152, 3) uint8, but the targets are" in errors
     assert rows(outputs / "cropped") == rows(outputs / "cropped_bag")
 
 

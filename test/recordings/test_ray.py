@@ -174,10 +174,7 @@ def test_a_worker_of_another_version_folder_or_run_does_not_write(tasks, tmp_pat
     elsewhere = dataclasses.replace(tasks[0].results, path=tmp_path / "unshared")
     for changed, reason in (
         ({"version": "0.0.1"}, ", not 0.0.1; install the same everywhere"),
-        (
-            {"results": elsewhere},
-            "is not the folder of the run; give a folder that all machines share",
-        ),
+        ({"results": elsewhere}, "give a folder that all machines share"),
     ):
         others = [dataclasses.replace(task, **changed) for task in tasks]
         found = dict(run_tasks(others, LossyExecutor(lambda name, number: False)))

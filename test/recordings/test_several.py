@@ -61,20 +61,13 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
         ("targets: []", "'targets' is []; allowed: a list with a mapping for each target"),
         ("targets: [1]", "the entry of target 1 is 1; allowed: a mapping"),
         ("targets: [{target_box: [1, 2, 30]}]", "'target_box' of target 1 is [1, 2, 30]"),
-        (
-            "targets: [{target_box: [1, 2, 30, 40]}, {target_box: [1, 2, 30, 40], age: 3}]",
-            "unknown key age of target 2; allowed: frame, image_size",
-        ),
+        ("targets: [{target_box: [1, 2, 30, 40]}, {age: 3}]", "unknown key age of target 2"),
         ("targets: []\ntarget_box: [1, 2, 30, 40]", "unknown key target_box; allowed: image_s"),
         ("recording: other\ntargets: [{target_box: [1, 2, 30, 40]}]", "is for 'other', not for"),
+        ("targets: [{target_box: [1, 2, 9, 9]}, {target_box: [900, 2, 9, 9]}]", "is outside"),
         (
-            "targets: [{target_box: [1, 2, 30, 40]}, {target_box: [900, 2, 30, 40]}]",
-            "target refused: the center of box (900, 2, 30, 40) is outside",
-        ),
-        (
-            "targets: [{target_box: [1, 2, 30, 40], frame: 7}, {target_box: [1, 2, 9, 9], "
-            "frame: 900}]",
-            "img.target.yaml is for the frame with number 900, which this recording does not have",
+            "targets: [{target_box: [1, 2, 9, 9]}, {target_box: [1, 2, 9, 9], frame: 900}]",
+            "is for the frame with number 900, which this recording does not have",
         ),
     ],
 )
@@ -256,10 +249,8 @@ def test_a_built_in_detector_does_not_depend_on_the_machine(
     arrivals = {number + 1: [(library.detections(number), number)] for number in (0, 4, 12)}
     assert library.target_rows(found) == library.track((), arrivals)
     (line,) = errors.splitlines()
-    assert line == (
-        "track: 1 warning on detections and targets, first: frame 9: the detector 'motion' failed "
-        "in frame 8: RuntimeError: blind (frames counted from 0)"
-    )
+    assert line.startswith("track: 1 warning on detections and targets, first: frame 9: the detec")
+    assert "'motion' failed in frame 8: RuntimeError: blind" in line
 
 
 @pytest.mark.parametrize(
@@ -285,10 +276,7 @@ def test_a_built_in_detector_without_detections_is_reported(tracked, source, nam
         (["--detector", "motion", "--parameter", "max_targets=0"], "'max_targets' is 0; allowed"),
         (["--detector", "motion", "--parameter", "max_targets=no"], "'max_targets' is 'no'"),
         (["--detector", "motion", "--parameter", "targets.least=1"], "targets.least"),
-        (
-            ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "max_targets=1"],
-            "there are 2 targets, but 'max_targets' is 1; raise it, or give fewer targets",
-        ),
+        ([*2 * ["--box", "1,2,9,9"], "--parameter", "max_targets=1"], "there are 2 targets, but"),
         (["--detections"], "; write img.detections.csv beside it, or give --detections FILE"),
     ],
 )

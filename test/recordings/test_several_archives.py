@@ -143,9 +143,8 @@ def test_an_archive_of_bags_has_detections(track, rows, write_walkers, detection
     code, said, errors = track(*given)
     assert code == 1
     assert "2 recordings: 1 tracked, 0 up to date, 1 failed" in said
-    assert said.splitlines()[-1] == (
-        "excluded: 2 recordings, such as clip.mp4; only bags have topics"
-    )
+    last = said.splitlines()[-1]
+    assert last == "excluded: 2 recordings, such as clip.mp4; only bags have topics"
     assert "without_topic has no topic /found of type" in one_sentence(errors)
     arrivals = {4: [(library.detections(4), 4)]}
     assert library.target_rows(rows(output / "with_topic")) == library.track((), arrivals)
@@ -166,11 +165,8 @@ def test_a_detector_runs_on_every_recording_of_a_folder(track, rows, walkers, so
     manifest = json.loads((output / "archive.json").read_text())
     assert [entry["name"] for entry in manifest] == ["clip.avi", "images"]
     assert {row["frame"] for row in rows(output / "images")} == {str(n) for n in range(COUNT)}
-    *warnings, idle = errors.splitlines()
-    assert any(
-        line.startswith("track: images: the detector 'motion' found nothing in 16 frames")
-        for line in warnings
-    )
+    assert "track: images: the detector 'motion' found nothing in 16 frames" in errors
+    idle = errors.splitlines()[-1]
     assert idle.startswith("track: 2 of 2 recordings had no target in any frame, such as ")
     # The videos of the results are not recordings.
     assert "2 recordings: 0 tracked, 2 up to date" in track(*given, "--detector-rate", "25")[1]
@@ -183,11 +179,8 @@ def test_recordings_without_a_target_are_reported(track, detected_archive, tmp_p
     given = ("--archive", detected_archive, "--output", tmp_path / "out", *QUICK)
     code, said, _ = track(*given, "--dry-run")
     assert code == 0
-    excluded = (
-        "excluded: 2 recordings without a target, such as day_0/pair; detect targets with "
-        "--detections, --detections-topic or --detector"
-    )
-    assert said.splitlines()[-1] == excluded
+    excluded = said.splitlines()[-1]
+    assert excluded.startswith("excluded: 2 recordings without a target, such as day_0/pair; ")
     assert "excluded" not in track(*given, "--dry-run", "--detector", "motion")[1]
     code, said, _ = track(*given)
     assert (code, said.splitlines()[-1]) == (0, excluded)

@@ -81,19 +81,9 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
     ("text", "said"),
     [
         ("recording: other.mcap\ntarget_box: [1, 2, 3, 4]", "is for 'other.mcap', not for 'mov"),
-        (
-            "image_size: [640, 480]\ntarget_box: [1, 2, 3, 4]",
-            "is for images of 640 x 480 px, but these have 160 x 120 px: it belongs to another",
-        ),
-        (
-            "target_box: [20, 30, 24, 24]\nstamp: 1000000007",
-            "is for the frame with stamp 1000000007 ns, which this recording does not have",
-        ),
-        (
-            "target_box: [20, 30, 24, 24]\nframe: 3\nstamp: 1000000000",
-            "is for the frame with number 3 and stamp 1000000000 ns, which this recording does",
-        ),
-        ("target_box: [20, 30, 24, 24]\nframe: 400", "is for the frame with number 400, which"),
+        ("image_size: [640, 480]\ntarget_box: [1, 2, 3, 4]", "for images of 640 x 480 px, but the"),
+        ("target_box: [20, 30, 24, 24]\nstamp: 1000000007", "with stamp 1000000007 ns, which this"),
+        ("target_box: [1, 2, 3, 4]\nframe: 3\nstamp: 7", "with number 3 and stamp 7 ns, which"),
         ("label: car", "'target_box' is None; allowed: four numbers"),
         ("target_box: [1, 2, .nan, 3]", "allowed: four numbers"),
         ("target_box: [1, 2, 3, 0]", "allowed: a width and height above 0"),
@@ -105,19 +95,13 @@ def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, w
         ("target_box: [900, 2, 3, 4]", "target refused"),
         (f"target_box: [{10**400}, 2, 3, 4]", "allowed: four numbers"),
         (f"target_box: [1, 2, 3, 4]\nimage_size: [{10**400}, 4]", "allowed: two whole numbers"),
-        (
-            "target_box: [1, 2, 3, 4]\nimage_size: [320.7, 240]",
-            "'image_size' is [320.7, 240]; allowed: two whole numbers, width and height",
-        ),
+        ("target_box: [1, 2, 3, 4]\nimage_size: [320.7, 240]", "'image_size' is [320.7, 240]; all"),
         ("target_box: [1, 2, 3, 4]\nlabel: [a, b]", "'label' is ['a', 'b']; allowed: a text"),
         ("target_box: [1.0e+308, 2, 1.0e+308, 4]", "expected four finite numbers"),
         ("target_box: [&a [1, 2], *a, *a]", "aliases, such as *name, are not allowed"),
         (f"target_box: [{', '.join(['[x]'] * 500)}]", "['x'], ['x...; allowed: four numbers"),
         ("[" * 60 + "]" * 60, "cannot be read as YAML (lists or mappings are nested more than 50"),
-        (
-            'target_box: [1, 2, 3, 4]\nlabel: "\\ud800"',
-            r"'label' is '\ud800'; allowed: Unicode text",
-        ),
+        ('target_box: [1, 2, 3, 4]\nlabel: "\\ud800"', r"'label' is '\ud800'; allowed: Unicode"),
         ("label: !!bool perhaps", "cannot be read as YAML"),
     ],
 )

@@ -271,7 +271,7 @@ def test_frames_of_another_size_or_without_an_image_are_skipped(moving_square, t
         ({"keyframes": [{"frame": 1, "box": [0, 0, 0, 1]}]}, "'box' of keyframe 1"),
         ({"keyframes": [], "frame": 3}, "'keyframes' replaces frame"),
         (
-            {"keyframes": [{"frame": 1, "box": [0, 0, 1, size]} for size in (1, 2)]},
+            {"keyframes": [{"frame": 1, "box": [0, 0, 1, n]} for n in (1, 2)]},
             "'frame' of keyframe 2",
         ),
         ({"target_box": [0, 0, 9, 9], "stamp": 5}, "keyframes need 'frame'"),
