@@ -1,6 +1,5 @@
 """Bag readers, and the advice for truncated bags."""
 
-import os
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -116,12 +115,8 @@ def test_rosbag2_py_receives_the_storage_of_a_file_and_decompresses(
 @pytest.mark.parametrize("name", ["../other.mcap", "/etc/passwd"])
 def test_a_bag_that_names_a_file_elsewhere_is_refused(bag_folder, messages, monkeypatch, name):
     library = DocumentedRosbag2(TOPICS, messages, paths=["talk_0.mcap", name])
-    with monkeypatch.context() as patch:
-        patch.setitem(sys.modules, "rosbag2_py", library)
-        with pytest.raises(FootageError, match=f"the file {name}, which is not in its folder"):
-            open_bag(bag_folder)
-    os.mkfifo(bag_folder / "talk_0")
-    with pytest.raises(FootageError, match="talk_0 is a FIFO; accepted are regular files"):
+    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
+    with pytest.raises(FootageError, match=f"the file {name}, which is not in its folder"):
         open_bag(bag_folder)
 
 

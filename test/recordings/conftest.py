@@ -1,7 +1,6 @@
 """Runs the command `track` in this process or another one; recordings and detections for it."""
 
 import contextlib
-import csv
 import io
 import shutil
 from functools import partial
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from archives import TARGET
-from common import QUICK, one_sentence, run_command, two_walkers
+from common import QUICK, one_sentence, read_boxes, run_command, two_walkers
 from make_vision_msgs import DEFINITIONS
 from subprocesses import wait_until
 
@@ -52,17 +51,6 @@ def refusal(track, tmp_path):
 def start_track(start_module):
     """Starts the command as a process, which is killed after the test."""
     return partial(start_module, "recordings")
-
-
-@pytest.fixture
-def rows():
-    """Reads boxes.csv of a folder."""
-
-    def read(folder):
-        with (folder / "boxes.csv").open(newline="") as file:
-            return list(csv.DictReader(file))
-
-    return read
 
 
 @pytest.fixture
@@ -247,12 +235,12 @@ def library(walkers):
 
 
 @pytest.fixture
-def tracked(track, rows, tmp_path):
+def tracked(track, tmp_path):
     """Runs the command, as `Library`, into a folder `out`; its exit code, errors and rows."""
 
     def run(*arguments):
         code, _, errors = track(*arguments, "--preset", "li2007", "--output", tmp_path / "out")
-        return code, errors, rows(tmp_path / "out")
+        return code, errors, read_boxes(tmp_path / "out")
 
     return run
 

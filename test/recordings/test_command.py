@@ -12,7 +12,7 @@ import time
 import cv2
 import numpy as np
 import pytest
-from common import QUICK, TRACK_WITHOUT_ROS, full_disk, one_sentence, run_python
+from common import QUICK, TRACK_WITHOUT_ROS, full_disk, one_sentence, read_boxes, run_python
 
 from pf_tracker_ros import Tracker
 from pf_tracker_ros.footage import write_footage
@@ -26,9 +26,7 @@ def hidden(folder):
     return [path.name for path in folder.rglob(".*")]
 
 
-def test_numbers_are_those_of_the_library(
-    track, rows, moving_square, moving_square_sequence, tmp_path
-):
+def test_numbers_are_those_of_the_library(track, moving_square, moving_square_sequence, tmp_path):
     # The label of a single target is no column.
     target = moving_square_sequence.with_name("moving_square.target.yaml")
     target.write_text("target_box: [20, 30, 24, 24]\nlabel: car")
@@ -38,7 +36,7 @@ def test_numbers_are_those_of_the_library(
     assert (code, errors) == (0, "")
     assert said.startswith(f"{moving_square_sequence}: 20 frames (100% tracking), ")
     tracker = Tracker.from_preset("default", seed=4)
-    found = rows(tmp_path / "out")
+    found = read_boxes(tmp_path / "out")
     table = parquet.read_table(tmp_path / "out" / "boxes.parquet").to_pylist()
     assert [{name: str(value) for name, value in row.items()} for row in table] == found
     capture = cv2.VideoCapture(str(tmp_path / "out" / "overlay.mp4"))
@@ -123,7 +121,7 @@ def test_an_output_that_may_not_or_cannot_be_written_is_told_before_tracking(
     assert list(locked.iterdir()) == []
 
 
-def test_results_before_an_unreadable_frame_are_kept(track, rows, moving_square_sequence, tmp_path):
+def test_results_before_an_unreadable_frame_are_kept(track, moving_square_sequence, tmp_path):
     (moving_square_sequence / "img" / "0013.png").write_bytes(b"not a picture")
     output = tmp_path / "out"
     asked = (*QUICK, "--video", "--report")
@@ -132,7 +130,7 @@ def test_results_before_an_unreadable_frame_are_kept(track, rows, moving_square_
     line = one_sentence(errors)
     assert "0013.png cannot be decoded" in line
     assert line.endswith("; 12 frames were tracked")
-    assert len(rows(output)) == 12
+    assert len(read_boxes(output)) == 12
     assert cv2.VideoCapture(str(output / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == 12
     page = (output / "report.html").read_text()
     assert '<td data-figure="frames" data-value="12"' in page
@@ -218,7 +216,7 @@ def test_a_box_outside_the_image_leaves_nothing_behind(refusal, moving_square_se
     assert threading.active_count() == before
 
 
-def test_a_signal_leaves_complete_files(start_track, wait_for_rows, rows, long_sequence, tmp_path):
+def test_a_signal_leaves_complete_files(start_track, wait_for_rows, long_sequence, tmp_path):
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import Reader
 
@@ -228,10 +226,10 @@ def test_a_signal_leaves_complete_files(start_track, wait_for_rows, rows, long_s
     process.send_signal(signal.SIGTERM)
     said, errors = process.communicate(timeout=60)
     assert (process.returncode, said) == (143, "")
-    count = len(rows(output))
+    count = len(read_boxes(output))
     assert 10 <= count < 1000
     assert errors == f"track: error: terminated; {count} frames saved\n"
-    assert all(row["confidence"] for row in rows(output))
+    assert all(row["confidence"] for row in read_boxes(output))
     assert cv2.VideoCapture(str(output / "overlay.mp4")).get(cv2.CAP_PROP_FRAME_COUNT) == count
     with Reader(output / "topics.mcap") as reader:
         assert {each.topic: each.msgcount for each in reader.connections}[
@@ -250,13 +248,13 @@ def test_a_killed_process_leaves_no_complete_file(
     assert [path for path in (tmp_path / "out").iterdir() if not path.name.startswith(".")] == []
 
 
-def test_a_full_disk_keeps_the_rows_before(track, rows, moving_square_sequence, tmp_path):
+def test_a_full_disk_keeps_the_rows_before(track, moving_square_sequence, tmp_path):
     with full_disk(1000):
         code, said, errors = track(moving_square_sequence, "--output", tmp_path / "out", *QUICK)
     assert (code, said) == (6, "")
     line = one_sentence(errors)
     assert "boxes.csv cannot be written (File too large); free disk space" in line
-    found = rows(tmp_path / "out")
+    found = read_boxes(tmp_path / "out")
     assert line.endswith(f"; {len(found)} frames were tracked")
     assert 800 < (tmp_path / "out" / "boxes.csv").stat().st_size <= 1000
     assert all(row["confidence"] for row in found)
@@ -265,7 +263,7 @@ def test_a_full_disk_keeps_the_rows_before(track, rows, moving_square_sequence, 
 
 @pytest.mark.parametrize("option", ["--video", "--bag"])
 def test_a_full_disk_discards_video_or_bag_and_keeps_the_boxes(
-    track, rows, moving_square_sequence, option
+    track, moving_square_sequence, option
 ):
     size, file = {"--video": (5000, "overlay.mp4"), "--bag": (300_000, "topics.mcap")}[option]
     output = moving_square_sequence.parent / "out"
@@ -276,7 +274,7 @@ def test_a_full_disk_discards_video_or_bag_and_keeps_the_boxes(
     assert f"{file} cannot be written (" in line
     told = int(line.split("; ")[-1].split()[0])
     # boxes.csv may have one frame more, written before the other file failed.
-    assert len(rows(output)) - 1 <= told <= len(rows(output)) <= 20
+    assert len(read_boxes(output)) - 1 <= told <= len(read_boxes(output)) <= 20
     assert [path.name for path in output.iterdir()] == ["boxes.csv"]
 
 
@@ -307,7 +305,7 @@ def test_frames_skipped_for_their_stamps_are_reported(track, write_images_bag, t
 
 
 def test_a_bag_in_another_order_is_sorted_and_told(
-    track, rows, moving_square, write_images_bag, tmp_path
+    track, moving_square, write_images_bag, tmp_path
 ):
     from rosbags.rosbag2 import Reader
 
@@ -320,7 +318,7 @@ def test_a_bag_in_another_order_is_sorted_and_told(
     assert errors.startswith(
         "track: 10 frames of swapped were recorded out of order and sorted by "
     )
-    assert rows(outputs[1]) == rows(outputs[0])
+    assert read_boxes(outputs[1]) == read_boxes(outputs[0])
     # Its results have the log times of the images.
     with Reader(outputs[1] / "topics.mcap") as reader:
         times = {time for _, time, _ in reader.messages()}
@@ -333,9 +331,7 @@ def test_a_bag_in_another_order_is_sorted_and_told(
     assert "50% skipped" in said
 
 
-def test_an_image_of_another_size_is_skipped(
-    track, rows, moving_square, write_images_bag, tmp_path
-):
+def test_an_image_of_another_size_is_skipped(track, moving_square, write_images_bag, tmp_path):
     images = [*moving_square.images[:10], *moving_square.images[10:, :112, :152]]
     folder = tmp_path / "cropped.images"
     folder.mkdir()
@@ -346,7 +342,7 @@ def test_an_image_of_another_size_is_skipped(
         code, _, errors = track(source, "--output", outputs / source.stem, *BOX, *QUICK)
         assert (code, errors.count("\n")) == (0, 1)
         assert "the first because image is (112, 152, 3) uint8, but the targets are" in errors
-    assert rows(outputs / "cropped") == rows(outputs / "cropped_bag")
+    assert read_boxes(outputs / "cropped") == read_boxes(outputs / "cropped_bag")
 
 
 def test_it_needs_no_ros(track, moving_square_sequence, tmp_path):
@@ -393,16 +389,14 @@ def incomplete(request, moving_square, write_video, write_images_bag, tmp_path):
     return source, rf"{request.param} {source} is damaged: it contains {parts}"
 
 
-def test_an_incomplete_recording_is_an_error_unless_that_is_allowed(
-    track, rows, incomplete, tmp_path
-):
+def test_an_incomplete_recording_is_an_error_unless_that_is_allowed(track, incomplete, tmp_path):
     source, damage = incomplete
     code, said, errors = track(source, *BOX, "--output", tmp_path / "out", *QUICK)
     assert (code, said) == (3, "")
     found = re.fullmatch(rf"track: error: {damage}; (\d+) frames were tracked\n", errors)
     contained, tracked = map(int, found.groups())
     assert 0 < tracked <= contained
-    assert len(rows(tmp_path / "out")) == tracked
+    assert len(read_boxes(tmp_path / "out")) == tracked
     allowed = ("--output", tmp_path / "allowed", "--allow-partial", *QUICK)
     code, said, errors = track(source, *BOX, *allowed)
     assert (code, f": {tracked} frames (" in said) == (0, True)

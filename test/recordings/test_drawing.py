@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 import yaml
-from common import QUICK, TRACK_WITHOUT_ROS
+from common import QUICK, TRACK_WITHOUT_ROS, read_boxes
 
 import pf_tracker_ros
 from pf_tracker_ros.pages.access import HEADERS
@@ -140,14 +140,14 @@ def drag(page, start, end):
     page.mouse.up()
 
 
-def first_box(rows, folder):
-    row = next(row for row in rows(folder) if row["x"])
+def first_box(folder):
+    row = next(row for row in read_boxes(folder) if row["x"])
     return int(row["frame"]), [float(row[name]) for name in ("x", "y", "width", "height")]
 
 
 @pytest.mark.parametrize("max_targets", [2, 1])
 def test_the_note_offers_another_target_if_there_may_be_one(
-    start_draw, open_page, rows, images, max_targets
+    start_draw, open_page, images, max_targets
 ):
     output = images.parents[1] / "out"
     command = start_draw(images, "--output", output, "--parameter", f"max_targets={max_targets}")
@@ -175,10 +175,10 @@ def test_the_note_offers_another_target_if_there_may_be_one(
     page.keyboard.press("Enter")
     page.get_by_text("tracking; the outcome comes here").wait_for()
     assert command.end()[0] == 0
-    assert {row["id"] for row in rows(output)} == {"1"}
+    assert {row["id"] for row in read_boxes(output)} == {"1"}
 
 
-def test_a_box_is_drawn_on_another_frame_by_keys(start_draw, open_page, rows, images, tmp_path):
+def test_a_box_is_drawn_on_another_frame_by_keys(start_draw, open_page, images, tmp_path):
     command = start_draw(images, "--output", tmp_path / "out")
     page = open_page(command)
     for number in range(1, 4):
@@ -193,11 +193,11 @@ def test_a_box_is_drawn_on_another_frame_by_keys(start_draw, open_page, rows, im
     page.locator("#send").click()
     page.get_by_text("tracking; the outcome comes here").wait_for()
     assert command.end()[0] == 0
-    assert first_box(rows, tmp_path / "out") == (3, [32.0, 36.0, 24.0, 24.0])
-    assert [row["state"] for row in rows(tmp_path / "out")[:4]] == ["idle"] * 3 + ["tracking"]
+    assert first_box(tmp_path / "out") == (3, [32.0, 36.0, 24.0, 24.0])
+    assert [row["state"] for row in read_boxes(tmp_path / "out")[:4]] == ["idle"] * 3 + ["tracking"]
 
 
-def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, rows, track, images):
+def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, track, images):
     tmp_path = images.parents[1]
     command = start_draw(images, "--output", tmp_path / "out")
     page = open_page(command)
@@ -243,7 +243,7 @@ def test_several_targets_are_drawn_undone_and_tracked(start_draw, open_page, row
     assert first["label"] == "\u00e4: 'square'"
     assert (first["frame"], first["target_box"]) == (0, pytest.approx(BOX, abs=0.5))
     assert (second["frame"], second["target_box"]) == (2, [62.0, 45.0, 40.0, 30.0])
-    found = rows(tmp_path / "out")
+    found = read_boxes(tmp_path / "out")
     assert {row["id"] for row in found} == {"1", "2"}
     assert next(row["frame"] for row in found if row["id"] == "2") == "2"
     # The saved targets give the same boxes.
@@ -365,7 +365,7 @@ def test_a_page_that_is_closed_during_tracking_does_not_hold_its_end(
             target_page.close()
 
 
-def test_a_target_is_drawn_by_http_and_its_tracking_told(start_draw, rows, images, tmp_path):
+def test_a_target_is_drawn_by_http_and_its_tracking_told(start_draw, images, tmp_path):
     file = images.parent / "img.target.yaml"
     file.write_text("target_box: [1, 2, 30, 40]")
     command = start_draw(images, "--output", tmp_path / "out")
@@ -389,7 +389,7 @@ def test_a_target_is_drawn_by_http_and_its_tracking_told(start_draw, rows, image
     assert last["text"].startswith("20 frames (")
     assert last["report"] is None
     assert last["files"] == [["boxes.csv", "/results/boxes.csv"]]
-    assert first_box(rows, tmp_path / "out") == (0, BOX)
+    assert first_box(tmp_path / "out") == (0, BOX)
     # A target file is never overwritten.
     assert f"not saved, because {file} exists already" in printed
     assert file.read_text() == "target_box: [1, 2, 30, 40]"

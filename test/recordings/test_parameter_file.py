@@ -1,6 +1,7 @@
 """`track` with the node's parameter file."""
 
 import pytest
+from common import read_boxes
 
 BOX = ("--box", "20,30,24,24")
 OWN = """\
@@ -23,14 +24,14 @@ def own(tmp_path):
 
 
 @pytest.fixture
-def tracked(track, rows, moving_square_sequence, tmp_path):
+def tracked(track, moving_square_sequence, tmp_path):
     """The rows of boxes.csv with some arguments."""
 
     def run(*arguments):
         output = tmp_path / f"out{len(list(tmp_path.iterdir()))}"
         code, _, errors = track(moving_square_sequence, "--output", output, *arguments)
         assert (code, errors) == (0, "")
-        return rows(output)
+        return read_boxes(output)
 
     return run
 
@@ -49,9 +50,7 @@ def test_a_file_equals_typed_options(tracked, own):
     assert tracked(*BOX, "--params-file", own, *over) == tracked(*BOX, *typed, *over)
 
 
-def test_a_file_for_another_node_causes_a_warning(
-    track, rows, moving_square_sequence, own, tmp_path
-):
+def test_a_file_for_another_node_causes_a_warning(track, moving_square_sequence, own, tmp_path):
     other = tmp_path / "other.yaml"
     other.write_text(OWN.replace("/pf_tracker", "front_tracker"))
     found = []
@@ -59,7 +58,7 @@ def test_a_file_for_another_node_causes_a_warning(
         arguments = ("--output", tmp_path / path.stem, *BOX, "--params-file", path)
         code, _, errors = track(moving_square_sequence, *arguments)
         assert code == 0
-        found.append((rows(tmp_path / path.stem), errors))
+        found.append((read_boxes(tmp_path / path.stem), errors))
     assert found[0] == (found[1][0], "")
     assert f"{other} is for the node /front_tracker, and is used for" in found[1][1]
 

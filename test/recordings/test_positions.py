@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from common import read_boxes
 
 pytest.importorskip("rosbags", reason="bags are written with rosbags")
 pytest.importorskip("matplotlib", reason="the report needs it")
@@ -46,7 +47,7 @@ def room(tmp_path_factory):
 
 
 @pytest.fixture
-def locate(track, rows, room, tmp_path):
+def locate(track, room, tmp_path):
     """Tracks and locates, with further arguments; returns the rows of boxes.csv."""
 
     def run(*arguments, mounting=MOUNTING):
@@ -54,7 +55,7 @@ def locate(track, rows, room, tmp_path):
         given = (room[0], "--bag-topic", IMAGE_TOPIC, "--world", *mounting, "--output", output)
         code, _, err = track(*given, *arguments)
         assert code == 0, err
-        return rows(output), err
+        return read_boxes(output), err
 
     return run
 

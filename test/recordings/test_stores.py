@@ -12,7 +12,7 @@ import time
 
 import pytest
 from archives import boxes_in
-from common import QUICK
+from common import QUICK, read_boxes
 
 from pf_tracker_ros.footage import FootageError
 from pf_tracker_ros.recordings import RecordingError
@@ -140,14 +140,14 @@ def test_an_object_whose_name_leads_elsewhere_is_not_downloaded(fleet, tmp_path)
     assert not (tmp_path / "planted").exists()
 
 
-def test_a_single_recording_may_have_a_url(track, fleet, rows, scratch, tmp_path):
+def test_a_single_recording_may_have_a_url(track, fleet, scratch, tmp_path):
     output, others = tmp_path / "out", ["pf_tracker_ros_bagfiles", "pf_tracker_ros_scratch_2024"]
     for name in others:
         (scratch / name).mkdir()
     code, said, _ = track("memory://fleet/day_0/drive_0", "--output", output, *QUICK)
     assert code == 0
     assert said.startswith("memory://fleet/day_0/drive_0: 20 frames (100% tracking), ")
-    assert len(rows(output)) == 20
+    assert len(read_boxes(output)) == 20
     # Folders of others in the temporary folder stay.
     assert sorted(path.name for path in scratch.iterdir()) == others
     with pytest.raises(FootageError, match="there is no archive memory://nowhere, or it is empty"):

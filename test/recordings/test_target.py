@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from common import QUICK
+from common import QUICK, read_boxes
 
 from pf_tracker_ros.recordings import RecordingError, choose_target, open_recording
 from pf_tracker_ros.recordings.errors import WRONG_TARGET
@@ -52,24 +52,24 @@ def test_a_box_precedes_the_target_file_and_that_the_truth(moving_square_sequenc
         "recording: moving_square\nimage_size: [160, 120]\nframe: 6\nstamp: 0",
     ],
 )
-def test_tracking_begins_on_the_frame_of_the_target(track, rows, write_target, tmp_path, where):
+def test_tracking_begins_on_the_frame_of_the_target(track, write_target, tmp_path, where):
     box = [44.0, 42.0, 24.0, 24.0]
     source = write_target(f"target_box: {box}\n{where}\n").with_name("moving_square")
     assert track(source, "--output", tmp_path / "out", *QUICK)[0] == 0
-    found = rows(tmp_path / "out")
+    found = read_boxes(tmp_path / "out")
     assert [row["state"] for row in found[:6]] == ["idle"] * 6
     assert {row["x"] for row in found[:6]} == {""}
     assert [float(found[6][name]) for name in ("x", "y", "width", "height")] == box
     assert math.isclose(float(found[-1]["x"]), 96.0, abs_tol=3)
 
 
-def test_the_truth_begins_where_the_target_appears(track, rows, moving_square, write_sequence,
+def test_the_truth_begins_where_the_target_appears(track, moving_square, write_sequence,
                                                    tmp_path):  # fmt: skip
     boxes = moving_square.boxes.copy()
     boxes[:3] = np.nan
     source = write_sequence("late", moving_square.images, boxes)
     assert track(source, "--output", tmp_path / "out", *QUICK)[0] == 0
-    found = rows(tmp_path / "out")
+    found = read_boxes(tmp_path / "out")
     assert [row["state"] for row in found[:4]] == ["idle"] * 3 + ["tracking"]
     assert float(found[3]["x"]) == moving_square.boxes[3][0]
     recording = open_recording(write_sequence("empty", moving_square.images, boxes * np.nan))

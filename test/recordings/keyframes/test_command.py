@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from common import read_boxes
 
 from pf_tracker_ros.evaluation.metrics import overlap
 from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo, read_tracks
@@ -36,8 +37,7 @@ class Run:
 
     @property
     def rows(self):
-        with (self.folder / "boxes.csv").open(newline="") as file:
-            return list(csv.DictReader(file))
+        return read_boxes(self.folder)
 
     @property
     def boxes(self):
