@@ -49,17 +49,7 @@ def test_padding_of_rows_is_removed(encoding, pixel_size, padding):
 
 
 # Parts of names to bytes in a pixel.
-BYTES = {
-    "16": 2,
-    "32": 4,
-    "bgr8": 3,
-    "rgb8": 3,
-    "8UC3": 3,
-    "bgra8": 4,
-    "rgba8": 4,
-    "yu": 2,
-    "uy": 2,
-}
+BYTES = {"16": 2, "32": 4, "bgr8": 3, "rgb8": 3, "8UC3": 3, "a8": 4, "yu": 2, "uy": 2}
 
 
 def layout(encoding):
