@@ -82,6 +82,7 @@ def jpeg_with_size(width, height):
 @pytest.mark.parametrize("bomb", [png_header, jpeg_with_size])
 def test_an_image_that_declares_too_many_pixels_is_refused_before_decoding(bomb, monkeypatch):
     monkeypatch.delattr(cv2, "imdecode")
+    monkeypatch.delattr(zlib, "decompressobj")
     with pytest.raises(ImageError, match=r"declares 101 x 100 px; allowed: 10000 px in all"):
         decoded(bomb(101, 100))
     with pytest.raises(ImageError, match="width is 40000 px"):
@@ -116,13 +117,6 @@ def test_a_truncated_image_is_refused(noise, extension):
     for length in range(len(data) - 12):
         with pytest.raises(ImageError):
             decoded(data[:length])
-
-
-def test_a_damaged_png_is_refused(noise):
-    data = bytearray(encoded(noise(), ".png"))
-    data[len(data) // 2] ^= 0xFF
-    with pytest.raises(ImageError, match="damaged"):
-        decoded(data)
 
 
 IMAGES = [

@@ -28,8 +28,8 @@ PHOTOGRAPH = cv2.GaussianBlur(
 )
 
 
-def decoded(data, max_pixels=LARGEST):
-    return decode_compressed(CompressedImage(format="", data=array("B", data)), max_pixels)
+def decoded(data):
+    return decode_compressed(CompressedImage(format="", data=array("B", data)), LARGEST)
 
 
 def by_opencv(data):
@@ -257,15 +257,8 @@ def test_no_bomb_takes_much_memory_or_fills_the_log(tmp_path):
 
 def interlaced(image):
     """An interlaced PNG file, as Pillow and OpenCV write none."""
-    passes = (
-        image[::8, ::8],
-        image[::8, 4::8],
-        image[4::8, ::4],
-        image[::4, 2::4],
-        image[2::4, ::2],
-        image[::2, 1::2],
-        image[1::2],
-    )
+    passes = [image[::8, ::8], image[::8, 4::8], image[4::8, ::4], image[::4, 2::4]]
+    passes += [image[2::4, ::2], image[::2, 1::2], image[1::2]]
     height, width, *channels = image.shape
     raw = b"".join(b"\0" + row.tobytes() for part in passes for row in part if part.size)
     color_type = 2 if channels else 0
@@ -303,16 +296,13 @@ def files_of_pillow():
         yield f"JPEG flat optimized {progressive}", flat, "JPEG", optimized
 
 
+# Its PNG files are those of test_compressed_decoding.py.
 def files_of_opencv():
     color = PHOTOGRAPH[:41, :55]
-    gray, deep = color[..., 0], color.astype(np.uint16) * 201
-    images = {"color": color, "gray": gray, "alpha": np.dstack([color, gray])}
-    images |= {"16 bit color": deep, "16 bit gray": deep[..., 0]}
-    yield from ((f"PNG {name}", ".png", image, ()) for name, image in images.items())
     for name in ("RST_INTERVAL", "PROGRESSIVE", "OPTIMIZE"):
-        for channels in ("color", "gray"):
+        for channels, image in (("color", color), ("gray", color[..., 0])):
             options = (getattr(cv2, f"IMWRITE_JPEG_{name}"), 1)
-            yield f"JPEG {channels} {name}", ".jpg", images[channels], options
+            yield f"JPEG {channels} {name}", ".jpg", image, options
 
 
 ORDINARY = {
@@ -329,12 +319,4 @@ ORDINARY = {
 def test_files_of_ordinary_encoders_are_decoded_as_by_opencv_to_the_bit(name):
     data = ORDINARY[name]
     expected = PHOTOGRAPH[:13, :11, 0] if name == "PNG interlaced gray" else by_opencv(data)
-    if expected.ndim == 3 and expected.dtype == np.uint16:
-        expected = (expected >> 8).astype(np.uint8)
     np.testing.assert_array_equal(decoded(data), expected)
-
-
-def test_the_size_is_refused_before_the_pixels_are_inflated(monkeypatch):
-    monkeypatch.delattr(zlib, "decompressobj")
-    with pytest.raises(ImageError, match="declares 8 x 8 px; allowed: 63 px"):
-        decoded(header() + PIXELS + END, max_pixels=63)

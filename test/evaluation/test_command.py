@@ -5,11 +5,7 @@ from functools import partial
 import pytest
 
 from pf_tracker_ros import Tracker
-from pf_tracker_ros.evaluation import (
-    EvaluationError,
-    evaluate_sequence,
-    read_sequences,
-)
+from pf_tracker_ros.evaluation import EvaluationError, evaluate_sequence, read_sequences
 from pf_tracker_ros.evaluation.command_line import parse_parameters
 
 SCORES = {"success_auc", "precision_20px", "cpu_ms_median", "frames"}
@@ -151,20 +147,6 @@ def test_wrong_request_is_refused_in_one_line(refusal, arguments, reasons, tmp_p
     (tmp_path / "empty").mkdir()
     line = refusal(*arguments)
     assert all(reason in line for reason in reasons), line
-
-
-@pytest.mark.parametrize(
-    ("ground_truth", "reasons"),
-    [
-        ("1,2,3,4\n" * 4, ["5 frames", "4 boxes"]),
-        ("nan,nan,nan,nan\n" + "1,2,3,4\n" * 4, ["short: the target is absent in the first frame"]),
-    ],
-)
-def test_broken_sequence_is_refused_in_one_line(refusal, ground_truth, reasons, short_sequence):
-    (short_sequence / "groundtruth.txt").write_text(ground_truth)
-    line = refusal("short", "--seeds", "1", "--output", "r.json")
-    assert all(reason in line for reason in reasons), line
-    assert not (short_sequence.parent / "r.json").exists()
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
 """Parallel tasks in worker processes."""
 
 import multiprocessing
-import subprocess
-import sys
 import time
 from contextlib import closing
+
+from common import run_python
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded, run_parallel
 
@@ -39,4 +39,4 @@ look = "sorted(one.name for one in __import__('signal').pthread_sigmask(0, ()))"
 answers = dict(run_parallel(eval, [look] * 3, 2))
 assert answers == dict.fromkeys(range(3), ["SIGINT", "SIGTERM"]), answers
 """
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    run_python(program, check=True)

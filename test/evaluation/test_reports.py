@@ -151,11 +151,7 @@ def test_a_click_on_a_heading_sorts_and_a_second_one_reverses(browse, page):
     assert shown["orders"] == [[12, 20], [20, 12], [12, 20], [20, 12]]
 
 
-def scores(value):
-    return Scores(success_auc=value, precision_20px=1.0, cpu_ms_median=1.0, frames=9)
-
-
-def content(name="one", states=("tracking",) * 9, value=0.5, confidence=None):
+def content(name="one", states=("tracking",) * 9, confidence=None):
     count = len(states)
     unknown = np.full(count, np.nan)
     return SequenceContent(
@@ -166,9 +162,7 @@ def content(name="one", states=("tracking",) * 9, value=0.5, confidence=None):
         confidence=unknown if confidence is None else np.array(confidence),
         effective_sample_size=unknown,
         cue_weights={},
-        scores=scores(value),
-        success_curve=None,
-        precision_curve=None,
+        scores=Scores(success_auc=0.5, precision_20px=1.0, cpu_ms_median=1.0, frames=9),
     )
 
 
@@ -181,11 +175,8 @@ def test_changes_are_sorted_and_classified(tmp_path):
     path = tmp_path / "old.json"
     path.write_text(json.dumps({"preset": "li2007", "seeds": 1, "sequences": sequences}))
     found = changes([content(name) for name in ("down", "same", "up", "new")], read_results(path))
-    assert [(one.name, one.verdict) for one in found] == [
-        ("up", "better"),
-        ("same", "same"),
-        ("down", "worse"),
-    ]
+    verdicts = [(one.name, one.verdict) for one in found]
+    assert verdicts == [("up", "better"), ("same", "same"), ("down", "worse")]
     assert found[0].difference == pytest.approx(0.1)
 
 
@@ -202,38 +193,21 @@ def test_a_file_that_is_no_result_file_is_refused(tmp_path, text):
 
 
 def test_shares_of_a_target_that_ended_and_returned():
-    states = (
-        "tracking",
-        "unreported",
-        "unreported",
-        "skipped",
-        "lost",
-        "tracking",
-        "tracking",
-        "tracking",
-    )
+    states = ("tracking", *["unreported"] * 2, "skipped", "lost", *["tracking"] * 3)
     other = ("tracking", "tracking")
     came_back = replace(content(states=states), first=4)
     ended = replace(content("ended", states=other), first=3, has_ended=True)
-    sections = [
-        Section(came_back, {}),
-        Section(content("other", states=other), {}),
-        Section(ended, {}),
-    ]
+    shown = (came_back, content("other", states=other), ended)
+    sections = [Section(one, {}) for one in shown]
     page = render(Report("several", "default", {}, sections, kind="target"))
     found = re.findall(r'<td data-state="(\w+)" data-value="([^"]*)"', page)
-    assert found[:5] == [
-        ("tracking", "0.5"),
-        ("occluded", "0.0"),
-        ("lost", "0.125"),
-        ("unreported", "0.25"),
-        ("skipped", "0.125"),
-    ]
-    assert [float(share) for _, share in found[5:]] == 2 * [1, 0, 0, 0, 0]
+    names = ("tracking", "occluded", "lost", "unreported", "skipped")
+    assert [name for name, _ in found] == 3 * [*names]
+    shares = [float(share) for _, share in found]
+    assert shares == [0.5, 0, 0.125, 0.25, 0.125, *2 * [1, 0, 0, 0, 0]]
     text = " ".join(re.sub("<[^>]*>", " ", page).split())
-    assert (
-        "Frames 4 to 11: lost in 8; unreported in 5 to 6; skipped in 7; otherwise tracking." in text
-    )
+    of_states = "lost in 8; unreported in 5 to 6; skipped in 7; otherwise tracking."
+    assert f"Frames 4 to 11: {of_states}" in text
     assert "Frames 0 to 1: tracking." in text
     assert "Frames 3 to 4, where it ended: tracking." in text
 

@@ -112,10 +112,8 @@ def test_a_full_disk_keeps_the_last_whole_file(evaluate, write_short, tmp_path, 
     # Room for two sequences, not for three.
     with full_disk(650):
         code, output, errors = evaluate(*names, *RUN)
-    assert code == 1
-    assert errors == (
-        "evaluate: error: r.json cannot be written (File too large); its last version is kept\n"
-    )
+    assert (code, errors.count("\n")) == (1, 1)
+    assert "r.json cannot be written (File too large); its last version is kept" in errors
     assert list(document()["sequences"]) == names[:2]
     assert all(f"│ {name} " in output for name in names)
     assert {path.name for path in tmp_path.iterdir()} == {*names, "r.json"}

@@ -8,10 +8,9 @@ import pytest
 
 
 @pytest.fixture
-def pictures():
+def pictures(noise):
     """Five pictures of noise, so that a frame out of place is noticed."""
-    generator = np.random.default_rng(7)
-    return [generator.integers(0, 256, (24, 32, 3), dtype=np.uint8) for _ in range(5)]
+    return [noise(24, 32, seed=seed) for seed in range(5)]
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Bag readers, and the advice for truncated bags."""
 
-import os
 import sys
 from types import ModuleType, SimpleNamespace
 
@@ -10,16 +9,6 @@ from pf_tracker_ros.footage import FootageError, open_bag, open_footage
 
 IMAGE = "sensor_msgs/msg/Image"
 POLYGON = "geometry_msgs/msg/PolygonStamped"
-
-
-def options(*names):
-    """Makes objects of given or empty attributes."""
-
-    def make(*given, **named):
-        filled = dict(zip(names, given, strict=False))
-        return SimpleNamespace(**{**dict.fromkeys(names, ""), **filled, **named})
-
-    return make
 
 
 class DocumentedRosbag2(ModuleType):
@@ -43,16 +32,13 @@ class DocumentedRosbag2(ModuleType):
 
         class Reader:
             def open(self, storage, converter):
-                assert {*vars(converter).values()} == {"cdr"}
+                assert converter == ("cdr", "cdr")
                 assert isinstance(storage.uri, str)
                 opened.append((type(self).__name__, storage.uri, storage.storage_id))
                 self.left = list(messages)
 
             def get_metadata(self):
                 return metadata
-
-            def get_all_topics_and_types(self):
-                return [info.topic_metadata for info in infos]
 
             def set_filter(self, storage_filter):
                 self.left = [row for row in self.left if row[0] in storage_filter.topics]
@@ -66,9 +52,8 @@ class DocumentedRosbag2(ModuleType):
                     raise row[1]
                 return row
 
-        self.StorageOptions = options("uri", "storage_id")
-        self.ConverterOptions = options("input_serialization_format", "output_serialization_format")
-        self.StorageFilter = options("topics")
+        self.StorageOptions = self.StorageFilter = SimpleNamespace
+        self.ConverterOptions = lambda input_format, output_format: (input_format, output_format)
         self.MetadataIo = lambda: SimpleNamespace(read_metadata=lambda uri: metadata)
         self.SequentialReader = type("SequentialReader", (Reader,), {})
         self.SequentialCompressionReader = type("SequentialCompressionReader", (Reader,), {})
@@ -130,14 +115,8 @@ def test_rosbag2_py_receives_the_storage_of_a_file_and_decompresses(
 @pytest.mark.parametrize("name", ["../other.mcap", "/etc/passwd"])
 def test_a_bag_that_names_a_file_elsewhere_is_refused(bag_folder, messages, monkeypatch, name):
     library = DocumentedRosbag2(TOPICS, messages, paths=["talk_0.mcap", name])
-    with monkeypatch.context() as patch:
-        patch.setitem(sys.modules, "rosbag2_py", library)
-        with pytest.raises(
-            FootageError, match=f"names the file {name}, which is not in its folder"
-        ):
-            open_bag(bag_folder)
-    os.mkfifo(bag_folder / "talk_0")
-    with pytest.raises(FootageError, match="talk_0 is a FIFO; accepted are regular files"):
+    monkeypatch.setitem(sys.modules, "rosbag2_py", library)
+    with pytest.raises(FootageError, match=f"the file {name}, which is not in its folder"):
         open_bag(bag_folder)
 
 
@@ -146,9 +125,7 @@ def test_errors_of_rosbag2_py_become_footage_errors(bag_folder, messages, monkey
     monkeypatch.setitem(sys.modules, "rosbag2_py", DocumentedRosbag2(TOPICS[:1], broken))
     images = open_bag(bag_folder).images()
     next(images)
-    with pytest.raises(
-        FootageError, match=r"talk cannot be read \(No storage\); accepted are rosbag2 folders"
-    ):
+    with pytest.raises(FootageError, match=r"talk cannot be read \(No storage\); accepted are"):
         next(images)
 
 
@@ -172,11 +149,9 @@ def test_the_error_of_a_truncated_mcap_file_has_the_recovery(recording, kept):
     path = recording / "talk.mcap"
     content = path.read_bytes()
     path.write_bytes(content[: kept if kept > 1 else int(kept * len(content))])
-    with pytest.raises(
-        FootageError, match=r"talk\.mcap is truncated.*`mcap recover talk\.mcap"
-    ) as e:
+    with pytest.raises(FootageError, match=r"truncated.*`mcap recover talk\.mcap") as error:
         open_bag(path)
-    assert "reindex" not in str(e.value)
+    assert "reindex" not in str(error.value)
     with pytest.raises(FootageError, match=r"`mcap recover talk\.mcap.*`ros2 bag reindex talk`"):
         open_bag(recording)
     (recording / "metadata.yaml").unlink()

@@ -90,6 +90,10 @@ def edited(**changes):
     return {**COCO, **changes}
 
 
+def with_box(*box):
+    return edited(annotations=[{"image_id": 5, "track_id": 1, "bbox": [*box]}])
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -112,20 +116,11 @@ def edited(**changes):
         (edited(images=[{"id": [1], "frame_id": 0}]), r"'images' entry 0: 'id' is \[1\]"),
         (edited(annotations=[{"image_id": 9}]), "'annotations' entry 0: 'image_id' is 9, which no"),
         (edited(annotations=[{"image_id": 5, "bbox": [0, 0, 1, 1]}]), "it has no 'track_id'"),
-        (
-            edited(annotations=[{"image_id": 5, "track_id": 1, "bbox": [0, 0, "a", 1]}]),
-            "the width is 'a'",
-        ),
+        (with_box(0, 0, "a", 1), "the width is 'a'"),
         (edited(annotations=[{"image_id": 5, "track_id": 1}]), "'bbox' is None"),
-        (
-            edited(annotations=[{"image_id": 5, "track_id": 1, "bbox": [0, 0, 1, 10**400]}]),
-            "the height is 1000",
-        ),
+        (with_box(0, 0, 1, 10**400), "the height is 1000"),
         (edited(annotations=[]), "no box"),
-        (
-            edited(images=[{"id": n, "video_id": n, "frame_id": 0} for n in (1, 2)]),
-            "the images of 2 videos",
-        ),
+        (edited(images=[{"id": n, "video_id": n, "frame_id": 0} for n in (1, 2)]), "of 2 videos"),
     ],
 )
 def test_invalid_files_are_refused(read, text, message):

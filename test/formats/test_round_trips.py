@@ -40,19 +40,6 @@ def assert_same(tracks, others):
             assert found[frame][1] == occluded
 
 
-def test_a_track_with_absences(write_and_read):
-    car = {frame: LabeledBox((10.1234 + frame, 5.5, 20.0, 30.25)) for frame in range(3, 9)}
-    car |= {9: LabeledBox(None), 10: LabeledBox(None)}
-    car |= {11: LabeledBox((-3.25, 0.0, 7.0, 8.0), occluded=True)}
-    tracks = (
-        BoxTrack(1, "car", car),
-        BoxTrack(7, "", {5: LabeledBox((1.0, 2.0, 3.0, 4.0))}),
-    )
-    found = write_and_read(tracks)
-    assert_same(tracks, found)
-    assert not {9, 10, 12} & present(found[0]).keys()
-
-
 def test_labels_with_markup_quotes_and_commas(write_and_read, format_name):
     label = "großer <LKW> & \"Zug\", 'neu'"
     (track,) = write_and_read([BoxTrack(1, label, {0: LabeledBox((0.0, 0.0, 5.0, 5.0))})])
@@ -62,7 +49,7 @@ def test_labels_with_markup_quotes_and_commas(write_and_read, format_name):
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=15)
 @given(st.lists(st.dictionaries(st.integers(0, 39), BOXES, min_size=1), min_size=1, max_size=3))
-def test_any_tracks(write_and_read, several):
+def test_any_tracks_with_absences(write_and_read, several):
     tracks = []
     for id, boxes in enumerate(several, start=1):
         ordered = {frame: boxes[frame] for frame in sorted(boxes)}

@@ -1,5 +1,6 @@
-"""What several folders of tests need: drawn images, regions, overlaps, messages of commands."""
+"""What several folders of tests need: drawn images, regions, overlaps, results of commands."""
 
+import csv
 import resource
 import subprocess
 import sys
@@ -42,6 +43,12 @@ def run_python(code, *arguments, check=False, **options):
     command = [sys.executable, "-c", code, *map(str, arguments)]
     options = {"capture_output": True, "text": True, "timeout": 120, **options}
     return subprocess.run(command, check=check, **options)
+
+
+def read_boxes(folder):
+    """The rows of `boxes.csv`."""
+    with (folder / "boxes.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def texture(seed, height, width, low=0, high=256, *, cell=6):

@@ -6,6 +6,7 @@ import pickle
 import cv2
 import numpy as np
 import pytest
+from embedding_networks import EMBEDDING, mean_colors
 
 from pf_tracker_ros import Detections, MultiTracker
 from pf_tracker_ros.appearances.embedding import Embedding, EmbeddingParameters
@@ -40,14 +41,12 @@ def test_a_vector_has_the_mean_colors_of_each_part(write_embedding, crowd):
     vectors = EmbeddingNetwork(str(write_embedding()), "opencv").embed(*crowd)
     # Red, green and blue of the upper half, then of the lower one; 4 values of 1.
     blue_over_white = np.array([0, 0, 1, 1, 1, 1]) / 2
-    assert vectors == pytest.approx(
-        np.array([blue_over_white, np.roll(blue_over_white, 3), blue_over_white]), abs=1e-6
-    )
+    expected = np.array([blue_over_white, np.roll(blue_over_white, 3), blue_over_white])
+    assert vectors == pytest.approx(expected, abs=1e-6)
 
 
-def test_distances_are_scaled_cosines(write_embedding, embedding_description, crowd):
-    text = embedding_description + "  distance_scale: 0.4\n"
-    one = appearance(write_embedding(description=text))
+def test_distances_are_scaled_cosines(write_embedding, crowd):
+    one = appearance(write_embedding(description=EMBEDDING + "  distance_scale: 0.4\n"))
     descriptors = one.extract(*crowd)
     # The cosine of the first two is 1/2: both have blue in both parts.
     assert one.distance(descriptors[0], descriptors) == pytest.approx([0.0, 0.2, 0.0], abs=1e-6)
@@ -63,33 +62,25 @@ def test_a_blend_is_a_mean_of_length_one(write_embedding, crowd):
     assert middle @ first == pytest.approx(middle @ second)
 
 
-@pytest.mark.parametrize(
-    "to_image",
-    [
-        lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY),
-        lambda image: cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.uint16) * 40 + 7000,
-    ],
-)
-def test_gray_and_thermal_images_and_boxes_at_the_border_work(write_embedding, crowd, to_image):
-    frame, _ = crowd
+def test_gray_and_thermal_images_and_boxes_at_the_border_have_vectors(write_embedding, crowd):
+    gray = cv2.cvtColor(crowd[0].image, cv2.COLOR_BGR2GRAY)
     boxes = np.array([[-9.0, -9.0, 20.0, 40.0], [199.0, 159.0, 0.5, 0.5], [0.0, 0.0, 200.0, 160.0]])
-    vectors = appearance(write_embedding()).extract(Frame(to_image(frame.image)), boxes)
-    assert vectors.shape == (3, 6)
-    assert np.linalg.norm(vectors, axis=1) == pytest.approx(1.0)
+    one = appearance(write_embedding())
+    for image in (gray, gray.astype(np.uint16) * 40 + 7000):
+        vectors = one.extract(Frame(image), boxes)
+        assert vectors.shape == (3, 6)
+        assert np.linalg.norm(vectors, axis=1) == pytest.approx(1.0)
+    assert len(one.extract(crowd[0], np.empty((0, 4)))) == 0
 
 
-def test_no_box_has_no_vector(write_embedding, crowd):
-    assert len(appearance(write_embedding()).extract(crowd[0], np.empty((0, 4)))) == 0
-
-
-def test_copies_and_pickles_are_of_the_same_files(write_embedding, embedding_bytes, crowd):
+def test_copies_and_pickles_are_of_the_same_files(write_embedding, crowd):
     folder = write_embedding()
     one = appearance(folder)
     expected = one.extract(*crowd)
     for again in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
         assert np.array_equal(again.extract(*crowd), expected)
     pickled = pickle.dumps(one)
-    (folder / "colors.onnx").write_bytes(embedding_bytes(bias=0.1))
+    (folder / "colors.onnx").write_bytes(mean_colors(bias=0.1))
     with pytest.raises(ParameterError, match="are not those of the copied tracker"):
         pickle.loads(pickled)
 
@@ -124,23 +115,21 @@ def test_targets_keep_their_ids_by_it_after_both_were_out_of_sight(write_embeddi
     assert (after[100], after[60]) == (before[60], before[100])
 
 
-def test_an_output_that_is_neither_vector_nor_map_is_refused(
-    write_embedding, embedding_description
-):
-    folder = write_embedding(description=embedding_description.replace("rows: 2", "rows: 5"))
+def test_an_output_that_is_neither_vector_nor_map_is_refused(write_embedding):
+    folder = write_embedding(description=EMBEDDING.replace("rows: 2", "rows: 5"))
     with pytest.raises(ParameterError, match=r"shape \(1, 3, 4, 2\); allowed: .* at least 5 x 1"):
         appearance(folder)
 
 
 @pytest.mark.parametrize("bias", [np.nan, np.inf])
-def test_a_network_without_a_finite_vector_is_refused(write_embedding, embedding_bytes, bias):
+def test_a_network_without_a_finite_vector_is_refused(write_embedding, bias):
     with pytest.raises(ParameterError, match="gives no finite vector but 0"):
-        appearance(write_embedding(embedding_bytes(bias)))
+        appearance(write_embedding(mean_colors(bias)))
 
 
 def test_a_tracker_without_a_model_for_it_is_refused():
+    kind = {"appearance.kind": "embedding"}
     with pytest.raises(ParameterError, match=r"'appearance\.embedding\.model' is empty"):
-        MultiTracker.from_preset("default", parameters={"appearance.kind": "embedding"})
-    tracker = MultiTracker.from_preset("default")
+        MultiTracker.from_preset("default", parameters=kind)
     with pytest.raises(ParameterError, match=r"'appearance\.embedding\.model' is empty"):
-        tracker.set_parameters({"appearance.kind": "embedding"})
+        MultiTracker.from_preset("default").set_parameters(kind)

@@ -4,7 +4,10 @@ import os
 import threading
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
+from embedding_networks import EMBEDDING, SIDE
+from small_networks import field, network, node, value
 
 from pf_tracker_ros.networks import engines, onnx_files
 from pf_tracker_ros.networks.description import read_model
@@ -77,17 +80,7 @@ def test_a_description_of_any_text_is_refused_in_a_sentence(tmp_path, name):
         read_model(str(tmp_path / name.replace("\\0", "\0")))
 
 
-def field(number, content):
-    """A field with a length in the format of Protocol Buffers, of less than 128 bytes."""
-    return bytes([*number_bytes(number << 3 | 2), len(content)]) + content
-
-
-def number_bytes(value):
-    return [value] if value < 128 else [value & 127 | 128, value >> 7]
-
-
-EXTERNAL = bytes([14 << 3, 1])
-TENSOR = field(13, field(1, b"location") + field(2, b"weights.bin")) + EXTERNAL
+TENSOR = field(13, field(1, "location") + field(2, "weights.bin")) + field(14, 1)
 # Fields of a model to the tensor: graph 7, node 1, attribute 5, tensor 5, and so on.
 PLACES = [
     (7, 5),
@@ -118,7 +111,12 @@ def test_weights_in_another_file_are_refused(model, place, engine):
         EmbeddingNetwork(str(model), engine)
 
 
-@pytest.mark.parametrize("content", [b"\xff" * 10**6, b"\x08" * 99, b"\x3a\xff\xff\xff\xff\x0f"])
+LARGE_FILE = b"version https://git-lfs.github.com/spec/v1"
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff" * 10**6, b"\x08" * 99, b"\x3a\xff\xff\xff\xff\x0f", LARGE_FILE]
+)
 @pytest.mark.parametrize("engine", LOADERS)
 def test_bytes_that_are_no_network_are_refused(model, content, engine):
     (model / FILE).write_bytes(content)
@@ -148,11 +146,10 @@ class Endless:
 
 
 def test_a_run_without_an_end_is_refused_and_not_repeated(
-    write_embedding, embedding_description, short_limit, monkeypatch
+    write_embedding, short_limit, monkeypatch
 ):
     # Of another name than those that have run before.
-    text = embedding_description.replace("mean colors", "without an end")
-    model = write_embedding(description=text)
+    model = write_embedding(description=EMBEDDING.replace("mean colors", "without an end"))
     monkeypatch.setitem(engines._ENGINES, "opencv", Endless)
     for reason in ("it takes more than 0.2 s", "an earlier run took more than 0.2 s"):
         with pytest.raises(ParameterError, match=f"cannot run {FILE} as its .*{reason}"):
@@ -169,10 +166,31 @@ def test_loading_without_an_end_is_refused(model, short_limit, monkeypatch):
     release.set()
 
 
+def endless():
+    """The bytes of an embedding network with a loop of 10**12 iterations."""
+    body = field(1, node("Identity", ["condition"], "go_on"))
+    body += field(1, node("Identity", ["before"], "after")) + field(2, "body")
+    for number, names in ((11, ("iteration", "condition", "before")), (12, ("go_on", "after"))):
+        for name in names:
+            # Without dimensions; the elements are whole numbers, truth values or floats.
+            element = {"iteration": 7, "condition": 9, "go_on": 9}.get(name, 1)
+            dimensions = b"" if element == 1 else field(2, b"")
+            kind = field(1, element) + dimensions
+            body += field(number, field(1, name) + field(2, field(1, kind)))
+    loop = field(5, field(1, "body") + field(6, body) + field(20, 5))
+    times = field(2, 7) + field(8, "times") + field(9, np.int64(10**12).tobytes())
+    shape = (1, 3, 2 * SIDE, SIDE)
+    return network(
+        [node("Loop", ["times", "", "input"], "output", loop)],
+        [times],
+        [value("input", shape)],
+        [value("output", shape)],
+    )
+
+
 @pytest.mark.skipif(not HAS_RUNTIME, reason="no ONNX Runtime")
-def test_a_loop_without_an_end_is_stopped(write_embedding, endless_bytes, short_limit):
-    """The thread ends, too."""
-    folder = write_embedding(endless_bytes())
+def test_a_loop_without_an_end_is_stopped_with_its_thread(write_embedding, short_limit):
+    folder = write_embedding(endless())
     with pytest.raises(ParameterError, match=r"cannot run colors\.onnx as .*it takes more than"):
         EmbeddingNetwork(str(folder), "onnxruntime")
     for thread in threading.enumerate():

@@ -1,21 +1,17 @@
 """Runs the command `track` in this process or another one; recordings and detections for it."""
 
 import contextlib
-import csv
 import io
-import json
-import os
 import shutil
-import signal
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from archives import TARGET
-from common import QUICK, run_command, two_walkers
+from common import QUICK, one_sentence, read_boxes, run_command, two_walkers
 from make_vision_msgs import DEFINITIONS
-from subprocesses import processes_below, wait_until
+from subprocesses import wait_until
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.frames import Frame
@@ -39,20 +35,22 @@ def track(capsys):
 
 
 @pytest.fixture
-def start_track(start_module):
-    """Starts the command as a process, which is killed after the test."""
-    return partial(start_module, "recordings")
+def refusal(track, tmp_path):
+    """Runs the command, which must refuse and write nothing into a folder `out`; its error."""
+
+    def run(*arguments, expected=2):
+        code, said, errors = track(*arguments, "--output", tmp_path / "out")
+        assert (code, said) == (expected, ""), errors
+        assert not (tmp_path / "out").exists()
+        return one_sentence(errors)
+
+    return run
 
 
 @pytest.fixture
-def rows():
-    """Reads boxes.csv of a folder."""
-
-    def read(folder):
-        with (folder / "boxes.csv").open(newline="") as file:
-            return list(csv.DictReader(file))
-
-    return read
+def start_track(start_module):
+    """Starts the command as a process, which is killed after the test."""
+    return partial(start_module, "recordings")
 
 
 @pytest.fixture
@@ -136,41 +134,6 @@ def in_this_process(monkeypatch):
     monkeypatch.setattr(executors, "run_parallel", run)
 
 
-class Watch:
-    """Observes an archive's output folder, and the processes that write into it."""
-
-    @classmethod
-    def boxes(cls, output):
-        """Name of a recording to the bytes of its boxes, without hidden folders."""
-        found = {path.relative_to(output): path for path in output.rglob("boxes.csv")}
-        return {
-            str(name.parent): path.read_bytes()
-            for name, path in found.items()
-            if not any(part.startswith(".") for part in name.parts)
-        }
-
-    @classmethod
-    def assert_whole(cls, output):
-        """All results outside hidden folders are complete."""
-        for name, content in cls.boxes(output).items():
-            done = json.loads((output / name / "done.json").read_text())
-            assert content.count(b"\n") == 1 + (12 if done["error"] else 20)
-
-    @classmethod
-    def wait_for_results(cls, output, count):
-        """Wait for a number of finished recordings."""
-        wait_until(lambda: len(list(output.glob("day_?/drive_*/done.json"))) >= count)
-
-    @classmethod
-    def kill_worker(cls, driver, name):
-        """Kill a process below the driver that has a name in its command line."""
-        found = []
-        wait_until(lambda: found.extend(processes_below(driver.pid, name)) or found)
-        # It may have ended in between.
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(found[0], signal.SIGKILL)
-
-
 @pytest.fixture
 def wait_for_rows():
     """Waits until a process has written more than so many rows of boxes.csv into its draft."""
@@ -184,12 +147,6 @@ def wait_for_rows():
         wait_until(is_written)
 
     return wait
-
-
-@pytest.fixture
-def watch():
-    """Observes the processes of an archive."""
-    return Watch()
 
 
 @pytest.fixture(scope="session")
@@ -278,12 +235,12 @@ def library(walkers):
 
 
 @pytest.fixture
-def tracked(track, rows, tmp_path):
+def tracked(track, tmp_path):
     """Runs the command, as `Library`, into a folder `out`; its exit code, errors and rows."""
 
     def run(*arguments):
         code, _, errors = track(*arguments, "--preset", "li2007", "--output", tmp_path / "out")
-        return code, errors, rows(tmp_path / "out")
+        return code, errors, read_boxes(tmp_path / "out")
 
     return run
 

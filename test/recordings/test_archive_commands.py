@@ -12,7 +12,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from common import QUICK
+from common import QUICK, read_boxes
 
 from pf_tracker_ros.recordings.target import Target, save_targets
 
@@ -45,7 +45,7 @@ def arguments_of(line, fleet, output):
 
 
 @pytest.mark.parametrize("line", [line for line in TRACK if "--ray" not in line])
-def test_each_command_without_ray(track, rows, fleet, tmp_path, line):
+def test_each_command_without_ray(track, fleet, tmp_path, line):
     output = tmp_path / "boxes"
     code, said, errors = track(*arguments_of(line, fleet, output))
     assert code == 0, errors
@@ -54,7 +54,7 @@ def test_each_command_without_ray(track, rows, fleet, tmp_path, line):
         assert not output.exists()
     else:
         assert "1 tracked, 0 up to date, 0 failed" in said
-        assert len(rows(output / "drive")) >= 16
+        assert len(read_boxes(output / "drive")) >= 16
 
 
 @pytest.fixture
@@ -88,7 +88,7 @@ def ray_head(monkeypatch):
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def test_a_running_cluster_of_this_machine_is_used(ray_head, start_track, rows, fleet, tmp_path):
+def test_a_running_cluster_of_this_machine_is_used(ray_head, start_track, fleet, tmp_path):
     lines = [line for line in TRACK if "--ray" in line and OWN_CLUSTER not in line]
     assert [re.search(r"--ray (\S+)", line)[1] for line in lines] == ["auto", "127.0.0.1:6379"]
     for line in lines:
@@ -96,4 +96,4 @@ def test_a_running_cluster_of_this_machine_is_used(ray_head, start_track, rows, 
         said, errors = start_track(*given).communicate(timeout=120)
         assert errors == ""
     assert "1 recording: 1 tracked, 0 up to date, 0 failed" in said
-    assert len(rows(tmp_path / "boxes" / "drive")) == 16
+    assert len(read_boxes(tmp_path / "boxes" / "drive")) == 16

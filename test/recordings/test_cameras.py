@@ -7,15 +7,13 @@ import signal
 import time
 
 import pytest
-from common import QUICK
+from common import QUICK, read_boxes
 
 DEADLINE = 60
 BOX = ("--box", "10,10,24,24")
 
 
-def test_ctrl_c_ends_it_well_with_all_results(
-    send_stream, start_track, wait_for_rows, rows, tmp_path
-):
+def test_ctrl_c_ends_it_well_with_all_results(send_stream, start_track, wait_for_rows, tmp_path):
     pytest.importorskip("matplotlib")
     output = tmp_path / "out"
     outputs = ("--output", output, "--video", "--report")
@@ -27,7 +25,7 @@ def test_ctrl_c_ends_it_well_with_all_results(
     assert (process.returncode, errors) == (0, "")
     assert "secret" not in printed
     assert printed.startswith("opening rtsp://127.0.0.1:")
-    found = rows(output)
+    found = read_boxes(output)
     # A busy machine may skip some.
     assert f"live: {len(found)} frames (100% tracking)" in printed
     stamps = [int(row["stamp"]) for row in found]
@@ -40,16 +38,16 @@ def test_ctrl_c_ends_it_well_with_all_results(
     assert 'id="timeline"' in page
 
 
-def test_a_camera_that_ends_is_an_error_with_results(send_stream, start_track, rows, tmp_path):
+def test_a_camera_that_ends_is_an_error_with_results(send_stream, start_track, tmp_path):
     output = tmp_path / "out"
     process = start_track(send_stream(20), *QUICK, *BOX, "--output", output)
     _, errors = process.communicate(timeout=DEADLINE)
     assert process.returncode == 3
     assert "sends no pictures; check its cable or network; " in errors
-    assert errors.endswith(f"{len(rows(output))} frames were tracked\n")
+    assert errors.endswith(f"{len(read_boxes(output))} frames were tracked\n")
 
 
-def test_a_target_is_drawn_on_a_picture(send_stream, start_track, wait_for_rows, rows, tmp_path):
+def test_a_target_is_drawn_on_a_picture(send_stream, start_track, wait_for_rows, tmp_path):
     pytest.importorskip("aiohttp")
     output = tmp_path / "out"
     process = start_track(send_stream(400), *QUICK, "--output", output, "--draw")
@@ -74,7 +72,7 @@ def test_a_target_is_drawn_on_a_picture(send_stream, start_track, wait_for_rows,
     printed, errors = process.communicate(timeout=DEADLINE)
     assert (process.returncode, errors) == (0, "")
     assert "not saved, because a camera sees it only now" in printed
-    assert [float(rows(output)[0][name]) for name in ("x", "y")] == [10, 10]
+    assert [float(read_boxes(output)[0][name]) for name in ("x", "y")] == [10, 10]
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
 """Recordings damaged at random: nothing crashes or hangs, and what is missing is told."""
 
-import csv
 import os
 import shutil
 
 import cv2
 import numpy as np
 import pytest
+from common import read_boxes
 
 CASES = int(os.environ.get("PF_TRACKER_CASES", "0"))
 KINDS = ("mp4", "mkv", "avi", "mcap", "sqlite3", "folder")
@@ -52,19 +52,11 @@ def damage(path, random):
     path.write_bytes(content)
 
 
-def stamps_in(folder):
-    path = folder / "boxes.csv"
-    if not path.exists():
-        return []
-    with path.open(newline="") as file:
-        return [row["stamp"] for row in csv.DictReader(file)]
-
-
 @pytest.mark.parametrize("whole", KINDS, indirect=True)
 def test_damage_is_told(whole, track, start_alarm, tmp_path):
     source, kind = whole
     assert track(source, "--output", tmp_path / "whole", *REQUEST)[::2] == (0, "")
-    expected = stamps_in(tmp_path / "whole")
+    expected = [row["stamp"] for row in read_boxes(tmp_path / "whole")]
     assert len(expected) == 20
     for seed in range(max(2, CASES // len(KINDS))):
         random = np.random.default_rng(seed)
@@ -81,7 +73,7 @@ def test_damage_is_told(whole, track, start_alarm, tmp_path):
         assert [line for line in errors.splitlines() if not line.startswith("track: ")] == []
         assert bool(said) == (code == 0)
         if not errors:
-            found = stamps_in(output)
+            found = [row["stamp"] for row in read_boxes(output)]
             assert len(found) == 20 or kind not in LISTED, seed
             # The header of a message in a bag has no checksum.
             assert source.is_dir() or set(found) <= set(expected), seed

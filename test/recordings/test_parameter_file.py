@@ -1,6 +1,7 @@
 """`track` with the node's parameter file."""
 
 import pytest
+from common import read_boxes
 
 BOX = ("--box", "20,30,24,24")
 OWN = """\
@@ -23,14 +24,14 @@ def own(tmp_path):
 
 
 @pytest.fixture
-def tracked(track, rows, moving_square_sequence, tmp_path):
+def tracked(track, moving_square_sequence, tmp_path):
     """The rows of boxes.csv with some arguments."""
 
     def run(*arguments):
         output = tmp_path / f"out{len(list(tmp_path.iterdir()))}"
         code, _, errors = track(moving_square_sequence, "--output", output, *arguments)
         assert (code, errors) == (0, "")
-        return rows(output)
+        return read_boxes(output)
 
     return run
 
@@ -49,9 +50,7 @@ def test_a_file_equals_typed_options(tracked, own):
     assert tracked(*BOX, "--params-file", own, *over) == tracked(*BOX, *typed, *over)
 
 
-def test_a_file_for_another_node_causes_a_warning(
-    track, rows, moving_square_sequence, own, tmp_path
-):
+def test_a_file_for_another_node_causes_a_warning(track, moving_square_sequence, own, tmp_path):
     other = tmp_path / "other.yaml"
     other.write_text(OWN.replace("/pf_tracker", "front_tracker"))
     found = []
@@ -59,20 +58,15 @@ def test_a_file_for_another_node_causes_a_warning(
         arguments = ("--output", tmp_path / path.stem, *BOX, "--params-file", path)
         code, _, errors = track(moving_square_sequence, *arguments)
         assert code == 0
-        found.append((rows(tmp_path / path.stem), errors))
+        found.append((read_boxes(tmp_path / path.stem), errors))
     assert found[0] == (found[1][0], "")
-    assert (
-        f"{other} is for the node /front_tracker, and is used for the tracker here" in found[1][1]
-    )
+    assert f"{other} is for the node /front_tracker, and is used for" in found[1][1]
 
 
-def test_two_presets_are_refused(track, moving_square_sequence, own, tmp_path):
-    arguments = (moving_square_sequence, "--output", tmp_path / "out", "--params-file", own)
-    code, _, errors = track(*arguments, "--preset", "default")
-    assert code == 2
-    assert "--preset default and" in errors
-    assert "(preset li2007) both set the preset; remove one of them" in errors
-    assert not (tmp_path / "out").exists()
+def test_two_presets_are_refused(refusal, moving_square_sequence, own):
+    error = refusal(moving_square_sequence, "--params-file", own, "--preset", "default")
+    assert "--preset default and" in error
+    assert "(preset li2007) both set the preset; remove one of them" in error
 
 
 def test_a_file_with_max_targets_tracks_a_single_target_as_one_of_several(tracked, own):
@@ -97,14 +91,11 @@ def test_a_file_with_max_targets_tracks_a_single_target_as_one_of_several(tracke
     ],
 )
 def test_an_invalid_value_is_reported_with_its_file_or_without_if_it_was_typed(
-    track, moving_square_sequence, own, line, said
+    refusal, moving_square_sequence, own, line, said
 ):
     typed = () if line else ("--parameter", "particles=none")
     if line:
         own.write_text(f"/**:\n  ros__parameters:\n    {line}\n")
-    arguments = (moving_square_sequence, "--output", own.parent / "out", "--params-file", own)
-    code, _, errors = track(*arguments, *typed)
-    assert code == 2
-    assert said in errors
-    assert (f"{own}: " in errors) == bool(line)
-    assert len(errors.splitlines()) == 1
+    error = refusal(moving_square_sequence, "--params-file", own, *typed)
+    assert said in error
+    assert (f"{own}: " in error) == bool(line)

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from common import QUICK
+from common import QUICK, read_boxes
 
 from pf_tracker_ros.evaluation.__main__ import main as evaluate
 
@@ -116,7 +116,7 @@ def test_the_names_of_targets_beside_the_timeline_are_not_cut(
         page.close()
 
 
-def test_a_loss_is_listed_with_cause_and_end(track, rows, moving_square, write_sequence, tmp_path):
+def test_a_loss_is_listed_with_cause_and_end(track, moving_square, write_sequence, tmp_path):
     ground = np.full_like(moving_square.images[0], 90)
     images = [*moving_square.images[:10], *[ground] * 20]
     boxes = np.full((30, 4), np.nan)
@@ -124,7 +124,7 @@ def test_a_loss_is_listed_with_cause_and_end(track, rows, moving_square, write_s
     source = write_sequence("gone", images, boxes)
     soon = ("--preset", "li2007", "--parameter", "track.lost_after=0.2", "--report")
     assert track(source, "--output", tmp_path / "out", *soon)[0] == 0
-    for row in rows(tmp_path / "out")[3:]:
+    for row in read_boxes(tmp_path / "out")[3:]:
         assert (row["x"] == "") == (row["state"] == "lost")
         assert row["confidence"]
     page = (tmp_path / "out" / "report.html").read_text()

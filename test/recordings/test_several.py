@@ -1,11 +1,9 @@
 """Several targets in one recording with the command `track`, given or detected."""
 
-import sys
-
 import cv2
 import numpy as np
 import pytest
-from common import QUICK, one_sentence
+from common import QUICK, one_sentence, read_boxes
 
 from pf_tracker_ros import Detections
 from pf_tracker_ros.recordings.errors import WRONG_DETECTIONS, WRONG_TARGET
@@ -26,7 +24,7 @@ def test_several_boxes_have_a_row_each_to_the_bits_of_the_library(tracked, sourc
     assert len({row[3] for row in found}) > COUNT
 
 
-def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, library, tmp_path):
+def test_the_targets_of_a_file_begin_on_their_own_frames(track, source, library, tmp_path):
     boxes = library.boxes
     file = source.with_name("img.target.yaml")
     file.write_text(
@@ -40,7 +38,7 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
     assert code == 0
     assert "(best state in each frame: " in said
     assert "), 2 targets, " in said
-    found = rows(output)
+    found = read_boxes(output)
     idle = [("0", "", "idle"), ("1", "", "idle")]
     assert [(row["frame"], row["id"], row["state"]) for row in found[:2]] == idle
     assert found[0]["x"] == found[0]["confidence"] == ""
@@ -63,28 +61,20 @@ def test_the_targets_of_a_file_begin_on_their_own_frames(track, rows, source, li
         ("targets: []", "'targets' is []; allowed: a list with a mapping for each target"),
         ("targets: [1]", "the entry of target 1 is 1; allowed: a mapping"),
         ("targets: [{target_box: [1, 2, 30]}]", "'target_box' of target 1 is [1, 2, 30]"),
-        (
-            "targets: [{target_box: [1, 2, 30, 40]}, {target_box: [1, 2, 30, 40], age: 3}]",
-            "unknown key age of target 2; allowed: frame, image_size",
-        ),
+        ("targets: [{target_box: [1, 2, 30, 40]}, {age: 3}]", "unknown key age of target 2"),
         ("targets: []\ntarget_box: [1, 2, 30, 40]", "unknown key target_box; allowed: image_s"),
         ("recording: other\ntargets: [{target_box: [1, 2, 30, 40]}]", "is for 'other', not for"),
+        ("targets: [{target_box: [1, 2, 9, 9]}, {target_box: [900, 2, 9, 9]}]", "is outside"),
         (
-            "targets: [{target_box: [1, 2, 30, 40]}, {target_box: [900, 2, 30, 40]}]",
-            "target refused: the center of box (900, 2, 30, 40) is outside",
-        ),
-        (
-            "targets: [{target_box: [1, 2, 30, 40], frame: 7}, {target_box: [1, 2, 9, 9], "
-            "frame: 900}]",
-            "img.target.yaml is for the frame with number 900, which this recording does not have",
+            "targets: [{target_box: [1, 2, 9, 9]}, {target_box: [1, 2, 9, 9], frame: 900}]",
+            "is for the frame with number 900, which this recording does not have",
         ),
     ],
 )
 def test_an_invalid_file_of_several_targets(track, source, tmp_path, text, said):
     source.with_name("img.target.yaml").write_text(text)
     code, _, errors = track(source, "--output", tmp_path / "out", *QUICK)
-    assert code == WRONG_TARGET
-    assert said in one_sentence(errors)
+    assert (code, said in one_sentence(errors)) == (WRONG_TARGET, True)
 
 
 @pytest.mark.parametrize("label", ["", ",-1,-1,-1", ",walker"])
@@ -126,29 +116,24 @@ def test_detections_of_a_file_correct_targets(tracked, source, library, write_de
         ('1,-1,2,3,4,5,0.9,"car\n2,-1,2,3,4,5,0.9\n', "cannot be read (unexpected end of data)"),
     ],
 )
-def test_an_invalid_detection_file(track, source, tmp_path, text, said):
+def test_an_invalid_detection_file(refusal, source, tmp_path, text, said):
     file = tmp_path / "detections.csv"
     file.write_text(text)
-    code, _, errors = track(source, "--output", tmp_path / "out", "--detections", file)
-    assert code == WRONG_DETECTIONS
-    assert said in one_sentence(errors)
-    assert str(file) in errors
-    assert not (tmp_path / "out").exists()
-    if not text:
-        file.write_bytes(b"\xff\xfe\x80")
-        for name, reason in (
-            ("none", "none cannot be read"),
-            (".", "is a folder"),
-            (file, "utf-8"),
-        ):
-            given = ("--output", tmp_path / "out", "--detections", tmp_path / name)
-            code, _, errors = track(source, *given)
-            assert (code, reason in one_sentence(errors)) == (WRONG_DETECTIONS, True)
+    error = refusal(source, "--detections", file, expected=WRONG_DETECTIONS)
+    assert said in error
+    assert str(file) in error
 
 
-def test_detections_after_the_last_frame_are_an_error(
-    track, rows, source, write_detections, tmp_path
-):
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("none", "none cannot be read"), (".", "is a folder"), ("bytes.csv", "utf-8")],
+)
+def test_an_unreadable_detection_file(refusal, source, tmp_path, name, said):
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x80")
+    assert said in refusal(source, "--detections", tmp_path / name, expected=WRONG_DETECTIONS)
+
+
+def test_detections_after_the_last_frame_are_an_error(track, source, write_detections, tmp_path):
     file = write_detections((0, 4, 8))
     assert track(source, *QUICK, "--output", tmp_path / "right", "--detections", file)[0] == 0
     file.write_text(file.read_text() + "17,-1,20,20,24,40,0.9\n")
@@ -157,7 +142,7 @@ def test_detections_after_the_last_frame_are_an_error(
     line = one_sentence(errors)
     assert "has detections in frame 17, but the recording has 16 frames" in line
     assert line.endswith(f"; {COUNT} frames were tracked")
-    assert rows(tmp_path / "out") == rows(tmp_path / "right")
+    assert read_boxes(tmp_path / "out") == read_boxes(tmp_path / "right")
 
 
 def test_every_output_has_several_targets(tracked, source, write_detections, typestore, tmp_path):
@@ -211,7 +196,7 @@ def test_a_label_stays_in_its_cell(tracked, source, write_detections, tmp_path):
     assert len((tmp_path / "out" / "boxes.csv").read_text().splitlines()) == 1 + COUNT
 
 
-def test_a_video_without_images_says_why_it_is_none(track, rows, make_stamped, write_bag, tmp_path):
+def test_a_video_without_images_says_why_it_is_none(track, make_stamped, write_bag, tmp_path):
     message = make_stamped(
         "sensor_msgs/msg/Image", 10**9, height=2, width=2, encoding="64FC1", is_bigendian=0,
         step=16, data=np.zeros(32, np.uint8),
@@ -223,10 +208,10 @@ def test_a_video_without_images_says_why_it_is_none(track, rows, make_stamped, w
     assert "overlay.mp4 was not written, because no frame has an image: " in one_sentence(errors)
     assert "64FC1" in errors
     assert [path.name for path in output.iterdir()] == ["boxes.csv"]
-    assert [row["state"] for row in rows(output)] == ["skipped"]
+    assert [row["state"] for row in read_boxes(output)] == ["skipped"]
 
 
-def test_a_recording_without_targets_has_results(track, rows, source, tmp_path):
+def test_a_recording_without_targets_has_results(track, source, tmp_path):
     file = tmp_path / "none.csv"
     file.write_text("5\n")
     output = tmp_path / "out"
@@ -234,7 +219,7 @@ def test_a_recording_without_targets_has_results(track, rows, source, tmp_path):
     code, said, errors = track(source, "--output", output, *given)
     assert (code, errors) == (0, "")
     assert f"{COUNT} frames (100% idle), 0 targets, " in said
-    assert [(row["id"], row["state"]) for row in rows(output)] == [("", "idle")] * COUNT
+    assert [(row["id"], row["state"]) for row in read_boxes(output)] == [("", "idle")] * COUNT
     assert "<dt>targets</dt><dd>0</dd>" in (output / "report.html").read_text()
 
 
@@ -263,10 +248,8 @@ def test_a_built_in_detector_does_not_depend_on_the_machine(
     arrivals = {number + 1: [(library.detections(number), number)] for number in (0, 4, 12)}
     assert library.target_rows(found) == library.track((), arrivals)
     (line,) = errors.splitlines()
-    assert line == (
-        "track: 1 warning on detections and targets, first: frame 9: the detector 'motion' failed "
-        "in frame 8: RuntimeError: blind (frames counted from 0)"
-    )
+    assert line.startswith("track: 1 warning on detections and targets, first: frame 9: the detec")
+    assert "'motion' failed in frame 8: RuntimeError: blind" in line
 
 
 @pytest.mark.parametrize(
@@ -292,19 +275,10 @@ def test_a_built_in_detector_without_detections_is_reported(tracked, source, nam
         (["--detector", "motion", "--parameter", "max_targets=0"], "'max_targets' is 0; allowed"),
         (["--detector", "motion", "--parameter", "max_targets=no"], "'max_targets' is 'no'"),
         (["--detector", "motion", "--parameter", "targets.least=1"], "targets.least"),
-        (
-            ["--box", "1,2,30,40", "--box", "50,2,30,40", "--parameter", "max_targets=1"],
-            "there are 2 targets, but 'max_targets' is 1; raise it, or give fewer targets",
-        ),
+        ([*2 * ["--box", "1,2,9,9"], "--parameter", "max_targets=1"], "there are 2 targets, but"),
         (["--detections"], "; write img.detections.csv beside it, or give --detections FILE"),
-        (["--detector", "motion"], "scipy is not installed: pip install scipy, or '.[targets]'"),
     ],
 )
-def test_a_request_that_cannot_be_carried_out(track, source, monkeypatch, arguments, said):
-    if "scipy" in said:
-        monkeypatch.setitem(sys.modules, "scipy", None)
-    output = source.parents[1] / "out"
-    code, _, errors = track(source, "--output", output, *arguments)
-    assert code in (2, WRONG_TARGET, WRONG_DETECTIONS)
-    assert said in one_sentence(errors)
-    assert not output.exists()
+def test_a_request_that_cannot_be_carried_out(refusal, source, arguments, said):
+    codes = {"--box": WRONG_TARGET, "--detections": WRONG_DETECTIONS}
+    assert said in refusal(source, *arguments, expected=codes.get(arguments[0], 2))

@@ -18,6 +18,7 @@ comparison = pytest.importorskip("pf_tracker_ros.tuning.comparison")
 journal = pytest.importorskip("pf_tracker_ros.tuning.journal")
 tuning_run = pytest.importorskip("pf_tracker_ros.tuning.tuning")
 
+IN_MEMORY = optuna.storages.InMemoryStorage
 NOISE = "motion.position_noise"
 PRESET = "li2007"
 OWN_NOISE = preset_parameters(PRESET)[NOISE]
@@ -61,10 +62,6 @@ class Formula:
         return 0.6 - 0.1 * abs(np.log(values[NOISE] / best)) + noise
 
 
-def new_storage():
-    return optuna.storages.InMemoryStorage()
-
-
 @pytest.fixture
 def tune():
     """A function that tunes the preset with an executor; returns the result and the tuning."""
@@ -74,7 +71,7 @@ def tune():
         options = {"trials": 30, "seeds": 2, "folds": 4, "seed": 0, **options}
         request = tuning_run.TuningRequest(PRESET, given, search_space(PRESET, given), **options)
         footage = [NamedFootage(f"sequence{number}") for number in range(sequences)]
-        tuning = tuning_run.Tuning(request, footage, storage or new_storage(), executor)
+        tuning = tuning_run.Tuning(request, footage, storage or IN_MEMORY(), executor)
         return tuning.run(on_progress or (lambda name, done: None)), tuning
 
     run.own = {name: preset_parameters(PRESET)[name] for name in search_space(PRESET, {})}
@@ -233,7 +230,7 @@ def test_a_journal_with_a_missing_or_changed_line_is_refused(tune, tmp_path):
 
 
 def test_a_hopeless_trial_ends_early(tune):
-    storage = new_storage()
+    storage = IN_MEMORY()
     executor = Formula(OWN_NOISE, noise=1e-4)
     tune(executor, given={NOISE: 9 * OWN_NOISE}, trials=2, sequences=12, storage=storage)
     preset, start, *_ = optuna.load_study(study_name="all", storage=storage).get_trials()

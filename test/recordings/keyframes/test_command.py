@@ -5,15 +5,18 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 import yaml
+from common import read_boxes
 
 from pf_tracker_ros.evaluation.metrics import overlap
 from pf_tracker_ros.formats import FORMATS, BoxTrack, LabeledBox, RecordingInfo, read_tracks
 from pf_tracker_ros.frames import Frame
+from pf_tracker_ros.recordings.errors import WRONG_TARGET
 from pf_tracker_ros.recordings.keyframes.keyframes import KeyframeTrack, read_keyframes
 from pf_tracker_ros.recordings.keyframes.tracking import track_between_keyframes
 from pf_tracker_ros.recordings.recording import RecordedFrame, open_recording
@@ -34,8 +37,7 @@ class Run:
 
     @property
     def rows(self):
-        with (self.folder / "boxes.csv").open(newline="") as file:
-            return list(csv.DictReader(file))
+        return read_boxes(self.folder)
 
     @property
     def boxes(self):
@@ -76,8 +78,9 @@ def write_target_file(tmp_path):
     """Writes a target file, and returns its path."""
 
     def write(document):
-        path = tmp_path / "given.yaml"
-        path.write_text(yaml.safe_dump(document))
+        is_text = isinstance(document, str)
+        path = tmp_path / ("given.txt" if is_text else "given.yaml")
+        path.write_text(document if is_text else yaml.safe_dump(document))
         return path
 
     return write
@@ -230,19 +233,8 @@ def test_a_recording_that_breaks_off_keeps_the_frames_so_far(recording, run, tru
     assert overlap(done.boxes, truth[:12]).min() > 0.6
 
 
-class Frames:
-    """A recording of given frames."""
-
-    def __init__(self, frames):
-        self._frames = frames
-
-    def frames(self):
-        yield from self._frames
-
-
 @pytest.mark.parametrize("absent_at", [None, 5])
 def test_frames_of_another_size_or_without_an_image_are_skipped(moving_square, truth, absent_at):
-    """As in a bag, where a camera driver may change the size."""
     frames = []
     for index, image in enumerate(moving_square.images):
         shown = image if index < 8 else image[:, :-2]
@@ -254,7 +246,8 @@ def test_frames_of_another_size_or_without_an_image_are_skipped(moving_square, t
     )
     track = KeyframeTrack(1, "", dict(sorted(keyframes.items())), "given")
     values = preset_parameters("li2007") | {"particles": 60}
-    found = [*track_between_keyframes(Frames(frames), [track], parameters=values)]
+    recording = SimpleNamespace(frames=lambda: (one for one in frames))
+    found = [*track_between_keyframes(recording, [track], parameters=values)]
     assert [tracked.frame.index for tracked in found] == [*range(20)]
     skipped = {3, 14} if absent_at else {3, 5, 14, *range(8, 12)}
     assert {tracked.frame.index for tracked in found if tracked.state == "skipped"} >= skipped
@@ -264,25 +257,11 @@ def test_frames_of_another_size_or_without_an_image_are_skipped(moving_square, t
 
 
 @pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("1,1,1,1,5,5\n31,1,1,1,5,5\n", "box in frame 30, .* has 20 frames: it belongs to"),
-        ("5,1,900,1,5,5\n", "keyframe of target 1 in frame 4, counted from 0: the center of"),
-        ("nothing", "begins with 'nothing'"),
-    ],
-)
-def test_wrong_keyframes_are_refused(run, tmp_path, text, message):
-    file = tmp_path / "keys.txt"
-    file.write_text(text)
-    done = run("--keyframes", file)
-    assert done.code == 7
-    assert re.search(message, done.errors)
-    assert not done.folder.exists()
-
-
-@pytest.mark.parametrize(
     ("document", "message"),
     [
+        ("1,1,1,1,5,5\n31,1,1,1,5,5\n", "has 20 frames: it belongs to"),
+        ("5,1,900,1,5,5\n", "keyframe of target 1 in frame 4, counted from 0: the center of"),
+        ("nothing", "begins with 'nothing'"),
         ({"keyframes": 3}, "'keyframes' is 3; allowed: a list of"),
         ({"keyframes": []}, "at least one with a box"),
         ({"keyframes": [{"frame": 1, "absent": True}]}, "at least one with a box"),
@@ -292,25 +271,20 @@ def test_wrong_keyframes_are_refused(run, tmp_path, text, message):
         ({"keyframes": [{"frame": 1, "box": [0, 0, 0, 1]}]}, "'box' of keyframe 1"),
         ({"keyframes": [], "frame": 3}, "'keyframes' replaces frame"),
         (
-            {"keyframes": [{"frame": 1, "box": [0, 0, 1, size]} for size in (1, 2)]},
+            {"keyframes": [{"frame": 1, "box": [0, 0, 1, n]} for n in (1, 2)]},
             "'frame' of keyframe 2",
         ),
         ({"target_box": [0, 0, 9, 9], "stamp": 5}, "keyframes need 'frame'"),
     ],
 )
-def test_wrong_target_files_are_refused(run, write_target_file, document, message):
-    done = run("--keyframes", write_target_file(document))
-    assert done.code == 7
-    assert message in done.errors
+def test_wrong_keyframes_are_refused(refusal, recording, write_target_file, document, message):
+    given = (recording, *QUICK, "--keyframes", write_target_file(document))
+    assert message in refusal(*given, expected=WRONG_TARGET)
 
 
 @pytest.mark.parametrize(
     "arguments", [("--box", "1,1,9,9"), ("--detector", "motion"), ("--format", "avi")]
 )
-def test_contradicting_options_are_refused(run, track, write_target_file, arguments):
+def test_contradicting_options_are_refused(refusal, recording, write_target_file, arguments):
     file = write_target_file({"target_box": [20, 30, 24, 24]})
-    done = run("--keyframes", file, *arguments)
-    assert done.code == 2
-    assert arguments[0] in done.errors
-    code, _, errors = track("--archive", done.folder, "--keyframes", "--output", done.folder)
-    assert (code, "--keyframes applies to a single recording" in errors) == (2, True)
+    assert arguments[0] in refusal(recording, *QUICK, "--keyframes", file, *arguments)
