@@ -121,3 +121,12 @@ def test_compressed_and_broken_images_of_a_bag_are_treated_as_by_the_node(
     assert found[7]["x"] == found[7]["confidence"] == ""
     tracker = {"preset": "li2007", "image_transport": "compressed"}
     assert_same(found, lockstep(tracker, source=bag, target_box=[20.0, 30.0, 24.0, 24.0]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["otb_jogging_1", "ir_drone_074"])
+def test_real_sequences_equal_a_replay_in_lockstep(lockstep, tmp_path, sequences_directory, name):
+    source, output = sequences_directory / name, tmp_path / "tracked"
+    assert main([str(source), "--output", str(output)]) == 0
+    client = lockstep({}, source=source, target_from_ground_truth=True)
+    assert_same(read_boxes(output), client)
