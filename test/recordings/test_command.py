@@ -391,13 +391,13 @@ def incomplete(request, moving_square, write_video, write_images_bag, tmp_path):
 
 def test_an_incomplete_recording_is_an_error_unless_that_is_allowed(track, incomplete, tmp_path):
     source, damage = incomplete
-    code, said, errors = track(source, *BOX, "--output", tmp_path / "out", *QUICK)
+    code, said, errors = track(source, *BOX, "--output", tmp_path / "out")
     assert (code, said) == (3, "")
     found = re.fullmatch(rf"track: error: {damage}; (\d+) frames were tracked\n", errors)
     contained, tracked = map(int, found.groups())
     assert 0 < tracked <= contained
     assert len(read_boxes(tmp_path / "out")) == tracked
-    allowed = ("--output", tmp_path / "allowed", "--allow-partial", *QUICK)
+    allowed = ("--output", tmp_path / "allowed", "--allow-partial")
     code, said, errors = track(source, *BOX, *allowed)
     assert (code, f": {tracked} frames (" in said) == (0, True)
     assert re.fullmatch(f"track: {damage}\n", errors)
