@@ -63,8 +63,8 @@ class TrackParameters(TrackThresholds):
     )
     keep_selected: float = declared(
         30.0,
-        "The selected target stays for this time while nothing shows it, and keeps its id when it "
-        "is found again.",
+        "The selected target stays for this time after its last detection, and keeps its id when "
+        "it is found again.",
         unit="s",
         minimum=0.0,
         maximum=3600.0,

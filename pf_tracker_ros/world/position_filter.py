@@ -248,31 +248,34 @@ class PositionFilter:
     def _predicted(self, models: _Models, interval: float) -> _Models:
         if not interval:
             return models
-        states, shares = models
-        if self._stands_for:
-            (moving, standing), velocity = states, states[0].mean[2:4]
-            slowness = math.exp(-0.5 * float(velocity @ velocity) / _SLOW**2)
-            stops = -math.expm1(-interval * slowness / _STOPS_WITHIN)
-            starts = -math.expm1(-interval / self._stands_for)
-            flows = shares[:, None] * [[1.0 - stops, stops], [starts, 1.0 - starts]]
-            shares = flows.sum(axis=0)
-            states = (
-                Gaussian.mixture((moving, _at_rest(standing, _START_SD)), flows[:, 0]),
-                Gaussian.mixture((_at_rest(moving, _STANDING_SD), standing), flows[:, 1]),
-            )
+        (moving, *standing), shares = self._mixed(models, interval)
         diagonal = np.ones(4 + len(self._times))
         diagonal[4:] = np.exp(-interval / self._times)
         matrix, noise = np.diag(diagonal), np.diag(1.0 - diagonal**2)
-        stands, sways = matrix.copy(), noise.copy()
-        sways[[0, 1], [0, 1]] = _SWAY_SD**2 * interval
+        noise[[0, 1], [0, 1]] = _SWAY_SD**2 * interval
+        stands = [one.predict(matrix, noise) for one in standing]
         matrix[0, 2] = matrix[1, 3] = interval
         noise[[0, 1], [0, 1]] = self._density * interval**3 / 3.0
         noise[[0, 1, 2, 3], [2, 3, 0, 1]] = self._density * interval**2 / 2.0
         noise[[2, 3], [2, 3]] = self._density * interval
-        steps = (matrix, noise), (stands, sways)
-        return _Models(
-            tuple(one.predict(*step) for one, step in zip(states, steps, strict=False)), shares
+        return _Models((moving.predict(matrix, noise), *stands), shares)
+
+    def _mixed(self, models: _Models, interval: float) -> _Models:
+        """The models after starts and stops within an interval."""
+        if not self._stands_for:
+            return models
+        moving, standing = models.states
+        velocity = moving.mean[2:4]
+        slowness = math.exp(-0.5 * float(velocity @ velocity) / _SLOW**2)
+        stops = -math.expm1(-interval * slowness / _STOPS_WITHIN)
+        starts = -math.expm1(-interval / self._stands_for)
+        # From a model, a row, to a model, a column.
+        flows = models.shares[:, None] * [[1.0 - stops, stops], [starts, 1.0 - starts]]
+        states = (
+            Gaussian.mixture((moving, _at_rest(standing, _START_SD)), flows[:, 0]),
+            Gaussian.mixture((_at_rest(moving, _STANDING_SD), standing), flows[:, 1]),
         )
+        return _Models(states, flows.sum(axis=0))
 
     def _observed(self, noise: NDArray[np.float64]) -> NDArray[np.float64]:
         """(2, D) derivative of a measurement by the state."""

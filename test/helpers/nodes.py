@@ -1,6 +1,5 @@
 """What several tests of the tracker's node need: quick parameters, parts of its messages."""
 
-import csv
 import importlib.util
 import time
 from pathlib import Path
@@ -21,12 +20,6 @@ NEVER_OCCLUDED = {**QUICK, "track__wrong_box_cost": 0.0}
 def overrides(values):
     """Parameters by name; double underscores stand for dots."""
     return [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
-
-
-def read_boxes(folder):
-    """The rows of `boxes.csv`."""
-    with (folder / "boxes.csv").open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def ids(status):

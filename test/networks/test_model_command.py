@@ -30,7 +30,7 @@ def test_wrong_arguments_are_refused(arguments, capsys):
     assert capsys.readouterr().err.startswith("usage") is False
 
 
-def test_the_command_runs_without_ros_as_the_others_do():
+def test_the_command_refuses_a_folder_that_is_not_there():
     command = [sys.executable, "-m", "pf_tracker_ros.networks", "check", "nowhere"]
     run = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
     assert run.returncode == 1

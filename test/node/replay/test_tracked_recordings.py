@@ -4,7 +4,8 @@ import os
 
 import cv2
 import pytest
-from nodes import box_in, corners, corners_of, read_boxes, stamp_of
+from common import read_boxes
+from nodes import box_in, corners, corners_of, stamp_of
 
 from pf_tracker_ros.footage import write_footage
 from pf_tracker_ros.footage.opening import open_footage

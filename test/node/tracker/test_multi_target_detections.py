@@ -1,8 +1,8 @@
 """A detector that starts and corrects the targets of a live node."""
 
 import pytest
-from common import overlap
-from nodes import box_in, ids, read_boxes
+from common import overlap, read_boxes
+from nodes import box_in, ids
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import MarkerArray
 

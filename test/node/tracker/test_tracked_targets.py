@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from nodes import box_in, read_boxes
+from common import read_boxes
+from nodes import box_in
 from sensor_msgs.msg import Image, PointCloud2
 from visualization_msgs.msg import MarkerArray
 
