@@ -47,8 +47,9 @@ def programs(tmp_path, monkeypatch):
 
 
 def make(folder, *arguments):
-    # A make that runs these tests hands its flags down.
+    # A make that runs these tests hands its flags and variables down.
     variables = {name: value for name, value in os.environ.items() if "MAKE" not in name}
+    variables.pop("PYTEST_ARGS", None)
     return subprocess.run(
         ["make", *arguments], cwd=folder, env=variables, capture_output=True, text=True, check=False
     )
