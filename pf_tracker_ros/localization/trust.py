@@ -21,8 +21,8 @@ from pf_tracker_ros.stamps import NANOSECONDS
 
 # People per square meter to whom a box may go over.
 _OTHERS_DENSITY = 0.05
-# Least log odds by the place: it contradicts the prediction.
-_LEAST_LOG_ODDS = -4.0
+LEAST_LOG_ODDS = -4.0
+"""Least log odds by the place: it contradicts the prediction."""
 # Confidences closer to 0 or 1 count as this, since those of 0 and 1 are infinite.
 _LEAST_CONFIDENCE = 1e-3
 
@@ -58,7 +58,7 @@ class Trust:
         Args:
             stamp: Of the frame, nanoseconds.
         """
-        self._is_doubted, self._by_place, self._measured_since = True, _LEAST_LOG_ODDS, stamp
+        self._is_doubted, self._by_place, self._measured_since = True, LEAST_LOG_ODDS, stamp
 
     def measure(
         self,
@@ -83,7 +83,7 @@ class Trust:
         if self._by_place is None:
             self._by_place, self._measured_since = by_place, stamp
         log_odds = self._by_place + _logit(confidence) - _logit(min_confidence)
-        needed = max(-log_odds, 0.0) * hold / -_LEAST_LOG_ODDS
+        needed = max(-log_odds, 0.0) * hold / -LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
 
@@ -99,7 +99,7 @@ def log_odds_by_place(log_density: float | None, squared: float | None) -> float
         return 0.0
     largest = log_density + squared / 2.0
     by_place = log_density - min(math.log(_OTHERS_DENSITY), largest)
-    return max(by_place, _LEAST_LOG_ODDS)
+    return max(by_place, LEAST_LOG_ODDS)
 
 
 def _logit(confidence: float) -> float:

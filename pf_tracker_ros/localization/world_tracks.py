@@ -15,7 +15,7 @@ from pf_tracker_ros.localization.camera_pose import CameraPose
 from pf_tracker_ros.localization.expected_boxes import expected_box, standing
 from pf_tracker_ros.localization.localizer_parameters import LocalizerParameters
 from pf_tracker_ros.localization.tracker_frame import ReportedTarget, TrackerFrame
-from pf_tracker_ros.localization.trust import Trust, log_odds_by_place
+from pf_tracker_ros.localization.trust import LEAST_LOG_ODDS, Trust, log_odds_by_place
 from pf_tracker_ros.stamps import NANOSECONDS
 from pf_tracker_ros.tracking.hints import Hint
 from pf_tracker_ros.world import (
@@ -311,6 +311,13 @@ class _Track:
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
+        if place.is_background:
+            self.place_odds = LEAST_LOG_ODDS
+            self.trust.lose_sight(is_hidden=False)
+            return (
+                f"the depth in the box of target {target.id} is of what is behind it, as if the "
+                "box were on something else"
+            )
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)
         stamp, parameters = scene.frame.stamp, scene.parameters

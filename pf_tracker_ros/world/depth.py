@@ -11,6 +11,10 @@ A box contains the target, background beside it, occluders before it, and holes.
    would confirm itself.
 5. The distance is the weighted mean of the pixels in the mode.
 
+A prediction excludes modes that are far from it. Only a farther one that the box agrees with shows
+the target nevertheless: nothing is seen through it. Where there is no such mode, and much of the
+box is farther than predicted, the box is not on the target.
+
 The share of pixels that are clearly nearer than the target is evidence of an occlusion. Without a
 prediction, the target may also be in a mode behind the chosen one that scores nearly as high.
 """
@@ -42,14 +46,17 @@ _MIN_SAMPLES = 12
 _RING_POWER = 3.0
 # Log score, relative to the best, of a mode that may also be the target's.
 _RIVAL_LOG_SCORE = math.log(0.3)
-# Samples nearer than the target by this share are of an occluder.
-_NEARER_BY = 0.12
+# Samples nearer than the target by this share are of an occluder, and farther ones of what is
+# behind it; share of the box with the latter from which on it is not on the target.
+_NEARER_BY = _FARTHER_BY = 0.12
+_BACKGROUND_ABOVE = 0.3
 # Weight of a pixel at the left and right edge of the box.
 _EDGE_WEIGHT = 0.2
 # Standard deviation of a predicted distance's logarithm, beside its own.
 _PREDICTION_SD = 0.05
-# Distance in standard deviations beyond which no mode is the predicted target.
-_PREDICTION_GATE = 4.0
+# Distance in standard deviations beyond which no mode is the predicted target, and up to which the
+# box agrees with a mode.
+_PREDICTION_GATE, _AGREES_WITHIN = 4.0, 2.0
 # Largest difference in aspect ratio between image and depth.
 _ASPECT_TOLERANCE = 0.02
 # Standard deviation of the distance: a person's thickness, meters, and a share of the distance.
@@ -80,17 +87,17 @@ class ExpectedDepth:
 
     def log_likelihoods(self, depths: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) log likelihoods of depths, up to a constant."""
-        sd = math.hypot(self.sd / self.depth, _PREDICTION_SD)
-        offsets = np.log(depths / self.depth) / sd
-        if self.is_farthest:
-            offsets = np.maximum(offsets, 0.0)
+        offsets = self._offsets(depths)
         return np.log(np.exp(-0.5 * np.square(offsets)) + max(self.floor, 1e-300))
 
-    def excludes(self, depth: float) -> bool:
-        """Whether a depth cannot be the target's."""
-        sd = math.hypot(self.sd / self.depth, _PREDICTION_SD)
-        offset = math.log(depth / self.depth) / sd
-        return self.is_prediction and abs(offset) > _PREDICTION_GATE
+    def is_within(self, depth: float, gate: float) -> bool:
+        """Whether a depth is at most so many standard deviations away."""
+        return bool(abs(self._offsets(np.array([depth]))[0]) <= gate)
+
+    def _offsets(self, depths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) distances of depths, standard deviations."""
+        offsets = np.log(depths / self.depth) / math.hypot(self.sd / self.depth, _PREDICTION_SD)
+        return np.maximum(offsets, 0.0) if self.is_farthest else offsets
 
 
 @dataclass(frozen=True)
@@ -103,12 +110,15 @@ class DepthReading:
         row: Mean row of its samples as a share of the box's height.
         occlusion: Share of the samples that are nearer than the target; None where nothing says how
             far the target is.
+        is_background: Whether the box shows what is behind the predicted target, and not the
+            target.
     """
 
     depth: float | None
     sd: float
     row: float
     occlusion: float | None
+    is_background: bool = False
 
 
 def check_depth(depth: object, image_size: tuple[int, int]) -> NDArray[np.generic]:
@@ -167,8 +177,13 @@ def read_depth(
     chosen = _choose_mode(depths, weights, values[is_valid], expected)
     predicted = [one.depth for one in expected if one.is_prediction]
     if chosen is None:
-        nearer = _share_nearer(depths, predicted[0]) if predicted else None
-        return DepthReading(None, math.nan, 0.5, nearer)
+        nearer, is_background = None, False
+        if predicted:
+            nearer = _share_nearer(depths, predicted[0])
+            farther = np.count_nonzero(depths > (1.0 + _FARTHER_BY) * predicted[0])
+            # Of all samples: somebody in black has no depth, but the background beside has.
+            is_background = bool(farther > _BACKGROUND_ABOVE * is_in_box.size)
+        return DepthReading(None, math.nan, 0.5, nearer, is_background)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     mean = float(weights[inside] @ depths[inside] / weights[inside].sum())
@@ -251,11 +266,18 @@ def _choose_mode(
     if not modes:
         return None
     log_scores = np.log(scores)
-    for one in expected:
+    predictions = [one for one in expected if one.is_prediction]
+    by_box = [one for one in expected if not one.is_prediction]
+    for one in by_box:
         log_scores += one.log_likelihoods(np.array(modes))
-    best = int(np.argmax(log_scores))
-    if any(one.excludes(modes[best]) for one in expected):
-        return None
+    best = unpredicted = int(np.argmax(log_scores))
+    for one in predictions:
+        log_scores += one.log_likelihoods(np.array(modes))
+        best = int(np.argmax(log_scores))
+        if not one.is_within(modes[best], _PREDICTION_GATE):
+            seen = modes[unpredicted]
+            is_seen = by_box and all(other.is_within(seen, _AGREES_WITHIN) for other in by_box)
+            return (seen, seen) if is_seen and seen > one.depth else None
     farthest = max(
         mode
         for mode, score in zip(modes, log_scores, strict=True)

@@ -178,7 +178,7 @@ class Localizer:
             return None
         inverses = box_measurements(view, self._target_height)
         usable = {name: value for name, value in inverses.items() if name in methods}
-        surface, occlusion, depth_sd = None, None, 0.0
+        surface, reading, depth_sd = None, None, 0.0
         if depth is not None and "depth" in methods:
             expected = (
                 self._predicted_depth(view, predicted_range),
@@ -192,7 +192,6 @@ class Localizer:
                 [one for one in expected if one is not None],
             )
             if reading is not None:
-                occlusion = reading.occlusion
                 surface = self._surface(edges, view.plane, reading)
         if surface is not None and view.has_foot and surface.shows_distance:
             usable["depth"], depth_sd = 1.0 / (surface.distance + TO_MIDDLE), surface.sd
@@ -216,7 +215,8 @@ class Localizer:
             "+".join(name for name in METHODS if name in used),
             bearing.direction,
             bearing.covariance,
-            occlusion,
+            None if reading is None else reading.occlusion,
+            reading is not None and reading.is_background,
         )
 
     def covered_share(
