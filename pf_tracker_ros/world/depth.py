@@ -47,9 +47,10 @@ _RING_POWER = 3.0
 # Log score, relative to the best, of a mode that may also be the target's.
 _RIVAL_LOG_SCORE = math.log(0.3)
 # Samples nearer than the target by this share are of an occluder, and farther ones of what is
-# behind it; share of the box with the latter from which on it is not on the target.
+# behind it. Share of the box with the latter above which it is not on the target: where nothing is
+# at the predicted distance, and where something is.
 _NEARER_BY = _FARTHER_BY = 0.12
-_BACKGROUND_ABOVE = 0.3
+_BACKGROUND_ABOVE, _BACKGROUND_ALONE = 0.3, 0.75
 # Weight of a pixel at the left and right edge of the box.
 _EDGE_WEIGHT = 0.2
 # Standard deviation of a predicted distance's logarithm, beside its own.
@@ -175,24 +176,24 @@ def read_depth(
     weights = weights[is_in_box]
     is_valid[samples.inside] = False
     chosen = _choose_mode(depths, weights, values[is_valid], expected)
-    predicted = [one.depth for one in expected if one.is_prediction]
+    predicted = next((one.depth for one in expected if one.is_prediction), None)
+    if predicted is not None:
+        beyond = (1.0 + _FARTHER_BY) * predicted
+        # Of all samples: somebody in black has no depth, but the background beside has.
+        background = float(np.count_nonzero(depths > beyond)) / is_in_box.size
+        if chosen is None or (chosen[0] <= beyond and background > _BACKGROUND_ALONE):
+            nearer = _share_nearer(depths, predicted)
+            return DepthReading(None, math.nan, 0.5, nearer, background > _BACKGROUND_ABOVE)
     if chosen is None:
-        nearer, is_background = None, False
-        if predicted:
-            nearer = _share_nearer(depths, predicted[0])
-            farther = np.count_nonzero(depths > (1.0 + _FARTHER_BY) * predicted[0])
-            # Of all samples: somebody in black has no depth, but the background beside has.
-            is_background = bool(farther > _BACKGROUND_ABOVE * is_in_box.size)
-        return DepthReading(None, math.nan, 0.5, nearer, is_background)
+        return DepthReading(None, math.nan, 0.5, None)
     mode, farthest = chosen
     inside = np.abs(depths - mode) < _EXTENT + _RELATIVE_EXTENT * mode
     mean = float(weights[inside] @ depths[inside] / weights[inside].sum())
-    reference = predicted[0] if predicted else max(mean, farthest)
     return DepthReading(
         mean,
         math.hypot(_THICKNESS_SD, _RELATIVE_SD * mean),
         float(samples.down[np.nonzero(is_in_box)[0][inside]].mean()),
-        _share_nearer(depths, reference),
+        _share_nearer(depths, max(mean, farthest) if predicted is None else predicted),
     )
 
 
