@@ -100,19 +100,34 @@ def test_the_pose_of_a_hidden_target_is_predicted_for_a_while():
     assert [index for index, one in enumerate(found) if one] == list(range(25, 30))
 
 
-def test_depth_of_something_before_the_target_neither_silences_nor_moves_it():
-    """A pane of glass at 2.5 m before somebody at 6 m, whose feet are seen."""
+def seen_by_depth(shown_after, count):
+    """Somebody at 6 m, and from 2 s on the same box on another depth image, made of theirs."""
     tracks, box = WorldTracks(), (300.0, 240.0 - 125.0 / 6.0, 40.0, 875.0 / 6.0)
     # Of the ground up to a wall.
     rows = np.arange(480.0)[:, None] + 0.5
-    depth = np.minimum(750.0 / np.maximum(rows - 240.0, 1e-6), 9.0) * np.ones((1, 640))
+    empty = np.minimum(750.0 / np.maximum(rows - 240.0, 1e-6), 9.0) * np.ones((1, 640))
+    depth = empty.copy()
     depth[219:365, 307:333] = 6.0
-    for index in range(80):
+    for index in range(count):
         target = ReportedTarget(1, "", "tracking", 0.9, box, np.eye(4))
         stamp = round((1.0 + index / 10.0) * NANOSECONDS)
         frame = TrackerFrame(stamp, "camera", False, "tracking", 1, None, (target,))
-        shown = np.float32(depth if index < 20 else np.minimum(depth, 2.5))
+        shown = np.float32(depth if index < 20 else shown_after(depth, empty))
         sensed = replace(SENSED, depth=shown)
-        (located,) = tracks.advance(frame, sensed, LocalizerParameters())
+        yield tracks.advance(frame, sensed, LocalizerParameters())[0]
+
+
+def test_depth_of_something_before_the_target_neither_silences_nor_moves_it():
+    """A pane of glass at 2.5 m before somebody whose feet are seen."""
+    for located in seen_by_depth(lambda depth, empty: np.minimum(depth, 2.5), 80):
         assert located.silence == ""
         assert located.world.filtered.position[0] == pytest.approx(6.0, abs=0.5)
+
+
+def test_a_box_that_stays_where_depth_shows_a_wall_is_no_position():
+    found = list(seen_by_depth(lambda depth, empty: empty, 45))
+    assert not any(one.silence for one in found[:20])
+    # The prediction stands for the target for the time `coast`.
+    assert not any(one.silence for one in found[20:25])
+    assert all("of what is behind it" in one.silence for one in found[25:])
+    assert all(one.hint.place_odds == -4.0 for one in found[20:])
