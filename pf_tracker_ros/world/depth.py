@@ -50,7 +50,7 @@ _RIVAL_LOG_SCORE = math.log(0.3)
 # behind it. Share of the box with the latter above which it is not on the target: where nothing is
 # at the predicted distance, and where something is.
 _NEARER_BY = _FARTHER_BY = 0.12
-_BACKGROUND_ABOVE, _BACKGROUND_ALONE = 0.3, 0.75
+_BACKGROUND_ABOVE, _BACKGROUND_ALONE = 0.3, 0.85
 # Weight of a pixel at the left and right edge of the box.
 _EDGE_WEIGHT = 0.2
 # Standard deviation of a predicted distance's logarithm, beside its own.

@@ -100,10 +100,11 @@ def test_background_in_place_of_the_target_is_told():
     half_hidden[:, :320] = 1.5
     reading = read(half_hidden, expected=expected)
     assert (reading.depth, reading.is_background) == (None, True)
-    # A pole at its distance is a tenth of the box.
-    pole = wall.copy()
-    pole[:, 314:326] = 4.0
+    # A pole at its distance is a tenth of the box; a drone would be a fifth.
+    pole, drone = wall.copy(), wall.copy()
+    pole[:, 314:326] = drone[:, 308:332] = 4.0
     assert read(pole, expected=expected).is_background
+    assert read(drone, expected=expected).depth == pytest.approx(4.0)
     # Without depth on three quarters, as of black clothes, the rest is beside the target.
     black = wall.copy()
     black[:, 260:350] = 0.0
