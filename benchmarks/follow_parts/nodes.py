@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,8 @@ from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
 # Seconds after which a missing answer is an error, and for which an executor waits at most.
 _DEADLINE, _POLL = 30.0, 0.05
-# What the nodes say, in the order in which they publish it. An executor takes what is ready in the
-# order of the subscriptions: with the last one, all others of a frame are there.
+# Callbacks of three nodes that may be due at once.
+_CALLBACKS = 30
 _ANSWERS = {
     "pf_tracker/status": DiagnosticArray,
     "localizer/odometry": Odometry,
@@ -75,17 +76,20 @@ class NodeChain:
         self._tracker = TrackerNode(
             context=context, parameter_overrides=_overrides(image_reliability="reliable", **values)
         )
-        overrides = _overrides(**{f"camera.{name}": one for name, one in vars(camera).items()})
+        values = {f"camera.{name}": one for name, one in vars(camera).items()}
+        # By default messages of sensors may be lost, and on a busy machine some are.
+        for topic in ("camera_info", "odom", "imu"):
+            values[f"qos_overrides./{topic}.subscription.reliability"] = "reliable"
+        overrides = _overrides(**values)
         localizer = LocalizerNode(context=context, parameter_overrides=overrides)
         robot = rclpy.create_node("robot", context=context)
         self._nodes = (self._tracker, localizer, robot)
         for node in self._nodes:
             self._executor.add_node(node)
             self._stack.callback(node.destroy_node)
-        # Messages by topic: the newest one.
-        self._last: dict[str, Any] = {}
+        self._last: dict[str, Any] = {}  # the newest message of each topic
         for topic, kind in _ANSWERS.items():
-            robot.create_subscription(kind, topic, self._keeper(topic), 50)
+            robot.create_subscription(kind, topic, partial(self._last.__setitem__, topic), 50)
         topics = {
             "image": Image,
             "camera_info": CameraInfo,
@@ -112,8 +116,8 @@ class NodeChain:
 
     def request(self, box: Box, stamp: int) -> None:
         """Publish a box on an image."""
-        message = box_message(new_message, _header(stamp, "camera"), box)
-        self._publish("pf_tracker/target", message)
+        header = _header(stamp, "camera")
+        self._publish("pf_tracker/target", box_message(new_message, header, box))
 
     def select(self, id: int) -> None:
         """Publish the selected target."""
@@ -126,9 +130,8 @@ class NodeChain:
         odometry = odometry_message(new_message, _header(stamp, "odom"), base)
         self._publish("odom", odometry)
         if "imu" in self._topics:
-            header = _header(stamp, "camera")
-            imu = imu_message(new_message, header, motion.acceleration, ACCELERATION_NOISE)
-            self._publish("imu", imu)
+            told = _header(stamp, "camera"), motion.acceleration, ACCELERATION_NOISE
+            self._publish("imu", imu_message(new_message, *told))
 
     def process(
         self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
@@ -143,6 +146,11 @@ class NodeChain:
         self._wait(
             lambda: self._answer("localizer/status", stamp) is not None, f"no answer at {time} s"
         )
+        # The status may overtake what was published before.
+        for publisher in self._nodes[1].publishers:
+            publisher.wait_for_all_acked(Duration(seconds=_DEADLINE))
+        for _ in range(_CALLBACKS):
+            self._executor.spin_once(timeout_sec=0.0)
         values: dict[str, Any] = {}
         if odometry := self._answer("localizer/odometry", stamp):
             values = _odometry_values(odometry)
@@ -165,12 +173,6 @@ class NodeChain:
         if not publisher.wait_for_all_acked(Duration(seconds=_DEADLINE)):
             raise TimeoutError(f"a message on {topic} did not arrive within {_DEADLINE:.0f} s")
 
-    def _keeper(self, topic: str) -> Callable[[Any], None]:
-        def keep(message: Any) -> None:
-            self._last[topic] = message
-
-        return keep
-
     def _answer(self, topic: str, stamp: int) -> Any:
         """The newest message of a topic, if it has that stamp; else None."""
         message = self._last.get(topic)
@@ -178,12 +180,12 @@ class NodeChain:
 
     def _is_connected(self) -> bool:
         """Whether every publisher knows all who listen: before, it says nothing to them."""
-        listeners = Counter(one.topic_name for node in self._nodes for one in node.subscriptions)
         publishers = [one for node in self._nodes for one in node.publishers]
+        heard = Counter(one.topic_name for node in self._nodes for one in node.subscriptions)
         return (
-            listeners["/localizer/status"] == 2
-            and all(listeners[one.topic_name] for one in self._topics.values())
-            and all(one.get_subscription_count() >= listeners[one.topic_name] for one in publishers)
+            heard["/localizer/status"] == 2
+            and all(heard[one.topic_name] for one in self._topics.values())
+            and all(one.get_subscription_count() >= heard[one.topic_name] for one in publishers)
         )
 
     def _wait(self, is_done: Callable[[], bool], problem: str) -> None:
