@@ -23,6 +23,7 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from std_msgs.msg import Header, UInt32
 
@@ -48,8 +49,7 @@ from pf_tracker_ros.stamps import NANOSECONDS, stamp_of
 
 # Seconds after which a missing answer is an error, and for which an executor waits at most.
 _DEADLINE, _POLL = 30.0, 0.05
-# Callbacks of three nodes that may be due at once.
-_CALLBACKS = 30
+_CALLBACKS = 30  # of three nodes, that may be due at once
 _ANSWERS = {
     "pf_tracker/status": DiagnosticArray,
     "localizer/odometry": Odometry,
@@ -73,17 +73,15 @@ class NodeChain:
         self._executor = SingleThreadedExecutor(context=context)
         camera = camera_parameters(has_imu=has_imu)
         values = {"seed": seed, "max_targets": scenario.max_targets}
-        self._tracker = TrackerNode(
-            context=context, parameter_overrides=_overrides(image_reliability="reliable", **values)
-        )
+        tracked = _overrides(image_reliability="reliable", **values)
+        self._tracker = TrackerNode(context=context, parameter_overrides=tracked)
         values = {f"camera.{name}": one for name, one in vars(camera).items()}
         # By default messages of sensors may be lost, and on a busy machine some are.
         for topic in ("camera_info", "odom", "imu"):
             values[f"qos_overrides./{topic}.subscription.reliability"] = "reliable"
-        overrides = _overrides(**values)
-        localizer = LocalizerNode(context=context, parameter_overrides=overrides)
+        self._localizer = LocalizerNode(context=context, parameter_overrides=_overrides(**values))
         robot = rclpy.create_node("robot", context=context)
-        self._nodes = (self._tracker, localizer, robot)
+        self._nodes = (self._tracker, self._localizer, robot)
         for node in self._nodes:
             self._executor.add_node(node)
             self._stack.callback(node.destroy_node)
@@ -130,8 +128,9 @@ class NodeChain:
         odometry = odometry_message(new_message, _header(stamp, "odom"), base)
         self._publish("odom", odometry)
         if "imu" in self._topics:
-            told = _header(stamp, "camera"), motion.acceleration, ACCELERATION_NOISE
-            self._publish("imu", imu_message(new_message, *told))
+            header = _header(stamp, "camera")
+            imu = imu_message(new_message, header, motion.acceleration, ACCELERATION_NOISE)
+            self._publish("imu", imu)
 
     def process(
         self, image: NDArray[np.uint8], depth: NDArray[np.uint16] | None, time: float
@@ -143,12 +142,10 @@ class NodeChain:
         if depth is not None:
             self._publish("depth", image_message(new_message, header, depth))
         self._publish("image", image_message(new_message, header, image))
-        self._wait(
-            lambda: self._answer("localizer/status", stamp) is not None, f"no answer at {time} s"
-        )
+        self._wait(partial(self._answer, "localizer/status", stamp), f"no answer at {time} s")
         # The status may overtake what was published before.
-        for publisher in self._nodes[1].publishers:
-            publisher.wait_for_all_acked(Duration(seconds=_DEADLINE))
+        for publisher in self._localizer.publishers:
+            _wait_until_there(publisher)
         for _ in range(_CALLBACKS):
             self._executor.spin_once(timeout_sec=0.0)
         values: dict[str, Any] = {}
@@ -168,10 +165,8 @@ class NodeChain:
 
     def _publish(self, topic: str, message: Any) -> None:
         """Publish a message, and wait until it is there: messages of other topics may overtake."""
-        publisher = self._topics[topic]
-        publisher.publish(message)
-        if not publisher.wait_for_all_acked(Duration(seconds=_DEADLINE)):
-            raise TimeoutError(f"a message on {topic} did not arrive within {_DEADLINE:.0f} s")
+        self._topics[topic].publish(message)
+        _wait_until_there(self._topics[topic])
 
     def _answer(self, topic: str, stamp: int) -> Any:
         """The newest message of a topic, if it has that stamp; else None."""
@@ -188,12 +183,17 @@ class NodeChain:
             and all(one.get_subscription_count() >= heard[one.topic_name] for one in publishers)
         )
 
-    def _wait(self, is_done: Callable[[], bool], problem: str) -> None:
+    def _wait(self, is_done: Callable[[], Any], problem: str) -> None:
         end = time.monotonic() + _DEADLINE
         while not is_done():
             if time.monotonic() > end:
                 raise TimeoutError(f"{problem} within {_DEADLINE:.0f} s")
             self._executor.spin_once(timeout_sec=_POLL)
+
+
+def _wait_until_there(publisher: Publisher) -> None:
+    if not publisher.wait_for_all_acked(Duration(seconds=_DEADLINE)):
+        raise TimeoutError(f"{publisher.topic_name} did not arrive within {_DEADLINE:.0f} s")
 
 
 def _overrides(**values: Any) -> list[Parameter]:

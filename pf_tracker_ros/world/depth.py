@@ -47,10 +47,10 @@ _RING_POWER = 3.0
 # Log score, relative to the best, of a mode that may also be the target's.
 _RIVAL_LOG_SCORE = math.log(0.3)
 # Samples nearer than the target by this share are of an occluder, and farther ones of what is
-# behind it. Share of the box with the latter above which it is not on the target: where nothing is
-# at the predicted distance, and where something is.
+# behind it. Share of the latter above which, and share at the target's distance below which, a box
+# is not on the target.
 _NEARER_BY = _FARTHER_BY = 0.12
-_BACKGROUND_ABOVE, _BACKGROUND_ALONE = 0.3, 0.85
+_BACKGROUND_ABOVE, _TARGET_ABOVE = 0.3, 0.15
 # Weight of a pixel at the left and right edge of the box.
 _EDGE_WEIGHT = 0.2
 # Standard deviation of a predicted distance's logarithm, beside its own.
@@ -178,12 +178,15 @@ def read_depth(
     chosen = _choose_mode(depths, weights, values[is_valid], expected)
     predicted = next((one.depth for one in expected if one.is_prediction), None)
     if predicted is not None:
-        beyond = (1.0 + _FARTHER_BY) * predicted
+        beyond, nearer = (1.0 + _FARTHER_BY) * predicted, _share_nearer(depths, predicted)
+        farther = np.count_nonzero(depths > beyond)
         # Of all samples: somebody in black has no depth, but the background beside has.
-        background = float(np.count_nonzero(depths > beyond)) / is_in_box.size
-        if chosen is None or (chosen[0] <= beyond and background > _BACKGROUND_ALONE):
-            nearer = _share_nearer(depths, predicted)
-            return DepthReading(None, math.nan, 0.5, nearer, background > _BACKGROUND_ABOVE)
+        background = float(farther) / is_in_box.size
+        # By number, not by weight: whatever is there, the box is not on the background.
+        is_empty = 1.0 - nearer - farther / len(depths) < _TARGET_ABOVE
+        if chosen is None or (chosen[0] <= beyond and background > 1.0 - _TARGET_ABOVE):
+            is_background = is_empty and background > _BACKGROUND_ABOVE
+            return DepthReading(None, math.nan, 0.5, nearer, bool(is_background))
     if chosen is None:
         return DepthReading(None, math.nan, 0.5, None)
     mode, farthest = chosen
@@ -266,19 +269,18 @@ def _choose_mode(
         histogram[_WINDOW_START[place] : _WINDOW_END[place]] = 0.0
     if not modes:
         return None
-    log_scores = np.log(scores)
-    predictions = [one for one in expected if one.is_prediction]
+    log_scores, middles = np.log(scores), np.array(modes)
+    prediction = next((one for one in expected if one.is_prediction), None)
     by_box = [one for one in expected if not one.is_prediction]
     for one in by_box:
-        log_scores += one.log_likelihoods(np.array(modes))
-    best = unpredicted = int(np.argmax(log_scores))
-    for one in predictions:
-        log_scores += one.log_likelihoods(np.array(modes))
-        best = int(np.argmax(log_scores))
-        if not one.is_within(modes[best], _PREDICTION_GATE):
-            seen = modes[unpredicted]
-            is_seen = by_box and all(other.is_within(seen, _AGREES_WITHIN) for other in by_box)
-            return (seen, seen) if is_seen and seen > one.depth else None
+        log_scores += one.log_likelihoods(middles)
+    if prediction is not None:
+        seen = modes[int(np.argmax(log_scores))]
+        log_scores += prediction.log_likelihoods(middles)
+        if not prediction.is_within(modes[int(np.argmax(log_scores))], _PREDICTION_GATE):
+            agrees = by_box and all(one.is_within(seen, _AGREES_WITHIN) for one in by_box)
+            return (seen, seen) if agrees and seen > prediction.depth else None
+    best = int(np.argmax(log_scores))
     farthest = max(
         mode
         for mode, score in zip(modes, log_scores, strict=True)

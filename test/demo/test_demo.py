@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 DEMO = REPOSITORY / "demo"
-TIMEOUT = 900.0
+TIMEOUT = 300.0
 
 # The clip of somebody who is hidden for a while, and the clip of several targets.
 HIDDEN, STREET, FRAMES = "hidden", "people", 240

@@ -110,6 +110,11 @@ def test_background_in_place_of_the_target_is_told():
     black[:, 260:350] = 0.0
     assert not read(black, expected=expected).is_background
     assert not read(scene(), expected=expected).is_background
+    # Nor is a target of colors that are not its own.
+    nothing = np.zeros((4, 4))
+    samples = BoxSamples.of(BOX, SIZE, wall.shape)
+    unknown = read_depth(scene(), samples, samples.resample(nothing), expected)
+    assert (unknown.depth, unknown.is_background) == (None, False)
 
 
 def test_what_box_and_depth_say_together_is_no_background():

@@ -117,8 +117,8 @@ def test_lost_frames_are_reported_with_the_remedy(graph, client, images):
     assert report.level == "WARN"
     assert "of the frames on /image are lost on the way despite reliable delivery" in report.message
     rate = float(report.values["frame_loss_rate"])
-    # A report may come before the last ones that did arrive.
-    assert 0.4 < rate < 1.0
+    # Ten of 39 arrive, and a report may come after the first of these.
+    assert 0.4 < rate <= 29 / 30
     received, sent = (float(report.values[key]) for key in ("input_rate", "camera_rate"))
     assert received / sent == pytest.approx(1.0 - rate)
     status = client.show(images[0], client.at(index + 10))
