@@ -46,10 +46,11 @@ _MIN_SAMPLES = 12
 _RING_POWER = 3.0
 # Log score, relative to the best, of a mode that may also be the target's.
 _RIVAL_LOG_SCORE = math.log(0.3)
-# Samples nearer than the target by this share are of an occluder, and farther ones of what is
-# behind it. Share of the latter above which, and share at the target's distance below which, a box
-# is not on the target.
+# Samples nearer than the target by this share, or by so many standard deviations of a prediction,
+# are of an occluder, and ones that are farther by the share of what is behind it. Share of the
+# latter above which, and share at the target's distance below which, a box is not on the target.
 _NEARER_BY = _FARTHER_BY = 0.12
+_NEARER_SDS = 2.0
 _BACKGROUND_ABOVE, _TARGET_ABOVE = 0.3, 0.15
 # Weight of a pixel at the left and right edge of the box.
 _EDGE_WEIGHT = 0.2
@@ -176,9 +177,9 @@ def read_depth(
     weights = weights[is_in_box]
     is_valid[samples.inside] = False
     chosen = _choose_mode(depths, weights, values[is_valid], expected)
-    predicted = next((one.depth for one in expected if one.is_prediction), None)
+    predicted = next((one for one in expected if one.is_prediction), None)
     if predicted is not None:
-        beyond, nearer = (1.0 + _FARTHER_BY) * predicted, _share_nearer(depths, predicted)
+        beyond, nearer = (1.0 + _FARTHER_BY) * predicted.depth, _share_nearer(depths, predicted)
         farther = np.count_nonzero(depths > beyond)
         # Of all samples: somebody in black has no depth, but the background beside has.
         background = float(farther) / is_in_box.size
@@ -196,26 +197,26 @@ def read_depth(
         mean,
         math.hypot(_THICKNESS_SD, _RELATIVE_SD * mean),
         float(samples.down[np.nonzero(is_in_box)[0][inside]].mean()),
-        _share_nearer(depths, max(mean, farthest) if predicted is None else predicted),
+        _share_nearer(depths, predicted or ExpectedDepth(max(mean, farthest), 0.0)),
     )
 
 
 def share_nearer(
-    depth: NDArray[np.generic], samples: BoxSamples, target_depth: float
+    depth: NDArray[np.generic], samples: BoxSamples, predicted: ExpectedDepth
 ) -> float | None:
-    """The share, 0 to 1, of the samples in a box that are nearer than a target.
+    """The share, 0 to 1, of the samples in a box that are nearer than a target may be.
 
     Args:
         depth: As for `read_depth`.
         samples: Of the box.
-        target_depth: Of the target along the optical axis, meters.
+        predicted: The target.
 
     Returns:
         None where too few samples have a depth.
     """
     values, is_valid = _meters(samples.take(depth)[samples.inside], depth.dtype)
     depths = values[is_valid]
-    return _share_nearer(depths, target_depth) if _are_enough(depths, values.size) else None
+    return _share_nearer(depths, predicted) if _are_enough(depths, values.size) else None
 
 
 def _meters(
@@ -303,8 +304,9 @@ def _window_sums(histogram: NDArray[np.float64]) -> NDArray[np.float64]:
     return cumulated[_WINDOW_END] - cumulated[_WINDOW_START]
 
 
-def _share_nearer(depths: NDArray[np.float64], depth: float) -> float:
-    return float(np.count_nonzero(depths < (1.0 - _NEARER_BY) * depth)) / len(depths)
+def _share_nearer(depths: NDArray[np.float64], target: ExpectedDepth) -> float:
+    margin = math.hypot(_NEARER_BY, _NEARER_SDS * target.sd / target.depth)
+    return float(np.count_nonzero(depths < math.exp(-margin) * target.depth)) / len(depths)
 
 
 _BIN_CENTERS = _NEAREST * np.exp((np.arange(_BINS) + 0.5) * _BIN)
