@@ -33,6 +33,8 @@ from pf_tracker_ros.tracking.measurement import FramePrediction
 from pf_tracker_ros.tracking.target_filter import TargetFilter
 from pf_tracker_ros.values import replace
 
+# Seconds since a detection for which the place of a bystander is known.
+_KNOWN_FOR = 0.3
 # Covered share of a target above which it is occluded.
 _OCCLUDED_ABOVE = 0.5
 # Largest distance of a target from its predicted place, in its own sides.
@@ -175,10 +177,12 @@ class Updater:
         tracks: Sequence[Track],
         assigned: Sequence[Detection | None],
         detection_interval: float,
+        covered_shares: Sequence[float],
     ) -> tuple[Track, ...]:
         """The tracks, with lower existence log odds where no detection was assigned.
 
-        `detection_interval` is the time since the last frame with detections.
+        `detection_interval` is the time since the last frame with detections, and the shares are
+        those of each box that something beside the tracks covers, as a depth camera sees.
         """
         boxes = boxes_of(tracks)
         lower_edges = boxes[:, 1] + boxes[:, 3]
@@ -186,6 +190,7 @@ class Updater:
         visible = np.maximum(1.0 - covered.max(axis=1, initial=0.0), _MIN_VISIBLE)
         # What was never confirmed is not hidden, but most likely nothing.
         visible[[not (track.is_confirmed or track.is_manual) for track in tracks]] = 1.0
+        visible = np.minimum(visible, 1.0 - np.array(covered_shares))
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
         changes = self._log_miss * independence * visible
         return tuple(
@@ -224,8 +229,9 @@ class Updater:
         covered = pairwise_coverage(predicted_box[None], boxes)[0]
         # Who is in front is seen by depth, where there is one.
         is_clear = track.filter_state.occlusion_evidence.is_clear
+        hiding = np.array([_may_hide(one) for one in front], dtype=np.bool_)
         is_occluded_by_other = (
-            detection is None and not is_clear and _is_covered(track, front, covered)
+            detection is None and not is_clear and _is_covered(track, front, covered * hiding)
         )
         is_sized = _needs_size(track, detection, scene.is_silent)
         filter_state, box_filter = track.filter_state, track.box_filter
@@ -248,7 +254,7 @@ class Updater:
             )
             if detection is None and len(boxes):
                 box = np.array(stepped.estimate.box)
-                is_occluded_by_other = not is_clear and is_on_any(box, boxes)
+                is_occluded_by_other = not is_clear and is_on_any(box, boxes[hiding])
                 is_on_distractor = is_on_any(box, boxes[[one.is_distractor for one in front]])
                 known = (stepped if is_on_distractor else filter_state).known_distractor
                 filter_state = replace(filter_state, known_distractor=known)
@@ -398,6 +404,14 @@ def _near_in_front(
     boxes = boxes_of(front)
     are_near = _are_near(boxes, predicted_box)
     return list(compress(front, are_near)), boxes[are_near]
+
+
+def _may_hide(track: Track) -> bool:
+    """Whether the place of a track is known well enough to say that another is behind it.
+
+    That of who is told apart by detections is only predicted between them.
+    """
+    return not (track.is_distractor and track.hits and track.unconfirmed_for > _KNOWN_FOR)
 
 
 def _is_covered(track: Track, front: Sequence[Track], covered: NDArray[np.float64]) -> bool:
