@@ -94,12 +94,9 @@ class TrackingPipeline:
                 assigned[index] = detections[number]
             tracks = correct_id_switches(tracks, assigned, self.appearance)
             tracks = learn_others(tracks, assigned, detections, self.appearance)
-        covered_shares = [track.covered_share for track in tracks]
         tracks = self._updater.update(tracks, frame, interval, assigned, time_since_detection)
         if detections is not None:
-            tracks = self._updater.count_misses(
-                tracks, assigned, detection_interval, covered_shares
-            )
+            tracks = self._updater.count_misses(tracks, assigned, detection_interval)
         track_set = replace(track_set, tracks=tracks)
         if detections is not None:
             track_set = track_set.learn_growth()

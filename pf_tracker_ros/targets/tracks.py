@@ -171,11 +171,6 @@ class Track:
         return max(_MAX_HELD_DISTANCE * mean, math.sqrt(mean * self.others_distance))
 
     @property
-    def covered_share(self) -> float:
-        """Share of its next box, 0 to 1, that something in front covers, as far as is known."""
-        return self.filter_state.occlusion_evidence.share
-
-    @property
     def label(self) -> str:
         """The label with the most votes, or an empty text."""
         return max(self.votes, key=lambda label: self.votes[label], default="")

@@ -177,12 +177,10 @@ class Updater:
         tracks: Sequence[Track],
         assigned: Sequence[Detection | None],
         detection_interval: float,
-        covered_shares: Sequence[float],
     ) -> tuple[Track, ...]:
         """The tracks, with lower existence log odds where no detection was assigned.
 
-        `detection_interval` is the time since the last frame with detections, and the shares are
-        those of each box that something beside the tracks covers, as a depth camera sees.
+        `detection_interval` is the time since the last frame with detections.
         """
         boxes = boxes_of(tracks)
         lower_edges = boxes[:, 1] + boxes[:, 3]
@@ -190,7 +188,6 @@ class Updater:
         visible = np.maximum(1.0 - covered.max(axis=1, initial=0.0), _MIN_VISIBLE)
         # What was never confirmed is not hidden, but most likely nothing.
         visible[[not (track.is_confirmed or track.is_manual) for track in tracks]] = 1.0
-        visible = np.minimum(visible, 1.0 - np.array(covered_shares))
         independence = 1.0 - math.exp(-detection_interval / _INDEPENDENT_AFTER)
         changes = self._log_miss * independence * visible
         return tuple(

@@ -5,7 +5,6 @@ import pytest
 from sessions import at, ids, make_session, show
 
 from pf_tracker_ros.frames import Frame
-from pf_tracker_ros.tracking.hints import Hint
 
 
 @pytest.mark.parametrize("max_targets", [1, 8])
@@ -61,20 +60,6 @@ def test_what_a_detector_sees_counts_with_the_image(walkers, log_odds, is_found,
     track = session._manager.get_track(1).with_existence(log_odds, is_found=is_found)
     assert track.existence_log_odds == log_odds
     assert track.filter_state.detector_factor == pytest.approx(factor)
-
-
-@pytest.mark.parametrize("share", [0.0, 1.0])
-def test_a_detector_does_not_miss_who_is_covered(walkers, share):
-    """By something that is no target, as a depth camera sees."""
-    session = make_session(8)
-    session.request(tuple(walkers.boxes[0][0]))
-    for number in range(16):
-        show(session, walkers, [number], 2, [0] if number < 6 else [])
-        if number == 5:
-            detected = session._manager.get_track(1).existence_log_odds
-        session.set_hints({1: Hint(share)}, at(number))
-    missed = session._manager.get_track(1).existence_log_odds
-    assert missed == detected if share else missed < detected - 2.0
 
 
 def test_where_a_bystander_is_predicted_hides_nobody_between_detections(draw):
