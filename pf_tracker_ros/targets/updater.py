@@ -406,7 +406,7 @@ def _near_in_front(
 def _may_hide(track: Track) -> bool:
     """Whether the place of a track is known well enough to say that another is behind it.
 
-    That of who is told apart by detections is only predicted between them.
+    The place of a bystander is only predicted between detections.
     """
     return not (track.is_distractor and track.hits and track.unconfirmed_for > _KNOWN_FOR)
 

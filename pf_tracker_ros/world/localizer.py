@@ -46,9 +46,8 @@ METHODS = ("ground", "height", "depth")
 _WIDTH, _WIDTH_SD = 0.29, 0.11
 # Least and largest height of a target, meters; the largest is also that of its standard deviation.
 _LEAST_HEIGHT, _LARGEST_HEIGHT = 1e-3, 1e3
-# Standard deviation of a prediction, as a share of its distance, from which on it does not say
-# which surface is the target, nor what is in front of it.
-_VAGUE_ABOVE, _HARDLY_KNOWN_ABOVE = 0.25, 0.4
+# Standard deviation of a prediction, as a share of its distance, from which on it says nothing.
+_VAGUE_ABOVE = 0.25
 # Largest range of a position, meters: beyond, the box says nothing.
 _FARTHEST = 1e4
 # Likelihood that a target is not where its box says: it sits, or is partly hidden.
@@ -182,7 +181,7 @@ class Localizer:
         surface, reading, depth_sd = None, None, 0.0
         if depth is not None and "depth" in methods:
             expected = (
-                self._predicted_depth(view, predicted_range, _VAGUE_ABOVE),
+                self._predicted_depth(view, predicted_range),
                 self._depth_by_box(view, inverses),
             )
             reading = self._read_depth(
@@ -242,8 +241,7 @@ class Localizer:
         edges = BoxEdges.of(box, None, self._image_size)
         if edges is None:
             return None
-        view = View.of(self.camera, edges, self.plane)
-        expected = self._predicted_depth(view, predicted_range, _HARDLY_KNOWN_ABOVE)
+        expected = self._predicted_depth(View.of(self.camera, edges, self.plane), predicted_range)
         if expected is None:
             return None
         depth = check_depth(depth, self._image_size)
@@ -251,12 +249,9 @@ class Localizer:
         return share_nearer(depth, samples, expected)
 
     def _predicted_depth(
-        self, view: View, predicted_range: tuple[float, float] | None, vague_above: float
+        self, view: View, predicted_range: tuple[float, float] | None
     ) -> ExpectedDepth | None:
-        """What the prediction says of the depth along the optical axis.
-
-        None above so large a standard deviation, over the distance.
-        """
+        """What the prediction says of the depth along the optical axis; None if it is vague."""
         forward = float(view.rays[2, 2])
         if predicted_range is None or forward <= 0.0:
             return None
@@ -269,7 +264,7 @@ class Localizer:
                 f"predicted_range is {predicted_range!r}; expected a positive distance and a "
                 "standard deviation from 0 up, in meters"
             )
-        return None if sd > vague_above * mean else ExpectedDepth(mean * forward, sd * forward)
+        return None if sd > _VAGUE_ABOVE * mean else ExpectedDepth(mean * forward, sd * forward)
 
     def _depth_by_box(self, view: View, inverses: Mapping[str, float]) -> ExpectedDepth | None:
         """What the box says of the depth along the optical axis; None behind the camera."""

@@ -212,7 +212,7 @@ def test_the_box_chooses_a_surface_where_the_prediction_is_vague(camera, box_of,
 
 @pytest.mark.parametrize(("sd", "covered"), [(0.1, 0.4), (0.8, 0.0), (3.0, None)])
 def test_who_may_be_as_near_is_not_covered_by_themselves(camera, box_of, level, sd, covered):
-    """Predicted at 5 m, seen at 4 m in 0.4 of the box; 2 deviations count, and none above 0.4."""
+    """Predicted at 5 m, seen at 4 m in 0.4 of the box; 2 deviations count, and no vague one."""
     (x, y, width, height), foot = box_of(camera, level, 4.0)
     depth = depth_of((x + 0.3 * width, y, 0.4 * width, height), foot[2], background=7.0)
     localizer = Localizer(camera, level.height)
