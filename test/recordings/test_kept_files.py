@@ -10,7 +10,8 @@ from archives import fail_late
 from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.results import ResultsFolder, ResultsStore
+from pf_tracker_ros.recordings.archives.results_folder import ResultsFolder
+from pf_tracker_ros.recordings.archives.results_store import ResultsStore
 
 RECORDS = {".lock", ".track_files.json"}
 

@@ -9,7 +9,8 @@ from archives import TARGET
 from common import QUICK
 
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.results import ResultsFolder, ResultsStore
+from pf_tracker_ros.recordings.archives.results_folder import ResultsFolder
+from pf_tracker_ros.recordings.archives.results_store import ResultsStore
 from pf_tracker_ros.recordings.archives.sources import find_recordings
 
 DONE = json.dumps(

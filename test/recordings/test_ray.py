@@ -17,7 +17,7 @@ from subprocesses import processes_below
 
 from pf_tracker_ros.evaluation.parallel import WorkerEnded
 from pf_tracker_ros.recordings import RecordingError
-from pf_tracker_ros.recordings.archives.results import ResultsFolder
+from pf_tracker_ros.recordings.archives.results_folder import ResultsFolder
 from pf_tracker_ros.recordings.archives.tasks import make_tasks, required_memory, run_tasks
 
 needs_ray = pytest.mark.skipif(

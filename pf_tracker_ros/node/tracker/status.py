@@ -1,9 +1,8 @@
-"""The topic `~/status` and the log of states: one status for each frame, processed or skipped."""
+"""The topic `~/status`: one status for each frame, processed or skipped."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +15,9 @@ from pf_tracker_ros.node.messages import new_message
 from pf_tracker_ros.node.qos import LATCHED_QOS, ErrorCallback, advertise
 from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.stamps import format_stamp
-from pf_tracker_ros.targets.tracked_target import (
-    TrackedTarget,
-    description,
-)
+from pf_tracker_ros.targets.tracked_target import description
 from pf_tracker_ros.topics import FrameResult, StatusValues
-from pf_tracker_ros.tracking.estimate import SEVERITIES, Estimate
+from pf_tracker_ros.tracking.estimate import SEVERITIES
 
 # Seconds of skipped frames before a warning. Single duplicate or broken frames are normal.
 REPORT_AFTER = 1.0
@@ -115,62 +111,31 @@ class SkippedFrames:
                 self._logger.warning(self.last.description)
 
 
-# Seconds between log lines of a target that flickers; the next line has its state by then.
-_INTERVAL = 1.0
-
-
-class StateLog:
-    """Logs state changes of the selected target, at most one a second, the last one always.
-
-    A newly selected target counts as tracked before.
-
-    Args:
-        logger: Logger of the node.
-    """
-
-    def __init__(self, logger: Any) -> None:
-        self._logger = logger
-        self._id = 0
-        self._logged_state = "tracking"
-        self._logged_at = -_INTERVAL
-
-    def update(self, id: int, estimate: Estimate) -> None:
-        """Log the state after a frame if it differs from the last logged one."""
-        if id != self._id:
-            self._id, self._logged_state = id, "tracking"
-        now = time.monotonic()
-        if estimate.state == self._logged_state or now - self._logged_at < _INTERVAL:
-            return
-        self._logger.info(
-            f"{self._logged_state} -> {estimate.state}, confidence {estimate.confidence:.2f}"
-        )
-        self._logged_state, self._logged_at = estimate.state, now
-
-
-class TargetsLog:
-    """Logs the list of targets when it changes, at most once a second, the last one always.
-
-    Args:
-        logger: Logger of the node.
-    """
-
-    def __init__(self, logger: Any) -> None:
-        self._logger = logger
-        self._logged_ids: tuple[int, ...] = ()
-        self._logged_at = -_INTERVAL
-
-    def update(self, targets: Sequence[TrackedTarget]) -> None:
-        """Log the targets after a frame if their ids differ from the last logged ones."""
-        now = time.monotonic()
-        ids = tuple(target.id for target in targets)
-        if ids == self._logged_ids or now - self._logged_at < _INTERVAL:
-            return
-        listed = ", ".join(f"{target.id} {target.label}".rstrip() for target in targets)
-        self._logger.info(f"ids of the targets: {listed or 'none'}")
-        self._logged_ids, self._logged_at = ids, now
-
-
 PAUSED = "paused; resume with the service ~/enable"
+
+
+def skip_cause(outcome: str, stamp: int, topic: str, frozen_after: float) -> str:
+    """Why a frame is skipped, and the remedy; empty if it is refused, which has its own error.
+
+    Args:
+        outcome: One of `pf_tracker_ros.topics.SKIPPED`.
+        stamp: Of its header, nanoseconds.
+        topic: Of the images.
+        frozen_after: The parameter of this name, seconds.
+    """
+    text = format_stamp(stamp)
+    causes = {
+        "paused": PAUSED,
+        "frozen": f"frozen: the images on {topic} have not changed for more than "
+        f"{frozen_after:g} s; restart the camera or its driver, or set 'frozen_after' to 0 for "
+        "images without noise",
+        "duplicate": f"duplicate stamp {text} s on {topic}; the publisher must stamp each image "
+        "with its own time of capture, or all images with 0",
+        "late": f"stamp {text} s on {topic} is older than the last one; let a single camera with "
+        "one clock publish there, or lower 'time_jump_threshold' for a recording that starts "
+        "again",
+    }
+    return causes.get(outcome, "")
 
 
 @dataclass(frozen=True)

@@ -28,16 +28,15 @@ from pf_tracker_ros.node.real_time import RealTimePriority
 from pf_tracker_ros.node.running import run
 from pf_tracker_ros.node.tracker.diagnostics import Diagnostics, Health
 from pf_tracker_ros.node.tracker.image_subscription import RELIABILITY_REMEDY, ImageSubscription
+from pf_tracker_ros.node.tracker.outcome_log import OutcomeLog
 from pf_tracker_ros.node.tracker.publishers import FramePublishers
-from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
+from pf_tracker_ros.node.tracker.reporter import Reporter
 from pf_tracker_ros.node.tracker.session_manager import SessionManager
 from pf_tracker_ros.node.tracker.status import (
-    PAUSED,
     NodeStatus,
     SkippedFrames,
-    StateLog,
     StatusOutput,
-    TargetsLog,
+    skip_cause,
 )
 from pf_tracker_ros.node.tracker.target_subscriptions import (
     DETECTIONS_CLASS,
@@ -47,8 +46,8 @@ from pf_tracker_ros.node.tracker.target_subscriptions import (
 )
 from pf_tracker_ros.node_parameters import NodeParameters
 from pf_tracker_ros.parameters import declarations
-from pf_tracker_ros.stamps import format_stamp, stamp_of
-from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Outcome, Session
+from pf_tracker_ros.stamps import stamp_of
+from pf_tracker_ros.targets.session import DROPPED_ARRIVALS, Session
 from pf_tracker_ros.topics import SKIPPED, FrameResult, StatusValues
 from pf_tracker_ros.tracking.parameters import TrackerParameters
 from pf_tracker_ros.tracking.presets import ActivePreset, preset_parameters
@@ -82,8 +81,7 @@ class TrackerNode(ManagedNode):
         self._has_target = False
         self._manager = SessionManager()
         self._result = FrameResult()
-        self._state_log, self._targets_log = StateLog(self._log), TargetsLog(self._log)
-        self._throttle = Throttle()
+        self._outcome_log = OutcomeLog(self._log, self._reporter.report)
         self._status_output: StatusOutput | None = None
         self._frame_publishers: FramePublishers | None = None
         self._trigger_services: list[Service] = []
@@ -278,7 +276,7 @@ class TrackerNode(ManagedNode):
         self._has_target = False
         response.success, response.message = True, self._manager.stop()
         self._result = self._frame_result()
-        self._targets_log.update(())
+        self._outcome_log.forget_targets()
         self._log.info(response.message)
         return response
 
@@ -343,7 +341,7 @@ class TrackerNode(ManagedNode):
             self._decode(message)
             return _Processed("waiting")
         if self._manager.detector_thread:
-            self._report_unrepeated(self._manager.take_detections())
+            self._outcome_log.report_unrepeated(self._manager.take_detections())
         arrival = session.classify(stamp)
         if arrival in DROPPED_ARRIVALS:
             return _Processed(session.drop(arrival).frame)
@@ -359,17 +357,16 @@ class TrackerNode(ManagedNode):
                     self._frame_publishers.publish(message.header, result, ("likelihood",))
         finally:
             # The log and the detector wait for the topics that robots act on.
-            self._log_outcome(outcome)
+            self._diagnostics.time_jumps += bool(outcome.jumped_back)
+            self._outcome_log.update(
+                outcome, self._values["time_jump"], had_target=self._has_target
+            )
             if (detector := self._manager.detector_thread) and outcome.frame != "frozen":
                 if outcome.jumped_back:
                     detector.discard_pending()
                 detector.offer(frame.image, stamp)
         self._result = result
         return _Processed(outcome.frame, result)
-
-    def _report_unrepeated(self, errors: Sequence[str]) -> None:
-        for error in self._throttle.unrepeated(errors):
-            self._reporter.report(error)
 
     def _decode(self, message: Image | CompressedImage) -> NDArray[Any]:
         return decode_image(message, self._values["max_image_pixels"])
@@ -388,34 +385,6 @@ class TrackerNode(ManagedNode):
             image=image,
         )
 
-    def _log_outcome(self, outcome: Outcome) -> None:
-        """Report errors; log time jumps, started targets, all targets, the selected one's state."""
-        for error in (*outcome.refused, *outcome.ended):
-            self._reporter.report(error)
-        self._report_unrepeated(outcome.rejected_detections)
-        if outcome.jumped_back:
-            self._diagnostics.time_jumps += 1
-            self._log_time_jump(outcome)
-        for target in outcome.targets:
-            if target.id in outcome.started:
-                box = ", ".join(f"{value:g}" for value in target.estimate.box)
-                self._log.info(f"target {target.id} started on the box ({box})")
-        self._targets_log.update(outcome.targets)
-        if outcome.estimate:
-            self._state_log.update(outcome.selected, outcome.estimate)
-
-    def _log_time_jump(self, outcome: Outcome) -> None:
-        """Log that time jumped back; with advice where a target may be lost unasked."""
-        text = f"time went back by {outcome.jumped_back:.3f} s"
-        choice = self._values["time_jump"]
-        if choice == "restart" or outcome.frame == "started" or not self._has_target:
-            self._log.info(text, throttle_duration_sec=LOG_INTERVAL)
-            return
-        advice = "; use 'restart' for recordings that start again" if choice == "keep" else ""
-        self._log.warning(
-            f"{text}; 'time_jump' is '{choice}'{advice}", throttle_duration_sec=LOG_INTERVAL
-        )
-
     # Status and health
 
     def _remedy(self, topic: str, policy: str) -> str:
@@ -428,25 +397,8 @@ class TrackerNode(ManagedNode):
         """Why a frame is skipped, and the remedy."""
         if outcome == "refused":
             return self._reporter.last_error
-        if outcome == "paused":
-            return PAUSED
-        topic = self._image_subscription.topic
-        if outcome == "frozen":
-            return (
-                f"frozen: the images on {topic} have not changed for more than "
-                f"{self._values['frozen_after']:g} s; restart the camera or its driver, or set "
-                "'frozen_after' to 0 for images without noise"
-            )
-        if outcome == "duplicate":
-            return (
-                f"duplicate stamp {format_stamp(stamp)} s on {topic}; the publisher must stamp "
-                "each image with its own time of capture, or all images with 0"
-            )
-        return (
-            f"stamp {format_stamp(stamp)} s on {topic} is older than the last one; let a single "
-            "camera with one clock publish there, or lower 'time_jump_threshold' for a recording "
-            "that starts again"
-        )
+        topic, frozen_after = self._image_subscription.topic, self._values["frozen_after"]
+        return skip_cause(outcome, stamp, topic, frozen_after)
 
     def _current_status(self, outcome: str) -> NodeStatus:
         session = self._manager.session

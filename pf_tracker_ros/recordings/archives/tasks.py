@@ -31,7 +31,8 @@ from pf_tracker_ros.opencv import quiet_opencv
 from pf_tracker_ros.parameters import ParameterError
 from pf_tracker_ros.recordings.archives.executors import Executor
 from pf_tracker_ros.recordings.archives.file_records import file_hashes, parse_json
-from pf_tracker_ros.recordings.archives.results import DONE_FILE, Results
+from pf_tracker_ros.recordings.archives.own_files import DONE_FILE
+from pf_tracker_ros.recordings.archives.results import Results
 from pf_tracker_ros.recordings.archives.sources import (
     PathOrUrl,
     errors_name_source,

@@ -8,8 +8,8 @@ import rclpy.logging
 from pf_tracker_ros.decoding.image_decoding import ImageError
 from pf_tracker_ros.node.tracker import reporter as reporter_module
 from pf_tracker_ros.node.tracker import status
+from pf_tracker_ros.node.tracker.outcome_log import StateLog
 from pf_tracker_ros.node.tracker.reporter import LOG_INTERVAL, Reporter, Throttle
-from pf_tracker_ros.node.tracker.status import StateLog
 
 
 @pytest.mark.parametrize("kind", [RuntimeError, ValueError, lambda text: ImageError("data", text)])
