@@ -126,7 +126,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         waiting = {pool.submit(run, *one, options): one for one in runs}
         for done in as_completed(waiting):
             name, seed = waiting[done]
-            results[name][seed] = done.result()
+            try:
+                results[name][seed] = done.result()
+            except Exception as error:
+                # At once, not after hours of other runs.
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise RuntimeError(f"the run of {name} with seed {seed} has failed") from error
             on_progress(f"{name} {seed}", 1)
             # A long measurement may be stopped.
             path.write_text(json.dumps(results, indent=1), encoding="utf-8")

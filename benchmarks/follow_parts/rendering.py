@@ -436,7 +436,7 @@ def _wall_texture(generator: np.random.Generator) -> NDArray[np.uint8]:
         kind = generator.random()
         if kind < 0.3:
             low, high = 0.0, 2.05
-            width = 0.9
+            width = min(0.9, columns / _WALL_SCALE - x)
         elif kind < 0.7:
             low = generator.uniform(1.0, 1.5)
             high = low + generator.uniform(0.4, 0.8)

@@ -52,6 +52,11 @@ def look(room):
     return seen
 
 
+def test_a_door_at_the_end_of_a_wall_is_as_wide_as_is_left():
+    """The walls of seed 108 end in one."""
+    assert world.World.draw(108, SCENARIOS["depth_alone"], 1.0)
+
+
 def test_a_person_is_where_the_pinhole_camera_shows_them(look):
     """3 m away, the feet are f * 0.8 / 3 below the center, and 1.7 m are f * 1.7 / 3 pixels."""
     view = look((4.5, 6.0), (4.5, 7.0))
