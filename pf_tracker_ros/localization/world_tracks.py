@@ -311,12 +311,12 @@ class _Track:
 
     def measure(self, target: ReportedTarget, place: Place, scene: _Scene) -> str:
         """Take a measurement; why it is not used, empty if it is."""
-        if place.is_background:
+        if place.is_unseen:
             self.place_odds = LEAST_LOG_ODDS
             self.trust.lose_sight(is_hidden=False)
             return (
-                f"the depth in the box of target {target.id} is of what is behind it, as if the "
-                "box were on something else"
+                f"depth shows nothing in the box where target {target.id} is expected, as if it "
+                "were hidden or the box on something else"
             )
         pose, camera = scene.sensed.pose.pose, scene.sensed.camera
         measured = in_fixed_frame(place, pose.rotation, pose.translation)

@@ -12,8 +12,9 @@ A box contains the target, background beside it, occluders before it, and holes.
 5. The distance is the weighted mean of the pixels in the mode.
 
 A prediction excludes modes that are far from it. Only a farther one that the box agrees with shows
-the target nevertheless: nothing is seen through it. Where there is no such mode, and much of the
-box is farther than predicted, the box is not on the target.
+the target nevertheless: nothing is seen through it. Where nearly all of the box is nearer or
+farther than predicted, and none of that is such a mode, the target is not seen, unless all of it is
+nearer, as a pane of glass.
 
 The share of pixels that are clearly nearer than the target is evidence of an occlusion. Without a
 prediction, the target may also be in a mode behind the chosen one that scores nearly as high.
@@ -47,11 +48,12 @@ _RING_POWER = 3.0
 # Log score, relative to the best, of a mode that may also be the target's.
 _RIVAL_LOG_SCORE = math.log(0.3)
 # Samples nearer than the target by this share, or by so many standard deviations of a prediction,
-# are of an occluder, and ones that are farther by the share of what is behind it. Share of the
-# latter above which, and share at the target's distance below which, a box is not on the target.
+# are of an occluder, and ones that are farther by the share of what is behind it. Share of both
+# among all samples above which a box may not show the target, and share of those with depth that
+# have to be at its distance, or beyond.
 _NEARER_BY = _FARTHER_BY = 0.12
 _NEARER_SDS = 2.0
-_BACKGROUND_ABOVE, _TARGET_ABOVE = 0.3, 0.15
+_ELSEWHERE_ABOVE, _TARGET_ABOVE = 0.6, 0.12
 # Weight of a pixel at the left and right edge of the box.
 _EDGE_WEIGHT = 0.2
 # Standard deviation of a predicted distance's logarithm, beside its own.
@@ -112,15 +114,14 @@ class DepthReading:
         row: Mean row of its samples as a share of the box's height.
         occlusion: Share of the samples that are nearer than the target; None where nothing says how
             far the target is.
-        is_background: Whether the box shows what is behind the predicted target, and not the
-            target.
+        is_unseen: Whether the box shows only what is before or behind the predicted target.
     """
 
     depth: float | None
     sd: float
     row: float
     occlusion: float | None
-    is_background: bool = False
+    is_unseen: bool = False
 
 
 def check_depth(depth: object, image_size: tuple[int, int]) -> NDArray[np.generic]:
@@ -180,14 +181,18 @@ def read_depth(
     predicted = next((one for one in expected if one.is_prediction), None)
     if predicted is not None:
         beyond, nearer = (1.0 + _FARTHER_BY) * predicted.depth, _share_nearer(depths, predicted)
-        farther = np.count_nonzero(depths > beyond)
-        # Of all samples: somebody in black has no depth, but the background beside has.
-        background = float(farther) / is_in_box.size
-        # By number, not by weight: whatever is there, the box is not on the background.
-        is_empty = 1.0 - nearer - farther / len(depths) < _TARGET_ABOVE
-        if chosen is None or (chosen[0] <= beyond and background > 1.0 - _TARGET_ABOVE):
-            is_background = is_empty and background > _BACKGROUND_ABOVE
-            return DepthReading(None, math.nan, 0.5, nearer, bool(is_background))
+        # By number, not by weight: whatever is at the distance of the target may be the target.
+        farther = float(np.count_nonzero(depths > beyond)) / len(depths)
+        elsewhere = nearer + farther
+        # Of all samples: somebody in black has no depth, but what is beside has. Where nothing
+        # farther is seen, a pane of glass may be before the target.
+        is_unseen = (
+            elsewhere > 1.0 - _TARGET_ABOVE
+            and elsewhere * len(depths) > _ELSEWHERE_ABOVE * is_in_box.size
+            and farther > _TARGET_ABOVE
+        )
+        if chosen is None or (chosen[0] <= beyond and is_unseen):
+            return DepthReading(None, math.nan, 0.5, nearer, is_unseen)
     if chosen is None:
         return DepthReading(None, math.nan, 0.5, None)
     mode, farthest = chosen

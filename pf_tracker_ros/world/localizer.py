@@ -216,7 +216,7 @@ class Localizer:
             bearing.direction,
             bearing.covariance,
             None if reading is None else reading.occlusion,
-            reading is not None and reading.is_background,
+            reading is not None and reading.is_unseen,
         )
 
     def covered_share(

@@ -72,8 +72,8 @@ class Place:
         bearing_covariance: (2, 2) of the bearing, rad^2; see `Bearing`.
         occlusion: Share, 0 to 1, of the box's depth pixels that are nearer than the target; None
             without depth.
-        is_background: Whether depth shows in the box what is behind the predicted target, and not
-            the target: the box is on something else.
+        is_unseen: Whether depth shows in the box only what is before or behind the predicted
+            target: it is hidden, or the box on something else.
 
     Example:
         >>> from pf_tracker_ros.world import CameraModel, Localizer
@@ -89,7 +89,7 @@ class Place:
     bearing: NDArray[np.float64]
     bearing_covariance: NDArray[np.float64]
     occlusion: float | None = None
-    is_background: bool = False
+    is_unseen: bool = False
 
     @property
     def range(self) -> float:

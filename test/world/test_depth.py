@@ -91,37 +91,40 @@ def test_nothing_at_the_predicted_distance_is_a_hidden_target():
     assert reading.depth == pytest.approx(4.0)
 
 
-def test_background_in_place_of_the_target_is_told():
+def test_a_box_that_shows_only_what_is_before_or_behind_the_target_is_told():
     """A target at 4 m hides what is behind it, whatever covers a part of itself."""
     expected, wall = [ExpectedDepth(4.0, 0.1)], np.full((480, 640), 8.0, np.float32)
     gone = read(wall, expected=expected)
-    assert (gone.depth, gone.occlusion, gone.is_background) == (None, 0.0, True)
+    assert (gone.depth, gone.occlusion, gone.is_unseen) == (None, 0.0, True)
     half_hidden = wall.copy()
     half_hidden[:, :320] = 1.5
     reading = read(half_hidden, expected=expected)
-    assert (reading.depth, reading.is_background) == (None, True)
+    assert (reading.depth, reading.is_unseen) == (None, True)
+    three_quarters_hidden = wall.copy()
+    three_quarters_hidden[:, :350] = 1.5
+    assert read(three_quarters_hidden, expected=expected).is_unseen
     # A pole at its distance is a tenth of the box; a drone would be a fifth.
     pole, drone = wall.copy(), wall.copy()
     pole[:, 314:326] = drone[:, 308:332] = 4.0
-    assert read(pole, expected=expected).is_background
+    assert read(pole, expected=expected).is_unseen
     assert read(drone, expected=expected).depth == pytest.approx(4.0)
     # Without depth on three quarters, as of black clothes, the rest is beside the target.
     black = wall.copy()
     black[:, 260:350] = 0.0
-    assert not read(black, expected=expected).is_background
-    assert not read(scene(), expected=expected).is_background
+    assert not read(black, expected=expected).is_unseen
+    assert not read(scene(), expected=expected).is_unseen
     # Nor is a target of colors that are not its own.
     nothing = np.zeros((4, 4))
     samples = BoxSamples.of(BOX, SIZE, wall.shape)
     unknown = read_depth(scene(), samples, samples.resample(nothing), expected)
-    assert (unknown.depth, unknown.is_background) == (None, False)
+    assert (unknown.depth, unknown.is_unseen) == (None, False)
 
 
 def test_what_box_and_depth_say_together_is_no_background():
     wall, predicted = np.full((480, 640), 8.0, np.float32), ExpectedDepth(4.0, 0.1)
     reading = read(wall, expected=[predicted, ExpectedDepth(7.5, 0.8, floor=0.05)])
     assert reading.depth == pytest.approx(8.0)
-    assert not reading.is_background
+    assert not reading.is_unseen
     # Something nearer hides the target, even if the box is as large as its own.
     expected = [ExpectedDepth(12.0, 0.3), ExpectedDepth(7.5, 0.8, floor=0.05)]
     reading = read(wall, expected=expected)

@@ -129,5 +129,5 @@ def test_a_box_that_stays_where_depth_shows_a_wall_is_no_position():
     assert not any(one.silence for one in found[:20])
     # The prediction stands for the target for the time `coast`.
     assert not any(one.silence for one in found[20:25])
-    assert all("of what is behind it" in one.silence for one in found[25:])
+    assert all("depth shows nothing in the box" in one.silence for one in found[25:])
     assert all(one.hint.place_odds == -4.0 for one in found[20:])
