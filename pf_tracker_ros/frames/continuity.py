@@ -52,6 +52,8 @@ class Continuity:
             Factor of the odds that a box in this image shows its target: 1, or `OTHER_SCENE`.
         """
         samples = cv2.resize(image, _SAMPLES, interpolation=cv2.INTER_NEAREST)
+        if samples.dtype == np.float32:
+            _fill_holes(samples, self._samples)
         last, self._samples = self._samples, samples
         if last is None:
             return 1.0
@@ -71,6 +73,17 @@ class Continuity:
         elif not is_other:
             self._before_cut, self._other_for, is_other = _blocks(last), 0.0, True
         return OTHER_SCENE if is_other else 1.0
+
+
+def _fill_holes(samples: NDArray[Any], last: NDArray[Any] | None) -> None:
+    """Replace what is not finite by the last samples, or by the median, 0 without any."""
+    is_hole = ~np.isfinite(samples)
+    if not is_hole.any():
+        return
+    if last is not None:
+        samples[is_hole] = last[is_hole]
+    else:
+        samples[is_hole] = 0.0 if is_hole.all() else np.median(samples[~is_hole])
 
 
 def _is_cut(last: NDArray[Any], now: NDArray[Any], usual: float) -> bool:

@@ -55,6 +55,18 @@ def test_a_cut_lasts_until_the_scene_is_back(scenes, type):
     assert camera.shows(last) == 1.0
 
 
+@pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
+def test_pixels_that_are_not_finite_hide_no_cut(scenes, hole):
+    camera = Camera(np.float32)
+    images = [camera.noisy(at(scenes[0], 3 * number)) for number in range(25)]
+    images += [camera.noisy(at(scenes[1], 3 * number)) for number in range(10)]
+    images[3][:] = hole
+    for image in images:
+        image[::3, ::3] = hole
+    found = [camera.continuity.update(image, INTERVAL) for image in images]
+    assert found[5:] == [1.0] * 20 + [OTHER_SCENE] * 10
+
+
 def test_another_scene_is_the_present_one_after_five_seconds(scenes):
     camera, _ = after_motion(scenes[0])
     found = [camera.shows(at(scenes[1], number)) for number in range(140)]
