@@ -7,8 +7,9 @@
        cost = 5/2 log(1 + d^2 / 3) + 1/2 log(|S| / |R|) + 0.3 (size) + 1 (other label)
               + 2 (appearance distance / mean appearance distance of the track - 2.4)
 
-   Pairs with d^2 above a gate are excluded. The Hungarian algorithm minimizes the sum over all
-   pairs; a pair above the maximum cost is none.
+   Pairs with d^2 above a gate are excluded, and for a held track that the image does not show,
+   those with a larger appearance distance than the one at which it is found again. The Hungarian
+   algorithm minimizes the sum over all pairs; a pair above the maximum cost is none.
 2. `correct_id_switches`: where two detected tracks are near each other and their descriptors fit
    better the other way round, they exchange filters.
 3. `ReIdentifier`: a new track takes over the key of a lost one with a similar appearance.
@@ -125,6 +126,9 @@ class Associator:
         relative = distances / track.mean_appearance_distance
         costs += _APPEARANCE_WEIGHT * (relative - _NEUTRAL_DISTANCE)
         costs[squared > _GATE] = np.inf
+        # Who covers a held target is detected in its place.
+        if track.is_held and track.filter_state.estimate.state != "tracking":
+            costs[distances > track.largest_distance] = np.inf
         return costs
 
 

@@ -67,7 +67,8 @@ def insert_late(
             if not (buffer.is_complete and _FIRST_TOLERANCE < early < _MAX_LATENCY):
                 rejected.append(
                     f"the detections are {(now - stamp) / NANOSECONDS:.3g} s old, and frames of "
-                    f"the last {(now - oldest) / NANOSECONDS:.2g} s are kept"
+                    f"the last {(now - oldest) / NANOSECONDS:.2g} s are kept, since the first "
+                    "image or as frame_buffer_length allows"
                 )
             continue
         entries = entries or since

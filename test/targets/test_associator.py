@@ -53,6 +53,32 @@ def test_the_appearance_counts_relative_to_the_mean_distance_of_the_track(tracks
         assert Associator(STRIPES).assign([track], [other]) == assigned
 
 
+@pytest.mark.parametrize(
+    ("state", "is_selected", "assigned"),
+    [
+        ("tracking", True, {0: 0}),
+        ("occluded", True, {}),
+        ("lost", True, {}),
+        ("occluded", False, {0: 0}),
+    ],
+)
+def test_who_covers_the_selected_target_is_not_taken_for_it(tracks, state, is_selected, assigned):
+    red, blue, _ = tracks
+    estimate = replace(red.filter_state.estimate, state=state)
+    track = replace(
+        red,
+        filter_state=replace(red.filter_state, estimate=estimate),
+        is_selected=is_selected,
+        mean_appearance_distance=0.15,
+        others_distance=0.3,
+    )
+    # It is found again up to twice its mean distance.
+    other = detect(red, 0.0, between(red.descriptor, blue.descriptor, 0.35))
+    assert Associator(STRIPES).assign([track], [other]) == assigned
+    same = detect(red, 0.0, between(red.descriptor, blue.descriptor, 0.25))
+    assert Associator(STRIPES).assign([track], [same]) == {0: 0}
+
+
 def test_the_mean_appearance_distance_is_learned_from_detections(tracks):
     red, blue, _ = tracks
     other = between(red.descriptor, blue.descriptor, 0.7)
