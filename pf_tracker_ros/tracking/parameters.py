@@ -62,7 +62,7 @@ class TrackParameters(TrackThresholds):
         maximum=3600.0,
     )
     keep_selected: float = declared(
-        30.0,
+        120.0,
         "The selected target stays for this time after its last detection, and keeps its id when "
         "it is found again.",
         unit="s",
