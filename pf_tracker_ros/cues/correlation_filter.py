@@ -231,8 +231,8 @@ _FEATURE_SCALE = 0.294
 _NO_CONTRAST = 1e-8
 # Lobes of the interpolation between cells.
 _LOBES = 3
-# Cached peaks and weights; each target size has its own.
-_TARGETS = 8
+# Cached peaks and weights; each shape of a target has its own.
+_SHAPES = 64
 
 
 def spectra_of(features: NDArray[np.float32], scale: float = 1.0) -> Spectrum:
@@ -371,7 +371,7 @@ def _to_middle(cells: int) -> NDArray[np.float32]:
     return signs.astype(np.float32)
 
 
-@lru_cache(maxsize=_TARGETS)
+@lru_cache(maxsize=_SHAPES)
 def _peak(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
     """Real spectrum of a Gaussian peak at displacement (0, 0)."""
     displacement = np.fft.fftfreq(cells) * cells
@@ -380,7 +380,7 @@ def _peak(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
     return np.fft.rfft2(np.outer(side, side)).real.astype(np.float32)
 
 
-@lru_cache(maxsize=_TARGETS)
+@lru_cache(maxsize=_SHAPES)
 def _squared_weight(cells: int, target_cells: tuple[float, float]) -> NDArray[np.float32]:
     """(cells, cells) w^2, small inside the target, interpolated in partly covered cells."""
     distance = np.abs(np.arange(cells) - (cells - 1) / 2)
