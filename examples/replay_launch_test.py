@@ -4,7 +4,7 @@
 It replays a recording in lockstep and compares the boxes that the tracker publishes with those of
 a `boxes.csv`, which `track` or `pytest --update` has written, in figures and not in bits:
 
-    track drive.mcap --output tracked
+    track drive.mcap --box 42,188,44,132 --output tracked
     launch_test examples/replay_launch_test.py source:=drive.mcap boxes:=tracked/boxes.csv
 
 In a package of one's own, `add_launch_test` of `launch_testing_ament_cmake` runs it with the tests.

@@ -115,6 +115,7 @@ class FrameLocalizer:
                 if isinstance(error, NotYetError) and not is_last_chance:
                     raise
                 silence, sensed = str(error), None
+                self._tracks.miss(frame, parameters)
             self._problems.set("frame", silence)
         if sensed:
             silence = _silence(frame, targets)
@@ -136,7 +137,8 @@ class FrameLocalizer:
         targets: tuple[LocatedTarget, ...] = (),
     ) -> LocatedFrame:
         """Finish a frame, here also one that is not located; arguments as of `LocatedFrame`."""
-        self._last_stamp = frame.stamp
+        if not frame.is_skipped:
+            self._last_stamp = max(frame.stamp, self._last_stamp)
         if not silence:
             self._silent_since = None
         elif self._silent_since is None:
@@ -154,6 +156,9 @@ class FrameLocalizer:
 
     def _skip_reason(self, frame: TrackerFrame) -> str:
         """Why a frame is not located; empty if it is. A jump back in time forgets all targets."""
+        if frame.is_skipped:
+            # Its stamp may be of another clock.
+            return _SKIPPED
         if frame.stamp < self._last_stamp - _JUMP:
             seconds = (self._last_stamp - frame.stamp) / NANOSECONDS
             self._problems.tell("time", f"time went back by {seconds:.3f} s; positions start anew")
@@ -162,8 +167,6 @@ class FrameLocalizer:
             self.forget_positions()
             if self._sensors.transforms:
                 self._sensors.transforms.clear()
-        if frame.is_skipped:
-            return _SKIPPED
         if frame.stamp <= self._last_stamp:
             return "the image is not newer than the last one"
         return ""

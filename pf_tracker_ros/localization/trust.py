@@ -37,20 +37,27 @@ class Trust:
 
     def __init__(self) -> None:
         self.doubted_for = 0.0
-        # Log odds by the place; None until the target is measured, 0 where nothing was predicted.
-        self._by_place: float | None = None
-        self._measured_since = 0
+        # Least log odds by the place since the doubt began; infinite before the first measurement.
+        self._by_place = math.inf
+        # Whether the next measurement adds its place, since the target gave none.
+        self._awaits_place = False
+        # Stamps of the first measurement in this doubt after the target was hidden, None without,
+        # and of the last one.
+        self._measured_since: int | None = None
+        self._measured_at = 0
         self._is_doubted = False
 
     def lose_sight(self, *, is_hidden: bool) -> None:
         """The target gives no measurement; the next one decides.
 
+        A doubt that is not settled stays: the next one may agree with a doubted place.
+
         Args:
             is_hidden: Whether it is not tracked at all, and may be something else from now on.
         """
-        self._is_doubted, self._by_place = True, None
+        self._is_doubted = self._awaits_place = True
         if is_hidden:
-            self.doubted_for = math.inf
+            self._measured_since, self.doubted_for = None, math.inf
 
     def contradict(self, stamp: int) -> None:
         """The target is in another place than predicted.
@@ -58,7 +65,9 @@ class Trust:
         Args:
             stamp: Of the frame, nanoseconds.
         """
-        self._is_doubted, self._by_place, self._measured_since = True, LEAST_LOG_ODDS, stamp
+        self._is_doubted, self._awaits_place = True, False
+        self._by_place = LEAST_LOG_ODDS
+        self._measured_since = self._measured_at = stamp
 
     def measure(
         self,
@@ -80,12 +89,20 @@ class Trust:
         """
         if not self._is_doubted:
             return
-        if self._by_place is None:
-            self._by_place, self._measured_since = by_place, stamp
+        if self._awaits_place:
+            # A doubt from before lasts no longer than it would have if the target had been seen.
+            is_recent = stamp - self._measured_at < hold * NANOSECONDS
+            self._by_place = min(self._by_place, by_place) if is_recent else by_place
+            self._awaits_place = False
+        if self._measured_since is None:
+            self._measured_since = stamp
+        self._measured_at = stamp
         log_odds = self._by_place + _logit(confidence) - _logit(min_confidence)
         needed = max(-log_odds, 0.0) * hold / -LEAST_LOG_ODDS
         self.doubted_for = max(needed - (stamp - self._measured_since) / NANOSECONDS, 0.0)
         self._is_doubted = self.doubted_for > 0.0
+        if not self._is_doubted:
+            self._by_place, self._measured_since = math.inf, None
 
 
 def log_odds_by_place(log_density: float | None, squared: float | None) -> float:

@@ -146,6 +146,13 @@ class WorldTracks:
         scene = _Scene(frame, sensed, localizer, parameters)
         return tuple(self._locate(target, scene) for target in frame.targets)
 
+    def miss(self, frame: TrackerFrame, parameters: LocalizerParameters) -> None:
+        """Take a frame that is not located: only what says that a target is out of sight."""
+        for target in frame.targets:
+            track = self._tracks.get(target.id)
+            if track and distrust(target, parameters.min_confidence):
+                track.lose_sight(target)
+
     def _locate(self, target: ReportedTarget, scene: _Scene) -> LocatedTarget:
         stamp, localizer = scene.frame.stamp, scene.localizer
         track, parameters = self._tracks[target.id], scene.parameters
@@ -153,10 +160,7 @@ class WorldTracks:
         track.place_odds = 0.0
         problem = distrust(target, parameters.min_confidence)
         if problem:
-            track.trust.lose_sight(is_hidden=target.state != "tracking")
-            track.filter.interrupt()
-        if target.state == "lost":
-            track.box_errors.reset()
+            track.lose_sight(target)
         try:
             if problem:
                 covered_share = track.covered_share(target, scene)
@@ -275,6 +279,13 @@ class _Track:
         self._aspect, self._height = 0.0, 0.0
         # Log odds of a measurement that contradicts the prediction; else 0.
         self.place_odds = 0.0
+
+    def lose_sight(self, target: ReportedTarget) -> None:
+        """The box of the target is no measurement in this frame."""
+        self.trust.lose_sight(is_hidden=target.state != "tracking")
+        self.filter.interrupt()
+        if target.state == "lost":
+            self.box_errors.reset()
 
     def predicted_range(self, scene: _Scene) -> tuple[float, float] | None:
         """Distance from the camera to half the height, and its standard deviation, meters."""

@@ -16,9 +16,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import Detection
+from pf_tracker_ros.targets.detections import DUPLICATE_ABOVE, Detection
 from pf_tracker_ros.targets.tracks import Track, TrackKey, TrackSet
 from pf_tracker_ros.values import replace
 
@@ -26,6 +27,8 @@ from pf_tracker_ros.values import replace
 _THINNED_SPAN = NANOSECONDS * 11 // 5
 # Of the frames that memory does not suffice for, the last one in each such interval is kept.
 _THINNED_INTERVAL = NANOSECONDS // 10
+# Stamps that differ by less are the same, nanoseconds: ages of detections are rounded.
+_SAME_STAMP = NANOSECONDS // 1000
 # Share of the memory for thinned frames; the rest is for the newest frames.
 _THINNED_SHARE = 0.55
 
@@ -73,6 +76,7 @@ class HistoryEntry:
         interval: Seconds since the entry before.
         tracks_before: The track set before the frame.
         detections: In the frame; None if no detector has processed it.
+        detections_offset: Nanoseconds between their stamp and that of the frame.
         started: Manual targets that start after the frame.
         stopped: Targets that a user stopped after the frame, as they were.
     """
@@ -81,6 +85,7 @@ class HistoryEntry:
     interval: float
     tracks_before: TrackSet
     detections: tuple[Detection, ...] | None = None
+    detections_offset: int = 0
     started: tuple[Track, ...] = ()
     stopped: tuple[Track, ...] = ()
 
@@ -113,6 +118,23 @@ class HistoryEntry:
     def has_input(self) -> bool:
         """Whether it has detections or manual targets, which must not be lost."""
         return self.detections is not None or bool(self.started or self.stopped)
+
+    def with_detections(
+        self, detections: tuple[Detection, ...] | None, offset: int
+    ) -> HistoryEntry:
+        """This entry with detections whose stamp is so many nanoseconds from that of the frame.
+
+        Those of the same stamp are added to the known ones. Of another stamp the nearer ones count:
+        what moves would be seen twice.
+        """
+        if detections is None:
+            return self
+        farther = offset - self.detections_offset
+        if self.detections is None or farther < -_SAME_STAMP:
+            return replace(self, detections=detections, detections_offset=offset)
+        if farther > _SAME_STAMP:
+            return self
+        return replace(self, detections=merge_detections(self.detections, detections))
 
     def merge_dropped(self, dropped: HistoryEntry) -> HistoryEntry:
         """This entry with the interval and camera motion of a dropped entry just before it."""
@@ -292,6 +314,20 @@ class FrameBuffer:
                 break
             reduction *= 2
         return reduction
+
+
+def merge_detections(
+    known: tuple[Detection, ...], new: tuple[Detection, ...]
+) -> tuple[Detection, ...]:
+    """Add detections to those already known of a frame, without duplicates.
+
+    The known ones keep their indices, which are part of the keys of tracks.
+    """
+    if not known:
+        return new
+    boxes = np.array([one.box for one in known])
+    added = [one for one in new if pairwise_iou(one.box[None], boxes).max() <= DUPLICATE_ABOVE]
+    return (*known, *added)
 
 
 def thinned(entries: Sequence[HistoryEntry], most: int) -> list[HistoryEntry]:

@@ -17,17 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
-from pf_tracker_ros.boxes import pairwise_iou
 from pf_tracker_ros.frames import Frame
 from pf_tracker_ros.stamps import NANOSECONDS
-from pf_tracker_ros.targets.detections import (
-    DUPLICATE_ABOVE,
-    Detection,
-    Detections,
-    StampedDetections,
-)
+from pf_tracker_ros.targets.detections import Detection, Detections, StampedDetections
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry
 from pf_tracker_ros.targets.pipeline import TrackingPipeline
 from pf_tracker_ros.targets.tracks import Track, TrackSet
@@ -40,6 +32,9 @@ _MAX_AGE = 2 * NANOSECONDS
 _MAX_LATENCY = 5 * NANOSECONDS
 # Tolerance before the first frame of all, nanoseconds: no other frame can be nearer.
 _FIRST_TOLERANCE = NANOSECONDS // 50
+# Largest time between detections and their frame, nanoseconds: farther ones are of a frame that was
+# skipped.
+_FARTHEST = NANOSECONDS // 10
 # Returns the valid detections in a frame, None if there is no information, and why others are
 # rejected.
 DetectionFilter = Callable[[Detections, Frame], tuple[tuple[Detection, ...] | None, list[str]]]
@@ -62,22 +57,23 @@ def insert_late(
     for detections, stamp in sorted(late, key=lambda one: one.stamp):
         since = entries_since(buffer, stamp) if now - stamp <= _MAX_AGE else []
         if not since:
-            oldest = max(buffer.first.stamp, now - _MAX_AGE) if len(buffer) else now
-            early = buffer.first.stamp - stamp if len(buffer) else 0
-            if not (buffer.is_complete and _FIRST_TOLERANCE < early < _MAX_LATENCY):
-                rejected.append(
-                    f"the detections are {(now - stamp) / NANOSECONDS:.3g} s old, and frames of "
-                    f"the last {(now - oldest) / NANOSECONDS:.2g} s are kept, since the first "
-                    "image or as frame_buffer_length allows"
-                )
+            rejected += _reasons_to_reject(buffer, stamp, now)
             continue
-        entries = entries or since
-        index = len(entries) - len(since)
-        entry = entries[index]
+        index = max(len(entries) - len(since), 0)
+        entry = entries[index] if entries else since[0]
         found, reasons = filter_detections(detections, entry.frame)
-        entries[index] = replace(entry, detections=merge_detections(entry.detections, found))
         rejected += reasons
+        revised = entry.with_detections(found, abs(entry.stamp - stamp))
+        if revised is not entry:
+            entries = entries or since
+            entries[index] = revised
     return entries, rejected
+
+
+def is_current(stamp: int, now: int, interval: float) -> bool:
+    """Whether detections belong to the current frame: up to half an interval before it."""
+    before = min(interval * NANOSECONDS / 2, _FARTHEST)
+    return 0 in (stamp, now) or now - stamp <= before
 
 
 def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
@@ -85,14 +81,29 @@ def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
 
     Detections have stamps of up to half an interval before that of their frame.
     """
-    since = buffer.since(stamp)
+    since = buffer.since(stamp) or buffer.entries[-1:]
     if not since:
-        return buffer.entries[-1:]
+        return []
     early = since[0].stamp - stamp
     allowed = round(since[0].interval * NANOSECONDS / 2)
     if buffer.is_complete and since[0] is buffer.first:
         allowed = max(allowed, _FIRST_TOLERANCE)
-    return since if early <= allowed else []
+    return since if -_FARTHEST <= early <= min(allowed, _FARTHEST) else []
+
+
+def _reasons_to_reject(buffer: FrameBuffer, stamp: int, now: int) -> list[str]:
+    """Why detections without a frame are rejected; none for those of skipped and no frames."""
+    first = buffer.first.stamp if len(buffer) else now
+    is_skipped = now - stamp <= _MAX_AGE and stamp >= first
+    is_of_start = buffer.is_complete or not len(buffer)
+    if is_skipped or (is_of_start and 0 < first - stamp < _MAX_LATENCY):
+        return []
+    kept = now - max(first, now - _MAX_AGE)
+    return [
+        f"the detections are {(now - stamp) / NANOSECONDS:.3g} s old, and frames of the last "
+        f"{kept / NANOSECONDS:.2g} s are kept, since the first image or as frame_buffer_length "
+        "allows"
+    ]
 
 
 def reprocess(
@@ -143,17 +154,3 @@ def replay_track(
         revised.append(replace(entry, tracks_before=before))
         alone = pipeline.advance(alone, entry.frame, entry.interval, None)
     return alone.tracks[0], revised
-
-
-def merge_detections(
-    known: tuple[Detection, ...] | None, new: tuple[Detection, ...] | None
-) -> tuple[Detection, ...] | None:
-    """Add detections to those already known of a frame, without duplicates.
-
-    The known ones keep their indices, which are part of the keys of tracks.
-    """
-    if not known or new is None:
-        return known if new is None else new
-    boxes = np.array([one.box for one in known])
-    added = [one for one in new if pairwise_iou(one.box[None], boxes).max() <= DUPLICATE_ABOVE]
-    return (*known, *added)

@@ -136,7 +136,7 @@ class Session:
     def selected(self) -> int:
         """Id of the selected target, with `max_targets` 1 of the only one; 0 for none."""
         targets = self.targets
-        if not self._selected and self._manager.max_targets == len(targets) == 1:
+        if self._manager.max_targets == len(targets) == 1:
             return targets[0].id
         return self._selected
 
@@ -208,7 +208,11 @@ class Session:
             self.cancel_requests()
         elif is_mismatched or not self._manager.is_on_target(box):
             others = 0 if is_mismatched else len(self.targets)
-            self._manager.check_capacity(others + len(self._requested))
+            waiting = sum(
+                one.on_mismatch or not self._manager.is_on_target(one.box)
+                for one in self._requested
+            )
+            self._manager.check_capacity(others + waiting)
         self._requested.append(ManualTarget(box, label, stamp, is_mismatched))
 
     def cancel_requests(self) -> None:

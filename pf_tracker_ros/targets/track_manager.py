@@ -29,7 +29,7 @@ from pf_tracker_ros.targets.detections import (
 from pf_tracker_ros.targets.frame_buffer import FrameBuffer, HistoryEntry, thinned
 from pf_tracker_ros.targets.out_of_sequence import (
     insert_late,
-    merge_detections,
+    is_current,
     replay_track,
     reprocess,
 )
@@ -265,7 +265,7 @@ class TrackManager:
             reported = self._track_ids.reported(self._track_set.tracks)
             before = self._track_set
             self._front_end.prepare(frame, interval, before.boxes, is_tracked=before.is_tracked)
-            current = [one for one in detections if _is_current(one.stamp, frame.stamp, interval)]
+            current = [one for one in detections if is_current(one.stamp, frame.stamp, interval)]
             late = [one for one in detections if one not in current]
             entries, rejected = insert_late(self.frames, late, frame.stamp, self._describe)
             kept = reported[selected].key if selected in reported else None
@@ -278,13 +278,14 @@ class TrackManager:
                 keys = {id: track.key for id, track in reported.items()}
                 known = {keys[id]: hint for id, hint in hints.items() if id in keys}
                 track_set = self._pipeline.take_hints(track_set, known, frame.size)
-            found: tuple[Detection, ...] | None = None
+            entry = HistoryEntry(frame, interval, track_set)
             for batch in current:
                 described, reasons = self._describe(batch.detections, frame)
-                found = merge_detections(found, described)
+                is_stamped = 0 not in (batch.stamp, frame.stamp)
+                offset = abs(frame.stamp - batch.stamp) if is_stamped else 0
+                entry = entry.with_detections(described, offset)
                 rejected += reasons
-            entry = HistoryEntry(frame, interval, track_set, found)
-            track_set = self._pipeline.advance(track_set, frame, interval, found)
+            track_set = self._pipeline.advance(track_set, frame, interval, entry.detections)
         self._front_end.commit(frame)
         self.frames.replace_from(revised)
         self.frames.add(entry)
@@ -556,11 +557,6 @@ class TrackManager:
         self.clear()
         self.frames.clear()
         self._front_end = self._new_front_end()
-
-
-def _is_current(stamp: int, now: int, interval: float) -> bool:
-    """Whether detections belong to the current frame: up to half an interval before it."""
-    return 0 in (stamp, now) or (now - stamp) / NANOSECONDS <= interval / 2
 
 
 def _is_on(track: Track, box: Box) -> bool:

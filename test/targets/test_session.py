@@ -1,6 +1,7 @@
 """The session with several targets: frames and detections, matched by their stamps."""
 
 import cv2
+import numpy as np
 import pytest
 from sessions import SECOND, START, at, ids, make_session, show
 
@@ -45,6 +46,62 @@ def test_a_request_beyond_max_targets_is_refused_at_once(walkers):
     session.stop_target(1)
     session.request(tuple(walkers.boxes[0][2]))
     assert ids(show(session, walkers, [1])) == [2, 3]
+
+
+def test_a_correction_that_waits_is_no_further_target(walkers):
+    session = make_session(2)
+    session.request(tuple(walkers.boxes[0][0]))
+    show(session, walkers, [0])
+    session.request(tuple(walkers.boxes[0][0]))
+    session.request(tuple(walkers.boxes[0][1]))
+    assert ids(show(session, walkers, [1])) == [1, 2]
+
+
+def test_the_only_target_that_there_may_be_is_selected_whatever_was_before(walkers):
+    session = make_session(1, track__keep_selected=0.3)
+    show(session, walkers, range(4), every=1, targets=[0])
+    session.select(1)
+    empty = np.full_like(walkers.images[0], 120)
+    for number in range(4, 16):
+        session.add_detections(Detections([], []), at(number))
+        session.process(Frame(empty, at(number)))
+    outcome = show(session, walkers, range(16, 20), every=1, targets=[1])
+    assert ids(outcome) == [2]
+    assert outcome.selected == session.selected == 2
+
+
+# Detections between frames
+
+
+def test_of_a_detector_that_is_faster_than_the_tracker_the_nearest_detections_count(walkers):
+    """Each fourth image is tracked: the detections between two are of other places."""
+    session = make_session(32)
+    for number in range(24):
+        session.add_detections(walkers.detections(number), at(number))
+        if number % 4 == 3:
+            outcome = session.process(Frame(walkers.images[number], at(number)))
+    assert ids(outcome) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("late", [0, 2])
+def test_detections_of_images_that_were_lost_start_no_targets(walkers, late):
+    session = make_session(32)
+    for number in range(24):
+        if number >= late:
+            session.add_detections(walkers.detections(number - late), at(number - late))
+        if not 8 <= number < 16:
+            outcome = session.process(Frame(walkers.images[number], at(number)))
+            assert outcome.rejected_detections == ()
+            assert set(ids(outcome)) <= {1, 2, 3}
+    assert ids(outcome) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("age", [0.1, 1.0, 4.0])
+def test_detections_of_before_the_first_image_are_ignored_silently(walkers, age):
+    session = make_session(32)
+    session.add_detections(walkers.detections(0), at(0) - round(age * SECOND))
+    for number in (0, 1):
+        assert show(session, walkers, [number]).rejected_detections == ()
 
 
 def test_an_invalid_box_is_refused_alone(session, walkers):

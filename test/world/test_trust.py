@@ -55,6 +55,22 @@ def test_the_place_and_the_confidence_decide_how_long(by_place, confidence, seco
         assert trust.doubted_for == 0.0
 
 
+@pytest.mark.parametrize("is_hidden", [False, True])
+def test_a_weak_frame_does_not_end_a_doubt(is_hidden):
+    """The filter has taken the doubted place for the target's, so the next one agrees with it."""
+    trust = Trust()
+    trust.contradict(0)
+    trust.measure(0, 0.0, 0.5, **RULES)
+    trust.lose_sight(is_hidden=is_hidden)
+    trust.measure(SECOND, 10.0, 0.5, **RULES)
+    # It counts anew where it was not tracked at all.
+    assert trust.doubted_for == pytest.approx(2.0 if is_hidden else 1.0)
+    # A new doubt begins without the old one, be it settled, or older than it could have been.
+    trust.lose_sight(is_hidden=True)
+    trust.measure(4 * SECOND, 0.1, 0.5, **RULES)
+    assert trust.doubted_for == 0.0
+
+
 def test_the_odds_by_a_place():
     assert log_odds_by_place(None, None) == 0.0
     # A narrow prediction, by which others are less likely there.
