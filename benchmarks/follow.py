@@ -98,18 +98,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     made = options_of.parser(__doc__)
     made.add_argument("--scenario", action="append", choices=SCENARIOS, help="may be repeated")
     made.add_argument(
-        "--seeds",
-        nargs=2,
-        type=options_of.at_least(0),
-        default=(0, 2),
-        metavar=("FIRST", "COUNT"),
-        help="[0 2]",
+        "--seeds", nargs=2, type=options_of.at_least(0), default=(0, 2), metavar=("FIRST", "COUNT")
     )
     made.add_argument("--seconds", type=float, default=100.0, help="of each run [%(default)s]")
     made.add_argument("--jobs", type=options_of.at_least(1), default=1, help="[%(default)s]")
-    made.add_argument(
-        "--nodes", action="store_true", help="the nodes of ROS in place of the library"
-    )
+    made.add_argument("--nodes", action="store_true", help="the nodes of ROS, not the library")
     options_of.add_folder(made)
     options = made.parse_args(arguments)
     names = options.scenario or list(SCENARIOS)
