@@ -32,8 +32,8 @@ _MAX_AGE = 2 * NANOSECONDS
 _MAX_LATENCY = 5 * NANOSECONDS
 # Tolerance before the first frame of all, nanoseconds: no other frame can be nearer.
 _FIRST_TOLERANCE = NANOSECONDS // 50
-# Largest time between detections and their frame, nanoseconds: farther ones are of a frame that was
-# skipped.
+# Time between detections and their frame, nanoseconds, above which they are of a frame that was
+# skipped; more for a slow camera.
 _FARTHEST = NANOSECONDS // 10
 # Returns the valid detections in a frame, None if there is no information, and why others are
 # rejected.
@@ -70,10 +70,10 @@ def insert_late(
     return entries, rejected
 
 
-def is_current(stamp: int, now: int, interval: float) -> bool:
+def is_current(stamp: int, now: int, interval: float, buffer: FrameBuffer) -> bool:
     """Whether detections belong to the current frame: up to half an interval before it."""
-    before = min(interval * NANOSECONDS / 2, _FARTHEST)
-    return 0 in (stamp, now) or now - stamp <= before
+    reach = _reach(buffer.entries[-1:])
+    return 0 in (stamp, now) or now - stamp <= min(interval * NANOSECONDS / 2, reach)
 
 
 def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
@@ -81,14 +81,24 @@ def entries_since(buffer: FrameBuffer, stamp: int) -> list[HistoryEntry]:
 
     Detections have stamps of up to half an interval before that of their frame.
     """
-    since = buffer.since(stamp) or buffer.entries[-1:]
+    entries = buffer.entries
+    since = buffer.since(stamp) or entries[-1:]
     if not since:
         return []
+    before = entries[: len(entries) - len(since)]
     early = since[0].stamp - stamp
-    allowed = round(since[0].interval * NANOSECONDS / 2)
-    if buffer.is_complete and since[0] is buffer.first:
+    allowed = min(since[0].interval * NANOSECONDS / 2, _reach(before[-1:]))
+    if buffer.is_complete and not before:
         allowed = max(allowed, _FIRST_TOLERANCE)
-    return since if -_FARTHEST <= early <= min(allowed, _FARTHEST) else []
+    return since if -_reach(since[:1]) <= early <= allowed else []
+
+
+def _reach(last: Sequence[HistoryEntry]) -> float:
+    """How far from a frame detections may be, nanoseconds, by the interval of the frame before.
+
+    That of the frame itself may be a gap, in which images were lost.
+    """
+    return max([_FARTHEST, *(one.interval * NANOSECONDS / 2 for one in last)])
 
 
 def _reasons_to_reject(buffer: FrameBuffer, stamp: int, now: int) -> list[str]:

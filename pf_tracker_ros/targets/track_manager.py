@@ -265,7 +265,11 @@ class TrackManager:
             reported = self._track_ids.reported(self._track_set.tracks)
             before = self._track_set
             self._front_end.prepare(frame, interval, before.boxes, is_tracked=before.is_tracked)
-            current = [one for one in detections if is_current(one.stamp, frame.stamp, interval)]
+            current = [
+                one
+                for one in detections
+                if is_current(one.stamp, frame.stamp, interval, self.frames)
+            ]
             late = [one for one in detections if one not in current]
             entries, rejected = insert_late(self.frames, late, frame.stamp, self._describe)
             kept = reported[selected].key if selected in reported else None

@@ -96,6 +96,18 @@ def test_detections_of_images_that_were_lost_start_no_targets(walkers, late):
     assert ids(outcome) == [1, 2, 3]
 
 
+def test_a_slow_camera_takes_detections_of_up_to_half_an_interval(walkers):
+    """One image a second, and a detector that stamps with its own time, 0.4 s off."""
+    for offset in (-0.4, 0.4):
+        session = make_session(32)
+        for number in range(4):
+            stamp = at(10 * number)
+            session.process(Frame(walkers.images[0], stamp))
+            session.add_detections(walkers.detections(0), stamp + round(offset * SECOND))
+        outcome = session.process(Frame(walkers.images[0], at(40)))
+        assert ids(outcome) == [1, 2, 3]
+
+
 @pytest.mark.parametrize("age", [0.1, 1.0, 4.0])
 def test_detections_of_before_the_first_image_are_ignored_silently(walkers, age):
     session = make_session(32)
