@@ -10,8 +10,8 @@ that is not in doubt,
 
 They rise with the time for which the box is tracked on, from their least value to 0 in the time
 `hold`. From 0 on, the target is the same. Until then, a frame without a measurement ends no doubt,
-since the next one may agree with a place that is in doubt. The longer it was out of sight, the wider is S, and the
-less its place says; once the target may be anywhere, too, only its looks do.
+since the next one may agree with a place that is in doubt. The longer it was out of sight, the
+wider is S, and the less its place says; once the target may be anywhere, too, only its looks do.
 """
 
 from __future__ import annotations
